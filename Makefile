@@ -1,0 +1,94 @@
+# Front of the set-up; `make help` lists the targets. Each names what it needs, so a fresh machine needs no other step.
+
+# GNU Radio of a distribution lives in the distribution's own Python; another python3 may stand before it on PATH.
+SYSTEM_PYTHON ?= /usr/bin/python3
+PREFIX        ?= /usr/local
+FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
+WORKERS       ?= $(shell nproc)
+ARGS          ?=
+
+VENV       := .venv
+PYTHON     := $(VENV)/bin/python
+TRAIN_VENV := .venv-train
+STAMPS     := .stamps
+PIP        := -m pip --disable-pip-version-check -q
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help eval test lint format grc setup setup-test train ctest install clean distclean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@echo "Arguments are handed on in ARGS, e.g. make eval ARGS='--overlap 0.5 --out results/half'."
+
+eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated channel, to a report
+	@$(PYTHON) flowgraphs/ota_eval.py --sim $(ARGS)
+
+test: lint ## format, lint and every test
+	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+
+lint: $(VENV)/.test ## ruff's checks alone
+	@$(PYTHON) -m ruff check --quiet .
+	@$(PYTHON) -m ruff format --check --quiet . || { echo "ruff format: run 'make format'" >&2; exit 1; }
+
+format: $(VENV)/.test ## write the code in ruff's format
+	@$(PYTHON) -m ruff format .
+
+# The companion runs in the system's Python: the module and the packages of the environment come by PYTHONPATH.
+grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without installing (FLOWGRAPH=...)
+	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')$${PYTHONPATH:+:$$PYTHONPATH}" \
+	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" gnuradio-companion $(FLOWGRAPH)
+
+setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
+
+setup-test: $(VENV)/.test
+
+train: $(TRAIN_VENV)/.training ## train the models, in an environment of its own
+	@PYTHONPATH="$(CURDIR)/python" $(TRAIN_VENV)/bin/python training/train.py $(ARGS)
+
+ctest: $(VENV)/.test ## the tests through CMake
+	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
+	@ctest --test-dir build --output-on-failure $(ARGS)
+
+install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root)
+	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
+	@cmake --install build
+
+clean: ## remove what was built; the environments stay
+	rm -rf build .pytest_cache .ruff_cache
+	find python flowgraphs tests training -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+distclean: clean ## remove the environments as well
+	rm -rf $(VENV) $(TRAIN_VENV) $(STAMPS)
+
+# ---- set-up. Stamps make it free when nothing is missing: they are older than what they were made from or they hold.
+
+# dpkg's status file is younger than the stamp after any apt run, and then the list is checked again (milliseconds).
+$(STAMPS)/debian: requirements-debian.txt tools/install-debian-packages.sh $(wildcard /var/lib/dpkg/status)
+	@tools/install-debian-packages.sh requirements-debian.txt
+	@mkdir -p $(@D) && touch $@
+
+$(PYTHON): | $(STAMPS)/debian
+	@test -x "$(SYSTEM_PYTHON)" || \
+	  { echo "gr-radalt set-up: no $(SYSTEM_PYTHON); name the Python of GNU Radio 3.10: make SYSTEM_PYTHON=/path/to/python3" >&2; exit 2; }
+	@"$(SYSTEM_PYTHON)" -c 'from gnuradio import gr' 2>/dev/null || \
+	  { echo "gr-radalt set-up: $(SYSTEM_PYTHON) cannot import gnuradio; install GNU Radio 3.10 or name its Python: make SYSTEM_PYTHON=/path/to/python3" >&2; exit 2; }
+	@echo "gr-radalt set-up: environment $(VENV)"
+	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
+
+$(VENV)/.runtime: requirements.txt | $(PYTHON)
+	@$(PYTHON) $(PIP) install -r requirements.txt
+	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \
+	  { echo "gr-radalt set-up: GNU Radio does not import in $(VENV); make distclean, then try again" >&2; exit 2; }
+	@touch $@
+
+$(VENV)/.test: requirements-test.txt $(VENV)/.runtime
+	@$(PYTHON) $(PIP) install -r requirements.txt -r requirements-test.txt
+	@touch $@
+
+$(TRAIN_VENV)/.training: training/requirements.txt | $(STAMPS)/debian
+	@echo "gr-radalt set-up: environment $(TRAIN_VENV)"
+	@"$(SYSTEM_PYTHON)" -m venv --clear $(TRAIN_VENV)
+	@$(TRAIN_VENV)/bin/python $(PIP) install -r $<
+	@touch $@
