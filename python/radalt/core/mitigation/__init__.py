@@ -1,0 +1,49 @@
+"""Mitigation methods: complex frames in, cleaned frames of the same shape out, one registry for all of them.
+
+>>> from radalt.core.mitigation import METHODS, create
+>>> from radalt.core.waveform import Waveform
+>>> sorted(METHODS)
+['blanking', 'lms', 'lms_reference_input', 'nlms', 'none', 'tcae', 'whitening']
+>>> create("whitening", Waveform()).name
+'whitening'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError
+from .blanking import Blanking
+from .identity import Identity
+from .lms import BlockLms, Nlms
+from .tcae import Tcae
+from .whitening import Whitening
+
+__all__ = ["METHODS", "Mitigation", "MitigationError", "create"]
+
+METHODS: dict[str, Callable[..., Mitigation]] = {
+    "none": Identity,
+    "lms": BlockLms,
+    "lms_reference_input": lambda waveform, **kw: BlockLms(waveform, wiring="reference_input", **kw),
+    "nlms": Nlms,
+    "whitening": Whitening,
+    "blanking": Blanking,
+    "tcae": Tcae,
+}
+
+
+def create(name: str, waveform: Waveform, **parameters: object) -> Mitigation:
+    """A fresh method by its registry name.
+
+    Raises
+    ------
+    MitigationError
+        For an unknown name or parameter; names what is allowed.
+    """
+    if name not in METHODS:
+        raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+    try:
+        return METHODS[name](waveform, **parameters)
+    except TypeError as error:
+        raise MitigationError(f"mitigation {name!r}: {error}") from None

@@ -1,0 +1,75 @@
+"""The one interface of every mitigation method."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ..waveform import Waveform
+
+__all__ = ["Mitigation", "MitigationError"]
+
+
+class MitigationError(ValueError):
+    """A method that cannot be built or does not fit; the message is one line for the user."""
+
+
+class Mitigation(ABC):
+    """Frames aligned with the sweep in, frames of the same shape out; state is explicit.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        The sweep that frames are aligned with.
+
+    Attributes
+    ----------
+    name : str
+        Registry name.
+    frames : int
+        Frames processed since construction or `reset`.
+    diverged_frames : int
+        Frames in which an adaptive method left its stable region; always 0 for the others.
+    """
+
+    name = "mitigation"
+
+    def __init__(self, waveform: Waveform) -> None:
+        self.waveform = waveform
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything learnt from earlier frames."""
+        self.frames = 0
+        self.diverged_frames = 0
+
+    def process(self, frames: np.ndarray) -> np.ndarray:
+        """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
+
+        Frames are taken in the order given; splitting a batch does not change the result. A frame that is not
+        finite gives a frame of NaN and does not touch the state, so the frame after it is right again.
+        """
+        frames = np.asarray(frames, dtype=np.complex64)
+        if frames.shape[-1] != self.waveform.samples_per_frame or frames.ndim not in (1, 2):
+            raise MitigationError(
+                f"{self.name}: frames have shape {frames.shape}; expected (n, {self.waveform.samples_per_frame})"
+            )
+        batch = np.atleast_2d(frames)
+        self.frames += batch.shape[0]
+        finite = np.isfinite(batch.view(np.float32).sum(axis=1, dtype=np.float64))
+        if finite.all():
+            out = self._clean(batch)
+        else:
+            out = np.full_like(batch, np.nan)
+            if finite.any():
+                out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
+        return out.reshape(frames.shape)
+
+    @abstractmethod
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        """(n, N) finite complex64 in, the same shape out, as a new array."""
+
+    def status(self) -> dict[str, object]:
+        """Counters and state a report should show."""
+        return {"method": self.name, "frames": self.frames, "diverged_frames": self.diverged_frames}

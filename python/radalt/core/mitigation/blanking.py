@@ -1,0 +1,111 @@
+"""Blanking: excise what stands out in the time-frequency plane, the sweep's own ridge excepted."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, signal
+
+from ..waveform import Waveform, altitude_to_delay_s
+from .base import Mitigation, MitigationError
+
+__all__ = ["Blanking"]
+
+
+class Blanking(Mitigation):
+    """Short-time Fourier transform, per-cell threshold, zeroing, resynthesis.
+
+    Parameters
+    ----------
+    window : int
+        STFT length in samples (Hann, three quarters overlap). 64 samples at 7.5 MS/s are about the square root of the
+        sweep's time-bandwidth product, where the ridge is narrowest.
+    threshold_db : float
+        A cell is excised when it exceeds the robust level of its kind by this much.
+    max_altitude_m : float
+        Highest altitude whose return must not be excised; widens the protected ridge.
+
+    Notes
+    -----
+    A return stands out in the plane just as interference does. Its cells are known, since frames are aligned with the
+    sweep: along that ridge a cell is compared with the ridge's own median, elsewhere with the frame's quiet cells.
+    """
+
+    name = "blanking"
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        *,
+        window: int = 64,
+        threshold_db: float = 12.0,
+        max_altitude_m: float = 1500.0,
+    ) -> None:
+        n = waveform.samples_per_frame
+        if not (8 <= window <= n and window % 4 == 0):
+            raise MitigationError(f"blanking.window is {window!r}; a multiple of 4 within 8..{n}")
+        if not (np.isfinite(threshold_db) and threshold_db > 0):
+            raise MitigationError(f"blanking.threshold_db is {threshold_db!r}; it has to be above 0")
+        self.window, self.threshold_db, self.max_altitude_m = window, threshold_db, max_altitude_m
+        self._hop = window // 4
+        self._taper = signal.get_window("hann", window).astype(np.float32)
+        hops = -(-n // self._hop) + 3
+        self._padded = (hops - 1) * self._hop + window
+        norm = np.zeros(self._padded)
+        for h in range(hops):
+            norm[h * self._hop : h * self._hop + window] += self._taper.astype(float) ** 2
+        lead = window - self._hop
+        self._norm = (1.0 / norm[lead : lead + n]).astype(np.float32)
+        self._hops = hops
+        super().__init__(waveform)
+        self._ridge = self._ridge_mask()
+
+    def _ridge_mask(self) -> np.ndarray:
+        """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
+        delays = np.linspace(0.0, float(altitude_to_delay_s(self.max_altitude_m)), 8)
+        mask = np.zeros((self._hops, self.window), dtype=bool)
+        for delay in delays:
+            t = self.waveform.sample_times_s - delay
+            phase = self.waveform.phase_cycles(t)
+            power = np.abs(self._stft(np.exp(2j * np.pi * phase).astype(np.complex64)[None])[0]) ** 2
+            mask |= power > 1e-3 * np.median(power.max(axis=1))
+        return mask
+
+    def _stft(self, batch: np.ndarray) -> np.ndarray:
+        """(n, N) -> (n, hops, window) complex64."""
+        lead = self.window - self._hop
+        padded = np.zeros((batch.shape[0], self._padded), dtype=np.complex64)
+        padded[:, lead : lead + batch.shape[1]] = batch
+        views = np.lib.stride_tricks.sliding_window_view(padded, self.window, axis=1)[:, :: self._hop]
+        return fft.fft(views * self._taper, axis=-1)
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        peak = np.max(np.abs(batch.view(np.float32)), axis=1, keepdims=True)
+        scale = np.where(peak > 0, peak, np.float32(1))
+        plane = self._stft(batch / scale)
+        power = plane.real**2 + plane.imag**2
+        factor = np.float32(10.0 ** (self.threshold_db / 10.0))
+        # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median of
+        # an exponential population is 2.41 times its lower quartile
+        off = _lower_quartile(power[:, ~self._ridge]) * np.float32(2.41)
+        # on it: the return is as strong as the strongest ridge cell of an undisturbed instant
+        on = _lower_quartile(np.where(self._ridge, power, 0).max(axis=2))
+        limit = np.where(self._ridge, np.maximum(on, off)[:, None, None], off[:, None, None]) * factor
+        plane[power > limit] = 0
+        return self._overlap_add(fft.ifft(plane, axis=-1)) * scale
+
+    def _overlap_add(self, pieces: np.ndarray) -> np.ndarray:
+        """(n, hops, window) -> (n, N), weighted so that an untouched plane gives the frame back."""
+        n, hops = pieces.shape[0], self._hops
+        pieces = (pieces * self._taper).reshape(n, hops, 4, self._hop)
+        out = np.zeros((n, hops + 3, self._hop), dtype=np.complex64)
+        for quarter in range(4):
+            out[:, quarter : quarter + hops] += pieces[:, :, quarter]
+        lead = self.window - self._hop
+        samples = self.waveform.samples_per_frame
+        return out.reshape(n, -1)[:, lead : lead + samples] * self._norm
+
+
+def _lower_quartile(cells: np.ndarray) -> np.ndarray:
+    """(n, m) -> (n,) lower quartiles."""
+    rank = cells.shape[1] // 4
+    return np.partition(cells, rank, axis=1)[:, rank]

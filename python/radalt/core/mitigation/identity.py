@@ -1,0 +1,18 @@
+"""No mitigation: the row every method is measured against."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .base import Mitigation
+
+__all__ = ["Identity"]
+
+
+class Identity(Mitigation):
+    """Frames pass unchanged."""
+
+    name = "none"
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        return batch.copy()

@@ -1,0 +1,51 @@
+"""Spectral whitening: divide the frame's spectrum by a smoothed estimate of itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, ndimage
+
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError
+
+__all__ = ["Whitening"]
+
+
+class Whitening(Mitigation):
+    """``X / S^exponent`` with ``S`` the running mean of ``|X|^2`` over ``smoothing_hz``.
+
+    Parameters
+    ----------
+    smoothing_hz : float
+        Width of the running mean. Narrower resolves tones better, wider disturbs the return's own spectrum less.
+    exponent : float
+        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``.
+
+    Notes
+    -----
+    The sweep itself fills the band evenly, so it passes; what is narrower than the sweep and stronger is levelled.
+    Interference that is white over the band (10 MHz NR) is out of reach by construction.
+    """
+
+    name = "whitening"
+
+    def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 1.0) -> None:
+        if not 0 < smoothing_hz <= waveform.rate_hz:
+            raise MitigationError(f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}")
+        if not 0 < exponent <= 1:
+            raise MitigationError(f"whitening.exponent is {exponent!r}; it has to be within 0..1")
+        self.smoothing_hz, self.exponent = smoothing_hz, exponent
+        self._cells = max(1, round(smoothing_hz * waveform.samples_per_frame / waveform.rate_hz))
+        super().__init__(waveform)
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        peak = np.max(np.abs(batch.view(np.float32)), axis=1, keepdims=True)
+        scale = np.where(peak > 0, peak, np.float32(1))
+        spectrum = fft.fft(batch / scale, axis=1)
+        power = spectrum.real**2 + spectrum.imag**2
+        smooth = ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap")
+        level = smooth.mean(axis=1, keepdims=True)
+        # floor: cells 60 dB under the mean are not worth raising to it
+        smooth = np.maximum(smooth / np.where(level > 0, level, 1), np.float32(1e-6))
+        gain = smooth ** np.float32(-self.exponent)
+        return fft.ifft(spectrum * gain, axis=1).astype(np.complex64)

@@ -1,0 +1,209 @@
+"""5G NR downlink as an interferer: OFDM modulation (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
+
+The carrier is built at 7.68 or 15.36 MHz (or a multiple, where its offset demands it), moved to its offset,
+filtered like a receiver would, resampled by polyphase filters and cached; windows are cut from the cache.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .nr_grid import (
+    FFT_LENGTHS,
+    RESOURCE_BLOCKS,
+    SLOTS_PER_FRAME,
+    SUBCARRIER_SPACING_HZ,
+    SYMBOLS_PER_SLOT,
+    Element,
+    NrConfig,
+    ResourceGrid,
+    resource_grid,
+    ssb_block,
+)
+from .receiver_filter import check_count, check_receiver, resample_periodic
+
+__all__ = [
+    "FFT_LENGTHS",
+    "FRAME_SECONDS",
+    "RESOURCE_BLOCKS",
+    "SLOTS_PER_FRAME",
+    "SUBCARRIER_SPACING_HZ",
+    "SYMBOLS_PER_SLOT",
+    "Element",
+    "NrConfig",
+    "NrEmitter",
+    "ResourceGrid",
+    "cyclic_prefix_lengths",
+    "frame_samples",
+    "ofdm_modulate",
+    "resource_grid",
+    "ssb_block",
+]
+
+FRAME_SECONDS = 10e-3
+HALF_SUBFRAME_SYMBOLS = 7  # the long cyclic prefix comes every 0.5 ms
+
+
+def cyclic_prefix_lengths(fft_length: int) -> np.ndarray:
+    """Normal cyclic prefix of the seven symbols of 0.5 ms in samples, clause 5.3.1: (7,) int.
+
+    144 kappa T_c, and 16 kappa T_c more in the first symbol; kappa T_c is one sample at 30.72 MHz (length 2048).
+    Raises ValueError unless `fft_length` is a multiple of 128 (whole samples).
+    """
+    if fft_length < 128 or fft_length % 128:
+        raise ValueError(f"fft_length {fft_length} gives fractional cyclic prefixes; use a multiple of 128")
+    lengths = np.full(HALF_SUBFRAME_SYMBOLS, 144 * fft_length // 2048)
+    lengths[0] = 160 * fft_length // 2048
+    return lengths
+
+
+def symbol_starts(fft_length: int) -> np.ndarray:
+    """Start of the useful part of the 14 symbols of a subframe (after the cyclic prefix), in samples: (14,)."""
+    prefix = np.tile(cyclic_prefix_lengths(fft_length), 2)
+    return np.cumsum(prefix + fft_length) - fft_length
+
+
+def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz: float = 0.0) -> np.ndarray:
+    """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
+
+    Parameters
+    ----------
+    values : complex (subcarriers, symbols), whole slots, first column at the start of a subframe
+    fft_length : samples of a symbol's useful part, >= subcarriers, multiple of 128; the rate is 15 kHz times it
+    upconversion_frequency_hz : f_0 of clause 5.4, whose phase is reset at every symbol; 0 leaves it out
+
+    Returns
+    -------
+    complex128 (15 fft_length per slot,), not scaled: mean power is the sum over k of |a_k|^2.
+
+    Raises
+    ------
+    ValueError
+        If the grid is wider than the transform or holds no whole slots.
+    """
+    subcarriers, symbols = values.shape
+    if subcarriers > fft_length:
+        raise ValueError(f"fft_length {fft_length} is below {subcarriers} subcarriers; use a longer transform")
+    if symbols % SYMBOLS_PER_SLOT:
+        raise ValueError(f"{symbols} symbols are no whole slots; give a multiple of {SYMBOLS_PER_SLOT}")
+    spectrum = np.zeros((symbols, fft_length), dtype=np.complex128)
+    half = subcarriers // 2
+    spectrum[:, : subcarriers - half] = values[half:].T
+    spectrum[:, fft_length - half :] = values[:half].T
+    if upconversion_frequency_hz:
+        seconds = symbol_starts(fft_length) / (fft_length * SUBCARRIER_SPACING_HZ)
+        cycles = np.mod(upconversion_frequency_hz * seconds, 1.0)
+        spectrum *= np.tile(np.exp(-2j * np.pi * cycles), symbols // SYMBOLS_PER_SLOT)[:, None]
+    useful = np.fft.ifft(spectrum, axis=1) * fft_length
+    # One gather adds the prefixes of the seven symbols of each half subframe: sample n of symbol l is
+    # useful sample (n - N_CP,l) mod N.
+    prefix = cyclic_prefix_lengths(fft_length)
+    gather = [
+        number * fft_length + np.mod(np.arange(-length, fft_length), fft_length)
+        for number, length in enumerate(prefix)
+    ]
+    return useful.reshape(-1, HALF_SUBFRAME_SYMBOLS * fft_length)[:, np.concatenate(gather)].ravel()
+
+
+def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray:
+    """All `frame_count` frames of a carrier at 15 kHz * fft_length (native rate if None), frame 0 first.
+
+    Returns complex128 (150 fft_length frame_count,), unscaled (see `ofdm_modulate`); payload from config.seed.
+    """
+    rng = np.random.default_rng(config.seed)
+    length = config.fft_length if fft_length is None else fft_length
+    frames = [
+        ofdm_modulate(resource_grid(config, rng).values, length, config.upconversion_frequency_hz)
+        for _ in range(config.frame_count)
+    ]
+    return np.concatenate(frames)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NrEmitter(NrConfig):
+    """An NR downlink carrier as the radar's receiver sees it: emitter protocol.
+
+    Parameters
+    ----------
+    carrier_hz : offset of the NR carrier's centre from the radar's centre frequency
+    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
+    (all of `NrConfig`)
+
+    `samples` cuts random windows (uniform start, uniform carrier phase) from a cached signal of
+    `frame_count` frames that repeats without a seam. Mean power over that signal is 1 after the filter.
+
+    Example
+    -------
+    >>> emitter = NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2e6, cell_id=17, modulation="256qam")
+    >>> window = emitter.samples(7500, 7.5e6, np.random.default_rng(1))
+    """
+
+    carrier_hz: float = 0.0
+    receiver_bandwidth_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.isfinite(self.carrier_hz):
+            raise ValueError(f"carrier_hz {self.carrier_hz} is not finite; give the offset from the radar in Hz")
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """Draw a window: (count,) complex128 at `rate_hz`, mean power 1 in the long run.
+
+        Raises ValueError if the carrier lies outside the receiver's band or the rate is no small ratio of the
+        native rate and a multiple of 100 Hz.
+        """
+        count = check_count(count)
+        signal, residual_hz = _received(self, float(rate_hz))
+        start = rng.integers(0, signal.size)
+        phase = rng.random()
+        window = signal.take(np.arange(start, start + count), mode="wrap")
+        cycles = phase + np.arange(count) * (residual_hz / rate_hz) if residual_hz else phase
+        return window * np.exp(2j * np.pi * cycles)
+
+    def received_fraction(self, rate_hz: float) -> float:
+        """Part of the carrier's power that passes the receiver's filter at `rate_hz`, 0..1."""
+        return float(_receive(self, float(rate_hz))[1])
+
+
+def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
+    """Transform long enough that what the offset shift folds over stays outside the receiver's band."""
+    need_hz = abs(emitter.carrier_hz) + emitter.sample_rate_hz / 2 + rate_hz / 2
+    length = emitter.fft_length
+    while length * SUBCARRIER_SPACING_HZ < need_hz:
+        length *= 2
+    return length
+
+
+def _receive(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float, float]:
+    """(received signal, power fraction, remaining offset in Hz) before normalisation."""
+    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
+    reach_hz = rate_hz / 2 + emitter.occupied_bandwidth_hz / 2
+    if abs(emitter.carrier_hz) >= reach_hz:
+        raise ValueError(
+            f"carrier_hz {emitter.carrier_hz:g} puts the NR carrier outside the receiver's band; "
+            f"keep |carrier_hz| below {reach_hz:g}"
+        )
+    length = _internal_fft_length(emitter, rate_hz)
+    sent = frame_samples(emitter, length)
+    # Only multiples of 100 Hz repeat with the 10 ms frame; the rest (up to 50 Hz) is added to each window.
+    steps = round(emitter.carrier_hz * FRAME_SECONDS)
+    frame_length = sent.size // emitter.frame_count
+    ramp = np.exp(2j * np.pi * (steps * np.arange(frame_length) % frame_length) / frame_length)
+    shifted = (sent.reshape(-1, frame_length) * ramp).ravel()
+    received = resample_periodic(shifted, length * SUBCARRIER_SPACING_HZ, rate_hz, bandwidth_hz)
+    fraction = np.vdot(received, received).real / received.size * sent.size / np.vdot(sent, sent).real
+    return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
+
+
+@lru_cache(maxsize=16)
+def _received(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float]:
+    signal, _, residual_hz = _receive(emitter, rate_hz)
+    power = np.vdot(signal, signal).real / signal.size
+    if power == 0.0:
+        raise ValueError("the NR carrier sends nothing; give ssb_indices, or a load or pdcch_load above 0")
+    signal = signal / np.sqrt(power)
+    signal.setflags(write=False)
+    return signal, residual_hz

@@ -1,0 +1,321 @@
+"""Resource grid of an NR downlink carrier: configuration, SS/PBCH blocks, CORESET, PDSCH (TS 38.211, 38.213).
+
+Exact: PSS, SSS, all DM-RS, all resource-element positions. Random: the payload bits under PBCH, PDCCH and
+PDSCH. Channel coding followed by Gold scrambling makes transmitted bits equiprobable and uncorrelated, so
+uniform random bits leave the waveform's statistics unchanged; they cannot be decoded. Not modelled: CSI-RS,
+TRS, precoding and beam sweeping (one antenna port), transmit windowing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from . import nr_sequences as seq
+
+SUBCARRIER_SPACING_HZ = 15e3
+RESOURCE_BLOCKS = {5e6: 25, 10e6: 52}  # TS 38.101-1 Table 5.3.2-1, 15 kHz
+FFT_LENGTHS = {5e6: 512, 10e6: 1024}  # 7.68 and 15.36 MHz
+SYMBOLS_PER_SLOT = 14
+SLOTS_PER_FRAME = 10
+SSB_SUBCARRIERS = 240
+SSB_START_SYMBOLS = (2, 8)  # case A, TS 38.213 clause 4.1: {2, 8} + 14 n
+# Last column group of TS 38.211 Table 7.4.1.1.2-3, single-symbol DM-RS, PDSCH up to the end of the slot.
+DMRS_ADDITIONAL = {0: (), 1: (11,), 2: (7, 11), 3: (5, 8, 11)}
+# EPRE ratio of TS 38.214 Table 4.1-1: 0 and -3 dB for one and two CDM groups without data.
+DMRS_AMPLITUDE = {1: 1.0, 2: 10.0 ** (3.0 / 20.0)}
+
+
+class Element(IntEnum):
+    """What a resource element carries."""
+
+    EMPTY = 0
+    PSS = 1
+    SSS = 2
+    PBCH = 3
+    PBCH_DMRS = 4
+    PDCCH = 5
+    PDCCH_DMRS = 6
+    PDSCH = 7
+    PDSCH_DMRS = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class NrConfig:
+    """An NR downlink carrier in FR1: 15 kHz subcarriers, normal cyclic prefix, one antenna port.
+
+    Parameters
+    ----------
+    channel_bandwidth_hz : 5e6 (25 resource blocks) or 10e6 (52)
+    subcarrier_spacing_hz : only 15e3
+    cell_id : physical cell identity, 0..1007
+    modulation : PDSCH alphabet, 'qpsk', '16qam', '64qam' or '256qam'
+    load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
+        random place (type 1, not interleaved)
+    pdcch_load : fraction of the CORESET's control channel elements in use, 0..1
+    coreset_symbols : duration of the CORESET, 1..3 (3 needs dmrs_type_a_position=3, clause 7.3.2.2)
+    dmrs_type_a_position : first PDSCH DM-RS symbol, 2 or 3
+    dmrs_additional_positions : further single-symbol DM-RS, 0..3 (3 needs position 2)
+    cdm_groups_without_data : 2 keeps DM-RS symbols free of data (DM-RS 3 dB up), 1 fills the other comb
+    ssb_indices : SS/PBCH blocks sent in half-frame 0, distinct, each 0..l_max-1; empty for none
+    ssb_subcarrier : first subcarrier of the blocks in the carrier; None centres them
+    l_max : 4 (carriers up to 3 GHz) or 8 (above)
+    frame_count : number of different 10 ms frames before the signal repeats, 1..64
+    upconversion_frequency_hz : f_0 of clause 5.4, which turns each symbol by exp(-j 2 pi f_0 t_symbol); 0 for none
+    seed : of the payload bits and of the allocations
+
+    Raises
+    ------
+    ValueError
+        One line with the value, the limit and the remedy.
+    """
+
+    channel_bandwidth_hz: float = 5e6
+    subcarrier_spacing_hz: float = SUBCARRIER_SPACING_HZ
+    cell_id: int = 0
+    modulation: str = "64qam"
+    load: float = 1.0
+    pdcch_load: float = 0.5
+    coreset_symbols: int = 2
+    dmrs_type_a_position: int = 2
+    dmrs_additional_positions: int = 1
+    cdm_groups_without_data: int = 2
+    ssb_indices: tuple[int, ...] = (0,)
+    ssb_subcarrier: int | None = None
+    l_max: int = 8
+    frame_count: int = 1
+    upconversion_frequency_hz: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.subcarrier_spacing_hz != SUBCARRIER_SPACING_HZ:
+            raise ValueError(
+                f"subcarrier_spacing_hz {self.subcarrier_spacing_hz:g} is not supported; "
+                "only numerology 0 is built, use 15000"
+            )
+        if self.channel_bandwidth_hz not in RESOURCE_BLOCKS:
+            raise ValueError(
+                f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported; choose 5e6 or 10e6"
+            )
+        seq.check_cell_id(self.cell_id)
+        seq.constellation(self.modulation)
+        for name in ("load", "pdcch_load"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent")
+        self._check_control()
+        self._check_ssb()
+        if not 1 <= self.frame_count <= 64:
+            raise ValueError(f"frame_count {self.frame_count} is outside 1..64; use fewer frames (1.2 MB each)")
+        if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
+            raise ValueError(
+                f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0; use 0 for none"
+            )
+
+    def _check_control(self) -> None:
+        allowed = {
+            "coreset_symbols": (1, 2, 3),
+            "dmrs_type_a_position": (2, 3),
+            "dmrs_additional_positions": (0, 1, 2, 3),
+            "cdm_groups_without_data": (1, 2),
+            "l_max": (4, 8),
+        }
+        for name, values in allowed.items():
+            if getattr(self, name) not in values:
+                raise ValueError(f"{name} {getattr(self, name)!r} is not one of {values}; choose one of them")
+        if self.coreset_symbols == 3 and self.dmrs_type_a_position != 3:
+            raise ValueError(
+                "coreset_symbols 3 overlaps the DM-RS in symbol 2; set dmrs_type_a_position=3 or use at most 2"
+            )
+        if self.dmrs_additional_positions == 3 and self.dmrs_type_a_position != 2:
+            raise ValueError(
+                "dmrs_additional_positions 3 needs dmrs_type_a_position 2 (TS 38.211 7.4.1.1.2); use at most 2"
+            )
+
+    def _check_ssb(self) -> None:
+        object.__setattr__(self, "ssb_indices", tuple(self.ssb_indices))  # a list from YAML must stay hashable
+        if len(set(self.ssb_indices)) != len(self.ssb_indices):
+            raise ValueError(f"ssb_indices {self.ssb_indices} repeat an index; list each block once")
+        for index in self.ssb_indices:
+            if not 0 <= index < self.l_max:
+                raise ValueError(
+                    f"ssb_indices {self.ssb_indices} hold {index}, outside 0..{self.l_max - 1}; drop it or raise l_max"
+                )
+        limit = self.subcarriers - SSB_SUBCARRIERS
+        if self.ssb_subcarrier is not None and not 0 <= self.ssb_subcarrier <= limit:
+            raise ValueError(
+                f"ssb_subcarrier {self.ssb_subcarrier} puts the block outside the carrier; use 0..{limit} or None"
+            )
+
+    @property
+    def resource_blocks(self) -> int:
+        """Transmission bandwidth N_RB in resource blocks."""
+        return RESOURCE_BLOCKS[self.channel_bandwidth_hz]
+
+    @property
+    def subcarriers(self) -> int:
+        """12 N_RB."""
+        return 12 * self.resource_blocks
+
+    @property
+    def occupied_bandwidth_hz(self) -> float:
+        """N_RB * 180 kHz."""
+        return self.subcarriers * self.subcarrier_spacing_hz
+
+    @property
+    def fft_length(self) -> int:
+        """Smallest usual transform: 512 or 1024."""
+        return FFT_LENGTHS[self.channel_bandwidth_hz]
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Native rate: 7.68e6 or 15.36e6."""
+        return self.fft_length * self.subcarrier_spacing_hz
+
+    @property
+    def ssb_first_subcarrier(self) -> int:
+        """First of the 240 subcarriers of the SS/PBCH blocks."""
+        if self.ssb_subcarrier is not None:
+            return self.ssb_subcarrier
+        return (self.subcarriers - SSB_SUBCARRIERS) // 2
+
+    @property
+    def dmrs_symbols(self) -> tuple[int, ...]:
+        """PDSCH DM-RS symbols of a slot, Table 7.4.1.1.2-3 (mapping type A)."""
+        return (self.dmrs_type_a_position, *DMRS_ADDITIONAL[self.dmrs_additional_positions])
+
+
+@dataclass(frozen=True)
+class ResourceGrid:
+    """`values` (subcarriers, symbols) complex128; `elements` (subcarriers, symbols) uint8 of `Element`."""
+
+    values: np.ndarray
+    elements: np.ndarray
+
+    def where(self, *kinds: Element) -> np.ndarray:
+        """Boolean mask (subcarriers, symbols) of the resource elements that carry any of `kinds`."""
+        return np.isin(self.elements, kinds)
+
+
+def _random_symbols(modulation: str, count: int, rng: np.random.Generator) -> np.ndarray:
+    alphabet = seq.constellation(modulation)
+    return alphabet[rng.integers(0, alphabet.size, count)]
+
+
+def ssb_block(cell_id: int, i_ssb: int, rng: np.random.Generator) -> ResourceGrid:
+    """One SS/PBCH block (240, 4), TS 38.211 Table 7.4.3.1-1; DM-RS comb at v = cell_id mod 4.
+
+    The 864 PBCH bits are random (their coding and scrambling whiten them anyway).
+    """
+    values = np.zeros((SSB_SUBCARRIERS, 4), dtype=np.complex128)
+    elements = np.zeros(values.shape, dtype=np.uint8)
+    values[56:183, 0], elements[56:183, 0] = seq.pss(cell_id), Element.PSS
+    values[56:183, 2], elements[56:183, 2] = seq.sss(cell_id), Element.SSS
+    elements[:, (1, 3)] = Element.PBCH
+    elements[:48, 2] = elements[192:, 2] = Element.PBCH
+    comb = np.arange(SSB_SUBCARRIERS) % 4 == cell_id % 4
+    elements[comb[:, None] & (elements == Element.PBCH)] = Element.PBCH_DMRS
+    # r(m) and d(m) run over subcarriers first, then symbols: the transposed views below are in that order.
+    values.T[elements.T == Element.PBCH_DMRS] = seq.pbch_dmrs(cell_id, i_ssb)
+    values.T[elements.T == Element.PBCH] = _random_symbols("qpsk", 432, rng)
+    return ResourceGrid(values, elements)
+
+
+def _place_ssb(config: NrConfig, grid: ResourceGrid, rng: np.random.Generator) -> None:
+    rows = slice(config.ssb_first_subcarrier, config.ssb_first_subcarrier + SSB_SUBCARRIERS)
+    for index in config.ssb_indices:
+        # Half-frame 0: for L_max = 4 the i-bar is the index itself, for L_max = 8 its three low bits.
+        block = ssb_block(config.cell_id, index % 8, rng)
+        first = SYMBOLS_PER_SLOT * (index // 2) + SSB_START_SYMBOLS[index % 2]
+        grid.values[rows, first : first + 4] = block.values
+        grid.elements[rows, first : first + 4] = block.elements
+
+
+def _ssb_reserved(config: NrConfig) -> np.ndarray:
+    """(resource blocks, symbols of a frame) bool: blocks touched by an SS/PBCH block, TS 38.214 clause 5.1.4."""
+    reserved = np.zeros((config.resource_blocks, SLOTS_PER_FRAME * SYMBOLS_PER_SLOT), dtype=bool)
+    low = config.ssb_first_subcarrier // 12
+    high = -(-(config.ssb_first_subcarrier + SSB_SUBCARRIERS) // 12)
+    for index in config.ssb_indices:
+        first = SYMBOLS_PER_SLOT * (index // 2) + SSB_START_SYMBOLS[index % 2]
+        reserved[low:high, first : first + 4] = True
+    return reserved
+
+
+def _place_pdcch(config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator) -> None:
+    """CORESET over the largest multiple of six resource blocks from block 0, not interleaved (7.3.2.2).
+
+    A CCE is six REGs numbered time first, that is 6/duration resource blocks over all CORESET symbols. DM-RS
+    on subcarriers 1, 5, 9 of each REG in use (7.4.1.3.2, precoder granularity of a REG bundle).
+    """
+    duration = config.coreset_symbols
+    width = 6 // duration
+    cce_count = (config.resource_blocks // 6) * duration
+    slots, symbols = np.meshgrid(np.arange(SLOTS_PER_FRAME), np.arange(duration), indexing="ij")
+    pilots = seq.pdcch_dmrs(config.cell_id, slots, symbols, config.resource_blocks)
+    kinds = np.full(12, Element.PDCCH, dtype=np.uint8)
+    kinds[[1, 5, 9]] = Element.PDCCH_DMRS
+    for slot in range(SLOTS_PER_FRAME):
+        columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * slot + duration)
+        blocked = reserved[: cce_count * width, columns].reshape(cce_count, -1).any(axis=1)
+        free = rng.permutation(np.flatnonzero(~blocked))
+        used = np.zeros(cce_count, dtype=bool)
+        used[free[: round(config.pdcch_load * cce_count)]] = True
+        block_used = np.zeros(config.resource_blocks, dtype=bool)
+        block_used[: cce_count * width] = np.repeat(used, width)
+        kind = np.where(block_used[:, None], kinds, 0).reshape(-1, 1).repeat(duration, axis=1)
+        values = np.zeros(kind.shape, dtype=np.complex128)
+        data = kind == Element.PDCCH
+        values[data] = _random_symbols("qpsk", int(data.sum()), rng)
+        comb = np.arange(config.subcarriers) % 4 == 1
+        values[comb] = np.where(kind[comb] == Element.PDCCH_DMRS, pilots[slot].T, 0.0)
+        grid.values[:, columns] += values
+        grid.elements[:, columns] |= kind
+
+
+def _place_pdsch(config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator) -> None:
+    """PDSCH mapping type A from the end of the CORESET to symbol 13, DM-RS configuration type 1, port 1000.
+
+    A resource block whose DM-RS would fall on an SS/PBCH block is not scheduled in that slot (TS 38.214
+    clause 5.1.4 forbids it); otherwise the data is rate matched around the block.
+    """
+    dmrs = np.array(config.dmrs_symbols)
+    pilots = seq.pdsch_dmrs(config.cell_id, np.arange(SLOTS_PER_FRAME)[:, None], dmrs, config.resource_blocks)
+    pilots = pilots * DMRS_AMPLITUDE[config.cdm_groups_without_data]
+    even = np.arange(config.subcarriers) % 2 == 0
+    count = round(config.load * config.resource_blocks)
+    for slot in range(SLOTS_PER_FRAME):
+        columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * (slot + 1))
+        start = rng.integers(0, config.resource_blocks - count + 1)
+        block = np.zeros((config.resource_blocks, 1), dtype=bool)
+        block[start : start + count] = True
+        busy = reserved[:, columns]
+        block[busy[:, dmrs].any(axis=1)] = False
+        data = np.repeat(block & ~busy, 12, axis=0)
+        data[:, : config.coreset_symbols] = False
+        allotted = np.repeat(block[:, 0], 12)
+        for number, symbol in enumerate(dmrs):
+            data[even, symbol] = False
+            if config.cdm_groups_without_data == 2:
+                data[:, symbol] = False
+            rows = allotted & even
+            grid.values[rows, columns.start + symbol] = pilots[slot, number][rows[even]]
+            grid.elements[rows, columns.start + symbol] = Element.PDSCH_DMRS
+        grid.values[:, columns][data] = _random_symbols(config.modulation, int(data.sum()), rng)
+        grid.elements[:, columns][data] = Element.PDSCH
+
+
+def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
+    """Resource elements a_{k,l} of one 10 ms frame.
+
+    Returns a `ResourceGrid` of shape (12 N_RB, 140): subcarrier 0 is the lowest, column 14 slot + symbol.
+    PDSCH, PBCH and PDCCH elements have unit mean power; `rng` gives payload bits and allocations.
+    """
+    shape = (config.subcarriers, SLOTS_PER_FRAME * SYMBOLS_PER_SLOT)
+    grid = ResourceGrid(np.zeros(shape, dtype=np.complex128), np.zeros(shape, dtype=np.uint8))
+    reserved = _ssb_reserved(config)
+    _place_ssb(config, grid, rng)
+    _place_pdcch(config, grid, reserved, rng)
+    _place_pdsch(config, grid, reserved, rng)
+    return grid

@@ -1,0 +1,130 @@
+"""Channel filter and rate conversion of the radar's receiver, shared by all wideband emitters.
+
+An emitter wider than the radar's band must be filtered before it is sampled at the radar's rate; otherwise the
+parts outside fold in. The filter here is a linear-phase Kaiser FIR: flat up to half the receiver bandwidth,
+stop band from half the output rate on.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+from scipy import signal
+
+PASSBAND_FRACTION = 0.9  # flat part of the band, of the output rate; as of a usual SDR decimator
+STOPBAND_DB = 80.0
+MAX_RATIO = 4096
+
+
+def check_receiver(rate_hz: float, receiver_bandwidth_hz: float | None) -> float:
+    """Two-sided flat bandwidth in Hz; None gives 0.9 of the rate.
+
+    Raises ValueError if the rate is not positive or the bandwidth is not inside (0, 0.98 rate].
+    """
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise ValueError(f"rate_hz {rate_hz} must be positive and finite; give the complex sample rate")
+    if receiver_bandwidth_hz is None:
+        return PASSBAND_FRACTION * rate_hz
+    if not 0 < receiver_bandwidth_hz <= 0.98 * rate_hz:
+        raise ValueError(
+            f"receiver_bandwidth_hz {receiver_bandwidth_hz:g} is outside (0, {0.98 * rate_hz:g}]; "
+            "leave room for the filter skirt below the rate"
+        )
+    return float(receiver_bandwidth_hz)
+
+
+def check_count(count: int) -> int:
+    """Number of samples as int; ValueError below 1."""
+    if int(count) != count or count < 1:
+        raise ValueError(f"count {count} is not a positive integer; ask for at least one sample")
+    return int(count)
+
+
+@lru_cache(maxsize=32)
+def receiver_taps(design_rate_hz: float, stop_hz: float, bandwidth_hz: float) -> np.ndarray:
+    """Odd-length Kaiser low-pass at `design_rate_hz`: flat to bandwidth_hz/2, 80 dB down from `stop_hz`.
+
+    Unit gain at 0 Hz. Read-only (cached).
+    """
+    edge_hz = bandwidth_hz / 2
+    length, beta = signal.kaiserord(STOPBAND_DB, (stop_hz - edge_hz) / (design_rate_hz / 2))
+    taps = signal.firwin(length | 1, (stop_hz + edge_hz) / 2, window=("kaiser", beta), fs=design_rate_hz)
+    taps.setflags(write=False)
+    return taps
+
+
+def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:
+    """Exact rate_hz / source_rate_hz as a reduced fraction p/q.
+
+    Raises ValueError if p or q exceeds 4096 (the polyphase filter would have millions of taps).
+    """
+    ratio = Fraction(rate_hz) / Fraction(source_rate_hz)
+    if max(ratio.numerator, ratio.denominator) > MAX_RATIO:
+        raise ValueError(
+            f"rate_hz {rate_hz:g} is not a ratio p/q of {source_rate_hz:g} with p, q <= {MAX_RATIO}; "
+            "choose a rate such as 7.5e6 or 10e6"
+        )
+    return ratio
+
+
+def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float, bandwidth_hz: float) -> np.ndarray:
+    """Polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
+
+    Parameters: `samples` (N,) complex at `source_rate_hz`; `bandwidth_hz` is the flat two-sided bandwidth.
+    Returns (N rate/source_rate,) complex128; the result repeats without a seam and is not delayed.
+    Raises ValueError if the period is not a whole number of output samples or the ratio is not small.
+    """
+    ratio = rate_ratio(rate_hz, source_rate_hz)
+    if (samples.size * ratio.numerator) % ratio.denominator:
+        raise ValueError(
+            f"{samples.size} samples at {source_rate_hz:g} are no whole number at rate_hz {rate_hz:g}; "
+            "choose a rate that is a multiple of 100 Hz"
+        )
+    design_rate_hz = source_rate_hz * ratio.numerator
+    stop_hz = min(rate_hz, source_rate_hz) / 2
+    bandwidth_hz = min(bandwidth_hz, 0.98 * 2 * stop_hz)
+    taps = receiver_taps(design_rate_hz, stop_hz, bandwidth_hz)
+    # Guard of whole input:output periods, so that cropping is exact, and no shorter than half the filter.
+    blocks = -(-(taps.size // 2 // ratio.numerator + 1) // ratio.denominator)
+    guard = blocks * ratio.denominator
+    extended = np.take(samples, np.arange(-guard, samples.size + guard), mode="wrap")
+    resampled = signal.resample_poly(extended, ratio.numerator, ratio.denominator, window=taps)
+    lead = blocks * ratio.numerator
+    return resampled[lead : lead + samples.size * ratio.numerator // ratio.denominator]
+
+
+def oversampling(rate_hz: float, highest_hz: float, limit: int = 64) -> int:
+    """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, folds nothing into the band.
+
+    Raises ValueError if M exceeds `limit`.
+    """
+    factor = max(1, int(np.ceil((highest_hz + rate_hz / 2) / rate_hz)))
+    if factor > limit:
+        raise ValueError(
+            f"frequencies up to {highest_hz:g} Hz from the radar need {factor} times its rate; "
+            f"the limit is {limit} times, reduce the offset or the bandwidth"
+        )
+    return factor
+
+
+def window_guard(rate_hz: float, factor: int, bandwidth_hz: float) -> int:
+    """Output samples that `decimate_window` needs on either side of the window."""
+    taps = receiver_taps(rate_hz * factor, rate_hz / 2, bandwidth_hz)
+    return taps.size // 2 // factor + 1
+
+
+def decimate_window(samples: np.ndarray, rate_hz: float, factor: int, bandwidth_hz: float) -> np.ndarray:
+    """Filter and decimate by `factor` a window with `window_guard` extra output samples on either side.
+
+    `samples` (factor (count + 2 guard),) at factor * rate_hz gives (count,) at rate_hz, without delay.
+    """
+    taps = receiver_taps(rate_hz * factor, rate_hz / 2, bandwidth_hz)
+    guard = window_guard(rate_hz, factor, bandwidth_hz)
+    # The filter's delay must be a whole number of output samples: pad the taps in front.
+    pad = -(taps.size // 2) % factor
+    received = signal.upfirdn(np.concatenate([np.zeros(pad), taps]), samples, 1, factor)
+    delay = (taps.size // 2 + pad) // factor
+    count = samples.size // factor - 2 * guard
+    return received[guard + delay : guard + delay + count]

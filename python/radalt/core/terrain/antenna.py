@@ -1,0 +1,141 @@
+"""Antenna patterns: a Gaussian beam in closed form, or any pattern from a file. Gains are one-way power gains."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+__all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
+
+
+class Antenna(Protocol):
+    """What the ground return needs of an antenna."""
+
+    def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """One-way power gain (linear, over isotropic) off boresight; azimuth from the nose to the right wing."""
+        ...
+
+    def footprint_rad(self, drop_db: float) -> float:
+        """Angle off boresight beyond which the two-way gain stays ``drop_db`` below its peak."""
+        ...
+
+
+@dataclass(frozen=True)
+class GaussianAntenna:
+    """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2`` dB.
+
+    Parameters
+    ----------
+    beamwidth_deg : float
+        Full width between the -3 dB points, 0 < width <= 120. Rec. ITU-R M.2059 gives 40..60 degrees.
+    gain_dbi : float
+        Peak one-way gain.
+    two_way : bool
+        False: the width is that of one antenna (one-way), so transmit and receive together are 3 dB down at
+        ``beamwidth / (2 sqrt 2)`` off boresight. True: the width is that of both together.
+    """
+
+    beamwidth_deg: float = 40.0
+    gain_dbi: float = 10.0
+    two_way: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.beamwidth_deg <= 120:
+            raise ValueError(f"antenna.beamwidth_deg is {self.beamwidth_deg!r}; it has to be within 0..120 deg")
+        if not -20 <= self.gain_dbi <= 40:
+            raise ValueError(f"antenna.gain_dbi is {self.gain_dbi!r}; it has to be within -20..40 dBi")
+
+    @property
+    def one_way_beamwidth_rad(self) -> float:
+        """Full one-way -3 dB width in radians."""
+        return float(np.radians(self.beamwidth_deg)) * (np.sqrt(2.0) if self.two_way else 1.0)
+
+    def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """See `Antenna`; rotationally symmetric."""
+        exponent = -4.0 * np.log(2.0) * (np.asarray(angle_rad) / self.one_way_beamwidth_rad) ** 2
+        return 10.0 ** (self.gain_dbi / 10.0) * np.exp(exponent)
+
+    def footprint_rad(self, drop_db: float) -> float:
+        """See `Antenna`."""
+        two_way_db = 20.0 * np.log10(2.0)  # 6.02 dB two-way at half the one-way width
+        return float(0.5 * self.one_way_beamwidth_rad * np.sqrt(drop_db / two_way_db))
+
+
+@dataclass(frozen=True)
+class TabulatedAntenna:
+    """Pattern from a table, linear in decibels between its points, held constant beyond the last angle.
+
+    Parameters
+    ----------
+    angle_deg : (n,) float array
+        Angles off boresight, increasing from 0.
+    gain_dbi : (n, m) float array
+        One-way gain by angle and azimuth.
+    azimuth_deg : (m,) float array
+        Azimuths from the nose to the right wing, increasing within 0..360; a single one means symmetric.
+    """
+
+    angle_deg: np.ndarray
+    gain_dbi: np.ndarray
+    azimuth_deg: np.ndarray
+
+    @classmethod
+    def load(cls, path: Path | str) -> TabulatedAntenna:
+        """Read a CSV file with columns ``angle_deg,gain_dbi`` or ``angle_deg,azimuth_deg,gain_dbi``.
+
+        Lines beginning with ``#`` are comments. With azimuths, every angle needs every azimuth.
+
+        Raises
+        ------
+        ValueError
+            If the file, a column, a number or a point of the grid is missing.
+        """
+        path = Path(path)
+        try:
+            lines = [line for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")]
+        except OSError as error:
+            raise ValueError(f"antenna file {path}: {error.strerror or error}") from error
+        rows = list(csv.DictReader(lines))
+        names = set(rows[0]) if rows else set()
+        if not {"angle_deg", "gain_dbi"} <= names:
+            raise ValueError(f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)")
+        try:
+            points = {
+                (float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0): float(r["gain_dbi"]) for r in rows
+            }
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
+        angles, azimuths = sorted({a for a, _ in points}), sorted({z for _, z in points})
+        absent = [(a, z) for a in angles for z in azimuths if (a, z) not in points]
+        if absent or len(angles) < 2 or angles[0] != 0.0:
+            hint = f"angle {absent[0][0]:g} azimuth {absent[0][1]:g} deg is missing" if absent else "angles start at 0"
+            raise ValueError(f"antenna file {path}: {hint}; give at least two angles and the whole grid")
+        table = np.array([[points[a, z] for z in azimuths] for a in angles])
+        return cls(np.array(angles), table, np.array(azimuths))
+
+    def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """See `Antenna`."""
+        angle = np.clip(np.degrees(angle_rad), self.angle_deg[0], self.angle_deg[-1])
+        if self.azimuth_deg.size == 1:
+            return 10.0 ** (np.interp(angle, self.angle_deg, self.gain_dbi[:, 0]) / 10.0)
+        i = np.clip(np.searchsorted(self.angle_deg, angle, side="right") - 1, 0, self.angle_deg.size - 2)
+        fraction = (angle - self.angle_deg[i]) / (self.angle_deg[i + 1] - self.angle_deg[i])
+        start = self.azimuth_deg[0]  # wrap the azimuth axis once around
+        wrapped = np.append(self.azimuth_deg, start + 360.0)
+        table = np.concatenate([self.gain_dbi, self.gain_dbi[:, :1]], axis=1)
+        azimuth = start + np.mod(np.degrees(azimuth_rad) - start, 360.0)
+        j = np.clip(np.searchsorted(wrapped, azimuth, side="right") - 1, 0, wrapped.size - 2)
+        share = (azimuth - wrapped[j]) / (wrapped[j + 1] - wrapped[j])
+        low = table[i, j] * (1 - share) + table[i, j + 1] * share
+        high = table[i + 1, j] * (1 - share) + table[i + 1, j + 1] * share
+        return 10.0 ** ((low + (high - low) * fraction) / 10.0)
+
+    def footprint_rad(self, drop_db: float) -> float:
+        """See `Antenna`."""
+        best = self.gain_dbi.max(axis=1)
+        above = np.nonzero(2.0 * (best - best.max()) > -drop_db)[0]
+        return float(np.radians(self.angle_deg[min(above[-1] + 1, self.angle_deg.size - 1)]))

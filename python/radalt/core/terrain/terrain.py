@@ -1,0 +1,245 @@
+"""Terrain heights: DTED cells with bilinear interpolation between posts, and an analytic flat earth."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from .dted_write import VOID_M
+from .errors import TerrainError
+from .geodesy import curvature_radii_m
+
+__all__ = ["DtedCell", "FlatTerrain", "Terrain", "TerrainModel"]
+
+
+class TerrainModel(Protocol):
+    """What the ground return needs of terrain."""
+
+    def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+        """Heights above mean sea level, same shape as the broadcast arguments."""
+        ...
+
+    def height_and_slope(
+        self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Heights in metres, and their slopes towards east and north (metres per metre)."""
+        ...
+
+
+@dataclass(frozen=True)
+class FlatTerrain:
+    """Constant height above mean sea level, everywhere."""
+
+    elevation_m: float = 0.0
+
+    def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+        """See `TerrainModel`."""
+        return np.full(np.broadcast(latitude_deg, longitude_deg).shape, float(self.elevation_m))
+
+    def height_and_slope(
+        self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `TerrainModel`."""
+        height = self.height_m(latitude_deg, longitude_deg)
+        return height, np.zeros_like(height), np.zeros_like(height)
+
+
+@dataclass(frozen=True)
+class DtedCell:
+    """Posts of one DTED file.
+
+    Parameters
+    ----------
+    south_deg, west_deg : float
+        Corner of the south-west post.
+    step_lat_deg, step_lon_deg : float
+        Post spacing.
+    elevation_m : (n_lon, n_lat) float array
+        Elevations above mean sea level; NaN marks a void.
+    source : str
+        File name, for messages.
+    filled : int
+        Voids that were filled on loading.
+    """
+
+    south_deg: float
+    west_deg: float
+    step_lat_deg: float
+    step_lon_deg: float
+    elevation_m: np.ndarray
+    source: str = ""
+    filled: int = 0
+
+    @property
+    def north_deg(self) -> float:
+        """Northern edge."""
+        return self.south_deg + (self.elevation_m.shape[1] - 1) * self.step_lat_deg
+
+    @property
+    def east_deg(self) -> float:
+        """Eastern edge."""
+        return self.west_deg + (self.elevation_m.shape[0] - 1) * self.step_lon_deg
+
+    @classmethod
+    def load(cls, path: Path | str, *, void: str = "error") -> DtedCell:
+        """Read a DTED file of level 0, 1 or 2 through the `dted` library.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        void : str
+            ``"error"`` keeps voids, and a query that needs one raises; ``"fill"`` fills each with the value
+            of the nearest post that has data.
+
+        Raises
+        ------
+        TerrainError
+            If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
+        """
+        import dted
+
+        if void not in ("error", "fill"):
+            raise TerrainError(f"void policy is {void!r}; allowed: error, fill")
+        path = Path(path)
+        try:
+            tile = dted.Tile(path, warn=False)
+        except OSError as error:
+            raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
+        except (dted.InvalidFileError, ValueError, IndexError, struct.error) as error:
+            reason = " ".join(str(error).split())
+            raise TerrainError(f"terrain file {path} is not intact DTED ({reason}); fetch it again") from error
+        posts = np.asarray(tile.data, dtype=float)
+        posts[np.asarray(tile.data) == VOID_M] = np.nan
+        voids = int(np.isnan(posts).sum())
+        if voids == posts.size:
+            raise TerrainError(f"terrain file {path} holds {voids} voids and no elevation")
+        if void == "fill" and voids:
+            posts = _fill_nearest(posts)
+        return cls(
+            south_deg=tile.dsi.south_west_corner.latitude,
+            west_deg=tile.dsi.south_west_corner.longitude,
+            step_lat_deg=tile.dsi.latitude_interval / 3600.0,
+            step_lon_deg=tile.dsi.longitude_interval / 3600.0,
+            elevation_m=posts,
+            source=path.name,
+            filled=voids if void == "fill" else 0,
+        )
+
+    def inside(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+        """Boolean array: the point lies in the cell, edges included."""
+        return (
+            (latitude_deg >= self.south_deg)
+            & (latitude_deg <= self.north_deg)
+            & (longitude_deg >= self.west_deg)
+            & (longitude_deg <= self.east_deg)
+        )
+
+    def interpolate(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Bilinear height, and its derivatives per degree of longitude and of latitude, of points inside."""
+        x = (longitude_deg - self.west_deg) / self.step_lon_deg
+        y = (latitude_deg - self.south_deg) / self.step_lat_deg
+        i = np.clip(np.floor(x).astype(np.intp), 0, self.elevation_m.shape[0] - 2)
+        j = np.clip(np.floor(y).astype(np.intp), 0, self.elevation_m.shape[1] - 2)
+        fx, fy = x - i, y - j
+        z = self.elevation_m
+        flat = i * z.shape[1] + j
+        values = z.ravel()
+        z00, z01 = values[flat], values[flat + 1]
+        z10, z11 = values[flat + z.shape[1]], values[flat + z.shape[1] + 1]
+        west, east = _blend(z00, z01, fy), _blend(z10, z11, fy)
+        height = _blend(west, east, fx)
+        with np.errstate(invalid="ignore"):
+            slope_lon = np.nan_to_num(east - west) / self.step_lon_deg
+            slope_lat = np.nan_to_num((z01 - z00) * (1 - fx) + (z11 - z10) * fx) / self.step_lat_deg
+        return height, slope_lon, slope_lat
+
+
+def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Linear interpolation that ignores an end whose weight is zero (below 1e-9, 0.1 mm), even if it is NaN."""
+    mixed = a + (b - a) * fraction
+    if not np.isnan(mixed).any():
+        return mixed
+    return np.where(fraction < 1e-9, a, np.where(fraction > 1 - 1e-9, b, mixed))
+
+
+def _fill_nearest(posts: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(np.isnan(posts), return_distances=False, return_indices=True)
+    return posts[tuple(nearest)]
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Several DTED cells side by side; where cells share an edge, the first one given answers.
+
+    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all cells,
+    or one that needs a void post, raises `TerrainError`.
+
+    Examples
+    --------
+    >>> terrain = Terrain.load(["n41_w089.dt0", "n41_w088.dt0"])    # doctest: +SKIP
+    >>> terrain.height_m(41.97, -87.93)                             # doctest: +SKIP
+    array(204.)
+    """
+
+    cells: tuple[DtedCell, ...] = field(default=())
+
+    @classmethod
+    def load(cls, paths: Iterable[Path | str], *, void: str = "error") -> Terrain:
+        """Cells of several files; see `DtedCell.load`."""
+        cells = tuple(DtedCell.load(path, void=void) for path in paths)
+        if not cells:
+            raise TerrainError("no terrain file was given; name at least one DTED file")
+        return cls(cells)
+
+    def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
+        """See `TerrainModel`."""
+        return self.height_and_slope(latitude_deg, longitude_deg)[0]
+
+    def height_and_slope(
+        self, latitude_deg: np.ndarray, longitude_deg: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `TerrainModel`."""
+        lat, lon = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
+        shape, lat, lon = lat.shape, lat.ravel(), lon.ravel()
+        out = np.full((3, lat.size), np.nan)
+        missing = np.ones(lat.size, bool)
+        for cell in self.cells:
+            take = missing & cell.inside(lat, lon)
+            if take.all():
+                out[:] = cell.interpolate(lat, lon)
+            elif take.any():
+                out[:, take] = cell.interpolate(lat[take], lon[take])
+            missing &= ~take
+            if not missing.any():
+                break
+        if missing.any():
+            self._raise_uncovered(lat[missing][0], lon[missing][0])
+        if np.isnan(out[0]).any():
+            first = int(np.argmax(np.isnan(out[0])))
+            raise TerrainError(
+                f"terrain at {lat[first]:.5f}, {lon[first]:.5f} deg is void in the DTED file; "
+                "load it with void='fill' or supply a file without the void"
+            )
+        meridian, prime = curvature_radii_m(lat)
+        per_radian = 180.0 / np.pi
+        slope_east = out[1] * per_radian / (prime * np.cos(np.radians(lat)))
+        slope_north = out[2] * per_radian / meridian
+        return out[0].reshape(shape), slope_east.reshape(shape), slope_north.reshape(shape)
+
+    def _raise_uncovered(self, latitude_deg: float, longitude_deg: float) -> None:
+        covered = "; ".join(
+            f"{c.source or 'cell'}: {c.south_deg:g}..{c.north_deg:g} N, {c.west_deg:g}..{c.east_deg:g} E"
+            for c in self.cells
+        )
+        raise TerrainError(
+            f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg (it covers {covered or 'nothing'}); "
+            "add the DTED cell of that place"
+        )

@@ -1,0 +1,299 @@
+"""Aircraft trajectories: plain CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from .errors import TrajectoryError
+from .geodesy import curvature_radii_m
+
+__all__ = ["AircraftState", "Trajectory"]
+
+STANDARD_GRAVITY = 9.80665
+FOOT_M = 0.3048
+
+# column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
+COLUMNS = {
+    "time": ("time_s", "time", "timestamp"),
+    "latitude": ("latitude_deg", "latitude", "lat"),
+    "longitude": ("longitude_deg", "longitude", "lon", "long"),
+    "altitude": ("altitude_m", "altitude", "alt"),
+    "altitude_ft": ("altitude_ft", "alt_ft"),
+    "geo": ("geoaltitude", "geo_altitude"),
+    "baro": ("baroaltitude", "baro_altitude"),
+    "aircraft": ("icao24", "hex", "callsign"),
+    "onground": ("onground", "on_ground"),
+}
+
+
+@dataclass(frozen=True)
+class AircraftState:
+    """Position, velocity and attitude at one instant.
+
+    Parameters
+    ----------
+    time_s, latitude_deg, longitude_deg : float
+        Time on the trajectory's own clock, and geodetic position.
+    altitude_m : float
+        Altitude of the altimeter's antenna above mean sea level (the datum of the terrain).
+    velocity_m_per_s : tuple of 3 float
+        East, north and up.
+    heading_deg, pitch_deg, roll_deg : float
+        True heading clockwise from north, nose up, right wing down.
+    """
+
+    time_s: float
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    velocity_m_per_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def body_axes(self) -> np.ndarray:
+        """(3, 3) rows: nose, right wing and belly unit vectors in east, north, up (yaw-pitch-roll order)."""
+        yaw, pitch, roll = np.radians([self.heading_deg, self.pitch_deg, self.roll_deg])
+        sy, cy, sp, cp, sr, cr = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+        nose = np.array([sy * cp, cy * cp, sp])
+        wing = np.array([sy * sp * sr + cy * cr, cy * sp * sr - sy * cr, -cp * sr])
+        return np.stack([nose, wing, np.cross(wing, nose) * -1.0])
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A track through given points, interpolated so that the velocity is continuous and nothing overshoots.
+
+    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N. Fritsch and
+    R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points. Velocity is the
+    derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the angle of attack, and
+    roll that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
+
+    Parameters
+    ----------
+    time_s, latitude_deg, longitude_deg, altitude_m : (n,) float arrays
+        Points, n >= 4, times strictly increasing; altitudes above mean sea level.
+    angle_of_attack_deg : float
+        Added to the path angle; airliners fly a 3 degree approach nose up by about 2.
+    max_gap_s : float
+        Longest step between points that is interpolated across.
+    source : str
+        File name, for messages.
+    skipped : tuple of (str, int)
+        Rows of the file left out, by reason.
+
+    Raises
+    ------
+    TrajectoryError
+        If there are too few points, time runs backwards, a gap is too long, or a position is impossible.
+    """
+
+    time_s: np.ndarray
+    latitude_deg: np.ndarray
+    longitude_deg: np.ndarray
+    altitude_m: np.ndarray
+    angle_of_attack_deg: float = 5.0
+    max_gap_s: float = 15.0
+    source: str = "trajectory"
+    skipped: tuple[tuple[str, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        t = np.asarray(self.time_s, dtype=float)
+        if t.size < 4:
+            raise TrajectoryError(f"{self.source}: {t.size} usable points; a trajectory needs at least 4")
+        for name in ("time_s", "latitude_deg", "longitude_deg", "altitude_m"):
+            values = np.asarray(getattr(self, name), dtype=float)
+            if values.shape != t.shape or not np.isfinite(values).all():
+                raise TrajectoryError(f"{self.source}: {name} has to hold {t.size} finite numbers, one a point")
+            object.__setattr__(self, name, values)
+        if np.any(np.abs(self.latitude_deg) > 89.0) or np.any(np.abs(self.longitude_deg) > 360.0):
+            raise TrajectoryError(f"{self.source}: latitudes have to be within +/-89 deg, longitudes within +/-360 deg")
+        step = np.diff(t)
+        if np.any(step <= 0):
+            k = int(np.argmax(step <= 0))
+            raise TrajectoryError(
+                f"{self.source}: time goes from {t[k]:g} s to {t[k + 1]:g} s at point {k + 2}; sort the rows by time"
+            )
+        if step.max() > self.max_gap_s:
+            k = int(np.argmax(step))
+            raise TrajectoryError(
+                f"{self.source}: no points for {step[k]:.3g} s after t = {t[k]:g} s, more than max_gap_s = "
+                f"{self.max_gap_s:g} s; cut the file there or raise max_gap_s"
+            )
+
+    @classmethod
+    def load(
+        cls,
+        path: Path | str,
+        *,
+        aircraft: str | None = None,
+        altitude: str = "geo",
+        altitude_offset_m: float = 0.0,
+        angle_of_attack_deg: float = 5.0,
+        max_gap_s: float = 15.0,
+    ) -> Trajectory:
+        """Read a track from CSV; lines beginning with ``#`` are comments.
+
+        Two kinds are told apart by their columns: a plain track (time, latitude, longitude, altitude in metres, or
+        altitude_ft), and ADS-B state vectors as the OpenSky Network gives them (time, icao24, lat, lon, velocity,
+        heading, vertrate, onground, baroaltitude, geoaltitude; metres, seconds). Of the latter, rows on the ground,
+        without position or altitude, and with a position repeated from the row before (stale) are left out.
+
+        Parameters
+        ----------
+        aircraft : str, optional
+            ``icao24`` (or callsign) to take from a file with several.
+        altitude : str
+            ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude) for state vectors.
+        altitude_offset_m : float
+            Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
+            pressure correction for barometric ones, minus the height of the reporting antenna above the altimeter's.
+
+        Raises
+        ------
+        TrajectoryError
+            As the class, and if the file cannot be read, lacks a column, or holds several aircraft.
+        """
+        path = Path(path)
+        rows, names = _read_rows(path)
+        column = {key: next((n for n in options if n in names), None) for key, options in COLUMNS.items()}
+        if altitude not in ("geo", "baro"):
+            raise TrajectoryError(f"{path.name}: altitude source is {altitude!r}; allowed: geo, baro")
+        height = column["altitude"] or column["altitude_ft"] or column[altitude]
+        missing = [k for k in ("time", "latitude", "longitude") if column[k] is None] + ([] if height else ["altitude"])
+        if missing:
+            raise TrajectoryError(f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}")
+        rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
+        kept, skipped = _usable(path, rows, column, height)
+        points = np.array(kept, dtype=float).reshape(-1, 4).T
+        unit = FOOT_M if height == column["altitude_ft"] else 1.0
+        return cls(
+            points[0], points[1], points[2], points[3] * unit + altitude_offset_m,
+            angle_of_attack_deg=angle_of_attack_deg, max_gap_s=max_gap_s, source=path.name,
+            skipped=tuple(sorted(skipped.items())),
+        )  # fmt: skip
+
+    @property
+    def start_s(self) -> float:
+        """First instant."""
+        return float(self.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """Last instant."""
+        return float(self.time_s[-1])
+
+    @cached_property
+    def _position(self) -> PchipInterpolator:
+        lon = np.unwrap(self.longitude_deg, period=360.0)
+        return PchipInterpolator(self.time_s, np.stack([self.latitude_deg, lon, self.altitude_m], axis=1))
+
+    @cached_property
+    def _rate(self) -> PchipInterpolator:
+        return self._position.derivative()
+
+    def _velocity(self, time_s: np.ndarray) -> np.ndarray:
+        """(n, 3) east, north, up velocities."""
+        lat, _, altitude = self._position(time_s).T
+        dlat, dlon, dalt = self._rate(time_s).T
+        meridian, prime = curvature_radii_m(lat)
+        east = (prime + altitude) * np.cos(np.radians(lat)) * np.radians(dlon)
+        return np.stack([east, (meridian + altitude) * np.radians(dlat), dalt], axis=1)
+
+    def states(self, time_s: np.ndarray) -> list[AircraftState]:
+        """States at (n,) instants within ``start_s..end_s``.
+
+        Raises
+        ------
+        TrajectoryError
+            If an instant lies outside the trajectory.
+        """
+        time_s = np.atleast_1d(np.asarray(time_s, dtype=float))
+        outside = (time_s < self.start_s) | (time_s > self.end_s)
+        if outside.any():
+            raise TrajectoryError(
+                f"{self.source}: t = {time_s[outside][0]:g} s is outside {self.start_s:g}..{self.end_s:g} s"
+            )
+        position, velocity = self._position(time_s), self._velocity(time_s)
+        ground = np.hypot(velocity[:, 0], velocity[:, 1])
+        track = np.arctan2(velocity[:, 0], velocity[:, 1])
+        # turn rate by a central difference of the track over 2 s: reported points carry jitter
+        before = self._velocity(np.clip(time_s - 1.0, self.start_s, self.end_s))
+        after = self._velocity(np.clip(time_s + 1.0, self.start_s, self.end_s))
+        span = np.clip(time_s + 1.0, None, self.end_s) - np.clip(time_s - 1.0, self.start_s, None)
+        cross = before[:, 1] * after[:, 0] - before[:, 0] * after[:, 1]
+        turn = np.arctan2(cross, np.sum(before[:, :2] * after[:, :2], axis=1)) / span
+        roll = np.degrees(np.arctan(ground * turn / STANDARD_GRAVITY))
+        pitch = np.degrees(np.arctan2(velocity[:, 2], ground)) + self.angle_of_attack_deg
+        longitude = (position[:, 1] + 180.0) % 360.0 - 180.0
+        return [
+            AircraftState(
+                float(time_s[k]), float(position[k, 0]), float(longitude[k]), float(position[k, 2]),
+                tuple(velocity[k].tolist()), float(np.degrees(track[k]) % 360.0), float(pitch[k]), float(roll[k]),
+            )
+            for k in range(time_s.size)
+        ]  # fmt: skip
+
+    def state(self, time_s: float) -> AircraftState:
+        """`states` of one instant."""
+        return self.states(np.array([time_s]))[0]
+
+
+def _read_rows(path: Path) -> tuple[list[dict[str, str]], set[str]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in file if line.strip() and not line.startswith("#")]
+    except OSError as error:
+        raise TrajectoryError(f"trajectory file {path}: {error.strerror or error}; name a CSV file") from error
+    except UnicodeDecodeError as error:
+        raise TrajectoryError(f"trajectory file {path} is not text; name a CSV file") from error
+    reader = csv.DictReader(lines, restval="")
+    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
+    return list(reader), set(reader.fieldnames)
+
+
+def _one_aircraft(
+    path: Path, rows: list[dict[str, str]], column: str | None, wanted: str | None
+) -> list[dict[str, str]]:
+    if column is None:
+        return rows
+    seen = Counter(row[column].strip().lower() for row in rows)
+    if wanted is None and len(seen) > 1:
+        names = ", ".join(name or "(none)" for name, _ in seen.most_common(8))
+        raise TrajectoryError(f"{path.name}: {len(seen)} aircraft in column {column} ({names}); choose one: aircraft=")
+    if wanted is not None and wanted.strip().lower() not in seen:
+        raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {', '.join(sorted(seen)[:8])}")
+    return [row for row in rows if wanted is None or row[column].strip().lower() == wanted.strip().lower()]
+
+
+def _usable(
+    path: Path, rows: list[dict[str, str]], column: dict[str, str | None], height: str
+) -> tuple[list[list[float]], Counter]:
+    """Points (time, latitude, longitude, altitude) and counts of what was left out."""
+    kept: list[list[float]] = []
+    skipped: Counter = Counter()
+    names = [column["time"], column["latitude"], column["longitude"], height]
+    state_vectors = height in COLUMNS["geo"] + COLUMNS["baro"]
+    for number, row in enumerate(rows, start=1):
+        cells = [(row[name] or "").strip() for name in names]
+        if column["onground"] and row[column["onground"]].strip().lower() in ("true", "1", "t"):
+            skipped["on the ground"] += 1
+        elif any(cell.lower() in ("", "nan", "null", "none") for cell in cells):
+            skipped["no position or altitude"] += 1
+        else:
+            try:
+                point = [float(cell) for cell in cells]
+            except ValueError as error:
+                raise TrajectoryError(f"{path.name}: data row {number}: {error}; every cell has to be a number") from error
+            if state_vectors and kept and kept[-1][1:3] == point[1:3]:
+                skipped["stale position"] += 1
+            else:
+                kept.append(point)
+    return kept, skipped

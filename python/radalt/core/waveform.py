@@ -1,0 +1,197 @@
+"""Triangular FMCW waveform and its beat/range algebra (DESIGN.md 3).
+
+All phases are kept in float64 *cycles* and reduced modulo one cycle before the exponential: a float32
+phase accumulator is wrong within seconds at 7.5 MS/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.constants import speed_of_light as C_M_PER_S
+
+__all__ = ["C_M_PER_S", "Waveform", "altitude_to_delay_s", "delay_to_altitude_m", "exp_cycles"]
+
+
+def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
+    """``exp(j 2 pi phase)`` of float64 phases in cycles, any shape, reduced modulo one cycle first."""
+    angle = 2.0 * np.pi * (phase_cycles - np.rint(phase_cycles))
+    out = np.empty(np.shape(phase_cycles), dtype=dtype)
+    out.real = np.cos(angle)
+    out.imag = np.sin(angle)
+    return out
+
+
+def altitude_to_delay_s(altitude_m: np.ndarray | float) -> np.ndarray | float:
+    """Two-way delay ``tau = 2 R / c`` in seconds of an altitude in metres."""
+    return 2.0 * np.asarray(altitude_m, dtype=float) / C_M_PER_S
+
+
+def delay_to_altitude_m(delay_s: np.ndarray | float) -> np.ndarray | float:
+    """Altitude ``R = c tau / 2`` in metres of a two-way delay in seconds."""
+    return 0.5 * C_M_PER_S * np.asarray(delay_s, dtype=float)
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """Up/down linear sweep; every quantity the rest of the module derives from it.
+
+    Parameters
+    ----------
+    bandwidth_hz : float
+        Swept bandwidth ``B``, > 0.
+    sweep_s : float
+        Sweep period ``T_sw`` (up plus down), > 0; one frame. A half sweep lasts ``T_h = T_sw / 2``.
+    rate_hz : float
+        Complex sample rate ``F_s`` >= ``B``; ``F_s T_sw`` has to be a whole even number of samples.
+    carrier_hz : float
+        Carrier ``f_c``, for Doppler and carrier phase.
+    centered : bool
+        True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``).
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range; names value, limit and remedy.
+
+    Examples
+    --------
+    >>> w = Waveform()
+    >>> w.samples_per_frame, w.slope_hz_per_s
+    (7500, 15000000000.0)
+    """
+
+    bandwidth_hz: float = 7.5e6
+    sweep_s: float = 1e-3
+    rate_hz: float = 7.5e6
+    carrier_hz: float = 4.3e9
+    centered: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth_hz", "sweep_s", "rate_hz", "carrier_hz"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"waveform.{name} is {value!r}; it has to be a finite number above 0")
+        if self.bandwidth_hz > self.rate_hz * (1 + 1e-12):
+            raise ValueError(
+                f"waveform.bandwidth_hz {self.bandwidth_hz:g} exceeds the complex rate {self.rate_hz:g} S/s; "
+                "lower the bandwidth or raise rate_hz"
+            )
+        samples = self.rate_hz * self.sweep_s
+        whole = round(samples)
+        if abs(samples - whole) > 1e-6 * max(1.0, samples) or whole % 2 or whole < 16:
+            raise ValueError(
+                f"waveform.rate_hz * sweep_s is {samples:.6g} samples; it has to be a whole even number of at "
+                f"least 16: try sweep_s = {2 * max(8, round(samples / 2)) / self.rate_hz:.9g}"
+            )
+
+    @property
+    def half_sweep_s(self) -> float:
+        """Half sweep ``T_h`` in seconds."""
+        return 0.5 * self.sweep_s
+
+    @property
+    def slope_hz_per_s(self) -> float:
+        """Chirp slope ``k = B / T_h``."""
+        return self.bandwidth_hz / self.half_sweep_s
+
+    @property
+    def samples_per_frame(self) -> int:
+        """Samples ``N`` in one sweep period."""
+        return round(self.rate_hz * self.sweep_s)
+
+    @property
+    def samples_per_half(self) -> int:
+        """Samples in one half sweep."""
+        return self.samples_per_frame // 2
+
+    @property
+    def range_resolution_m(self) -> float:
+        """Range resolution ``c / 2B`` (20 m for 7.5 MHz)."""
+        return C_M_PER_S / (2.0 * self.bandwidth_hz)
+
+    @property
+    def max_unambiguous_altitude_m(self) -> float:
+        """Altitude whose delay is half a half-sweep: beyond it the two sweeps no longer share half their time.
+
+        The beat then also passes a quarter of the sweep bandwidth's Nyquist zone; the chain declares such
+        altitudes out of range rather than folding them.
+        """
+        return float(delay_to_altitude_m(0.5 * self.half_sweep_s))
+
+    def altitude_to_beat_hz(self, altitude_m: np.ndarray | float) -> np.ndarray | float:
+        """Beat ``k tau`` in hertz of an altitude in metres (no Doppler)."""
+        return self.slope_hz_per_s * altitude_to_delay_s(altitude_m)
+
+    def beats_to_altitude_m(self, beat_up_hz: np.ndarray, beat_down_hz: np.ndarray) -> np.ndarray:
+        """``R = c (f_up - f_down) / 4k``; Doppler cancels."""
+        scale = C_M_PER_S / (4.0 * self.slope_hz_per_s)
+        return scale * (np.asarray(beat_up_hz) - np.asarray(beat_down_hz))
+
+    def beats_to_vertical_speed_m_per_s(self, beat_up_hz: np.ndarray, beat_down_hz: np.ndarray) -> np.ndarray:
+        """Range rate from ``f_D = (f_up + f_down) / 2 = 2 v f_c / c``; positive when climbing."""
+        doppler_hz = 0.5 * (np.asarray(beat_up_hz) + np.asarray(beat_down_hz))
+        return doppler_hz * C_M_PER_S / (2.0 * self.carrier_hz)
+
+    def vertical_speed_to_doppler_hz(self, vertical_speed_m_per_s: np.ndarray | float) -> np.ndarray | float:
+        """``f_D = 2 v f_c / c`` in hertz, in the sign convention of the dechirped beats."""
+        return 2.0 * np.asarray(vertical_speed_m_per_s, dtype=float) * self.carrier_hz / C_M_PER_S
+
+    @property
+    def cycles_per_frame(self) -> float:
+        """Phase advance over one sweep, modulo 1 cycle: ``B T_h`` for ``0..B``, zero when centred."""
+        return 0.0 if self.centered else float(np.mod(self.bandwidth_hz * self.half_sweep_s, 1.0))
+
+    def phase_cycles(self, time_s: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
+        """Phase in cycles at ``time_s`` after the start of sweep ``frame_index``; any shape, any sign of time.
+
+        The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h``
+        (DESIGN.md 3: pasting the per-sweep formulae is right only where ``B T_h`` is whole).
+        """
+        time_s = np.asarray(time_s, dtype=float)
+        sweep = np.floor(time_s / self.sweep_s)
+        u = time_s - sweep * self.sweep_s
+        k = self.slope_hz_per_s
+        th = self.half_sweep_s
+        v = np.minimum(u, self.sweep_s - u)  # triangle: distance to the nearest sweep boundary
+        if self.centered:
+            half = 0.5 * v * (k * v - self.bandwidth_hz)
+            phase = np.where(u < th, half, -half)
+            # down: B/2 (u-T_h) - k (u-T_h)^2 / 2 = -( k v^2/2 - B v/2 ) with v = T_sw - u
+            return phase
+        rising = 0.5 * k * v * v
+        phase = np.where(u < th, rising, k * th * th - rising)
+        return phase + np.mod((sweep + frame_index) * self.cycles_per_frame, 1.0)
+
+    @cached_property
+    def sample_times_s(self) -> np.ndarray:
+        """(N,) float64 times of one frame's samples."""
+        times = np.arange(self.samples_per_frame) / self.rate_hz
+        times.setflags(write=False)
+        return times
+
+    @cached_property
+    def reference(self) -> np.ndarray:
+        """(N,) complex64 reference sweep 0, unit amplitude, read-only."""
+        table = exp_cycles(self.phase_cycles(self.sample_times_s))
+        table.setflags(write=False)
+        return table
+
+    def frame_rotation(self, frame_index: np.ndarray | int) -> np.ndarray | complex:
+        """Unit phasor that carries sweep 0's table to sweep ``frame_index`` (1 when centred)."""
+        return exp_cycles(np.mod(np.asarray(frame_index) * self.cycles_per_frame, 1.0), np.complex128)
+
+    def beat_shifted(self, altitude_m: float) -> np.ndarray:
+        """(N,) complex64 sweep whose beat is moved to ``altitude_m`` (synthetic altitude, DESIGN.md 6.2).
+
+        Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at
+        the frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase
+        ``-2 pi f_c tau`` of a true return is included.
+        """
+        delay_s = float(altitude_to_delay_s(altitude_m))
+        u = self.sample_times_s
+        v = np.minimum(u, self.sweep_s - u)
+        shift = -self.slope_hz_per_s * delay_s * v
+        return exp_cycles(self.phase_cycles(u) + shift - np.mod(self.carrier_hz * delay_s, 1.0))
