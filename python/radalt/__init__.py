@@ -1,9 +1,10 @@
 """FMCW radar altimeter blocks for GNU Radio: `from gnuradio import radalt`.
 
-One file a block: `radalt.<block>` is the class `<block>` of `<block>.py` in this folder, imported on first use, so
-that a flowgraph loads (and needs) only what it contains. `dir(radalt)` lists the blocks. Files whose name starts
-with an underscore are shared helpers, no blocks. `radalt.core` and `radalt.evaluation` need no GNU Radio; with
-this package's parent folder on the path they are also importable as `radalt.core` and `radalt.evaluation`.
+One file a block: `radalt.<block>` is the class `<block>` of `<block>.py` in this folder, imported on
+first use, so that a flowgraph loads (and needs) only what it contains. `dir(radalt)` lists the blocks.
+Files whose name starts with an underscore are shared helpers, no blocks. `radalt.core` and
+`radalt.evaluation` need no GNU Radio: with this package's parent folder on the path, `import radalt.core`
+works under any Python.
 """
 
 import importlib

@@ -1,0 +1,32 @@
+"""What every test stands on: the module importable in-tree, one thread a library, and GNU Radio present."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+# Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+ROOT = Path(__file__).resolve().parent.parent
+# `radalt` and `gnuradio.radalt` from python/, the command-line programs as modules from flowgraphs/.
+sys.path[:0] = [str(ROOT / "python"), str(ROOT / "flowgraphs")]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart() -> None:
+    """Say in one line what is wrong with this interpreter, where every test would say it in thirty."""
+    try:
+        from gnuradio import gr  # noqa: F401 - the import is the check
+    except (ImportError, SystemError) as error:
+        # SystemError: GNU Radio's bindings under a NumPy they were not built for.
+        reason = f"{sys.executable} cannot import gnuradio ({error}); run the tests with `make test`"
+        pytest.exit(reason, returncode=2)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The root of the source tree."""
+    return ROOT

@@ -1,0 +1,155 @@
+"""The module installed by CMake works outside the source tree: nothing of the source is on any path here."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
+    """Run a command and return what it printed; fail with everything it said."""
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command[0]} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def source_files(folder: Path, pattern: str = "*") -> set[str]:
+    """Paths below folder, relative to it, of what an install has to bring along."""
+    found = (file.relative_to(folder) for file in folder.rglob(pattern) if file.is_file())
+    return {str(file) for file in found if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))}
+
+
+@pytest.fixture(scope="module")
+def build(root: Path, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("build")
+    run("cmake", "-S", root, "-B", folder, cwd=folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cache(build: Path) -> dict[str, str]:
+    """What CMake settled on."""
+    return dict(re.findall(r"^(\w+):\w+=(.*)$", (build / "CMakeCache.txt").read_text(), re.MULTILINE))
+
+
+@pytest.fixture(scope="module")
+def prefix(build: Path, tmp_path_factory) -> Path:
+    """A scratch prefix with the module installed in it."""
+    folder = tmp_path_factory.mktemp("prefix")
+    run("cmake", "--install", build, "--prefix", folder, cwd=build)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def package(prefix: Path) -> Path:
+    (folder,) = (file.parent for file in prefix.rglob("gnuradio/radalt/__init__.py"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def environment(package: Path) -> dict[str, str]:
+    """The environment of a user who knows of the scratch prefix and of no source tree."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
+    return kept | {"PYTHONPATH": str(package.parent.parent)}
+
+
+def test_package_is_installed_whole_and_without_compiled_files(root: Path, package: Path):
+    installed = {str(file.relative_to(package)) for file in package.rglob("*") if file.is_file()}
+    assert {name for name in installed if "__pycache__" not in name} == source_files(root / "python/radalt")
+
+
+def test_namespace_of_gnu_radio_stays_open(package: Path):
+    """An __init__.py beside the package would hide GNU Radio itself."""
+    assert [entry.name for entry in package.parent.iterdir()] == ["radalt"]
+
+
+def test_companion_descriptions_flowgraphs_and_models_are_installed(root: Path, prefix: Path):
+    blocks = {file.name for file in (prefix / "share/gnuradio/grc/blocks").iterdir()}
+    assert blocks == source_files(root / "grc", "*.block.yml")
+    for part in ("flowgraphs", "models"):
+        assert source_files(prefix / "share/gr-radalt" / part) == source_files(root / part), part
+    assert (prefix / "share/doc/gr-radalt/LICENSE").is_file()
+
+
+def test_default_prefix_is_searched_by_the_python_of_gnu_radio(cache, tmp_path):
+    """`make install` without a word about a prefix has to end where `import` and the companion look."""
+    folder = Path(cache["CMAKE_INSTALL_PREFIX"], cache["GR_PYTHON_DIR"])
+    searched = run(cache["PYTHON_EXECUTABLE"], "-c", "import sys; print(*sys.path, sep='\\n')", cwd=tmp_path)
+    assert str(folder) in searched.splitlines()
+    block_paths = run(
+        cache["PYTHON_EXECUTABLE"],
+        "-c",
+        "from gnuradio import gr; print(gr.prefs().get_string('grc', 'global_blocks_path', ''))",
+        cwd=tmp_path,
+    )
+    assert f"{cache['CMAKE_INSTALL_PREFIX']}/share/gnuradio/grc/blocks" in block_paths.strip().split(":")
+
+
+def test_installed_module_imports_with_every_block_and_the_core(root, cache, package, environment, tmp_path):
+    statements = (
+        "from gnuradio import radalt; import gnuradio.radalt.core as core\n"
+        "print(radalt.__file__, core.__file__, radalt.__version__, sep='\\n')\n"
+        "print(*(name for name in radalt.__all__ if isinstance(getattr(radalt, name), type)))"
+    )
+    lines = run(sys.executable, "-c", statements, cwd=tmp_path, env=environment).splitlines()
+    init, core, version, *blocks = lines
+    assert [Path(init), Path(core)] == [package / "__init__.py", package / "core/__init__.py"]
+    assert version == cache["CMAKE_PROJECT_VERSION"]
+    assert set(" ".join(blocks).split()) == {file.stem for file in (root / "python/radalt").glob("[!_]*.py")}
+
+
+def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):
+    """gnuradio-companion and grcc run in GNU Radio's own Python and see no package of the environment."""
+    script = (
+        "from gnuradio import radalt; print(radalt.__file__)\n"
+        "for name in radalt.__all__: getattr(radalt, name)"
+    )
+    printed = run(cache["PYTHON_EXECUTABLE"], "-c", script, cwd=tmp_path, env=environment)
+    assert printed.strip() == str(package / "__init__.py")
+
+
+def test_installed_evaluation_runs_to_a_report(prefix, environment, tmp_path):
+    out = tmp_path / "result"
+    arguments = "--sim --overlap 0 --altitudes 100 --frames 3 --methods none --out".split()
+    script = prefix / "share/gr-radalt/flowgraphs/ota_eval.py"
+    run(sys.executable, script, *arguments, out, cwd=tmp_path, env=environment)
+    report = json.loads((out / "report.json").read_text())
+    assert report["schema"] == 1
+    # A row for each panel: the paper's SIR, and the one where no mitigation breaks.
+    assert {(row["method"], row["overlap"]) for row in report["rows"]} == {("none", 0)}
+    assert all(row["trials"] == 3 for row in report["rows"])
+
+
+def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
+    """A Python without GNU Radio is refused when configuring, not at the user's first import."""
+    other = tmp_path / "python3"
+    other.write_text("#!/bin/sh\nexit 1\n")
+    other.chmod(0o755)
+    done = subprocess.run(
+        ["cmake", "-S", str(root), "-B", str(tmp_path / "build"), f"-DPYTHON_EXECUTABLE={other}"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert f"{other} cannot import gnuradio" in " ".join(done.stderr.split())
+
+
+def test_uninstall_takes_everything_away(build: Path, tmp_path: Path):
+    own = tmp_path / "own"
+    run("cmake", "--install", build, "--prefix", own, cwd=build)
+    run("cmake", "--build", build, "--target", "uninstall", cwd=build)
+    assert source_files(own) == set()
