@@ -78,6 +78,7 @@ $(PYTHON): | $(STAMPS)/debian
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 
 $(VENV)/.runtime: requirements.txt | $(PYTHON)
+	@echo "gr-radalt set-up: Python packages of requirements.txt"
 	@$(PYTHON) $(PIP) install -r requirements.txt
 	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \
 	  { echo "gr-radalt set-up: GNU Radio does not import in $(VENV); make distclean, then try again" >&2; exit 2; }
