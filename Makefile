@@ -37,6 +37,7 @@ format: $(VENV)/.test ## write the code in ruff's format
 
 # The companion runs in the system's Python: the module and the packages of the environment come by PYTHONPATH.
 grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without installing (FLOWGRAPH=...)
+	@test -n "$${DISPLAY:-}$${WAYLAND_DISPLAY:-}" || { echo "make grc: no display; set DISPLAY, or use xvfb-run" >&2; exit 2; }
 	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')$${PYTHONPATH:+:$$PYTHONPATH}" \
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" gnuradio-companion $(FLOWGRAPH)
 
