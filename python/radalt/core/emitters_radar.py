@@ -1,8 +1,8 @@
 """Other radars as interferers: an FMCW radio altimeter and a pulsed radar. Emitter protocol.
 
-Both are computed at a multiple of the radar's rate that holds them whole, then filtered and decimated like a
-receiver does, so that what they send outside the band does not fold into it. Their long-run mean power after the
-filter is about 1; it comes in short passages, so a window is by default drawn so that it meets one.
+Both are computed at a multiple of the radar's rate that holds them whole, then filtered and decimated as a
+receiver does, so that what they send outside the band does not fold into it. Their long-run mean power after
+the filter is about 1; it comes in short passages, so a window is by default drawn so that it meets one.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def _check_positive(owner: str, **values: float) -> None:
 class FmcwEmitter:
     """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by our receiver.
 
-    Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase is
-    the integral of the frequency, so a period need not hold a whole number of cycles.
+    Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase
+    is the integral of the frequency, so a period need not hold a whole number of cycles.
 
     Parameters
     ----------
@@ -42,7 +42,8 @@ class FmcwEmitter:
     Raises
     ------
     ValueError
-        If a value is out of range, or (from `samples`) the sweep misses the band or needs over 64 times the rate.
+        If a value is out of range, or (from `samples`) the sweep misses the band or needs over 64 times the
+        radar's rate.
 
     Example
     -------
@@ -58,14 +59,18 @@ class FmcwEmitter:
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
-        _check_positive("fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s)
+        _check_positive(
+            "fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s
+        )
         if not 0.0 <= self.up_fraction <= 1.0:
-            raise ValueError(f"fmcw.up_fraction is {self.up_fraction!r}; it has to be within 0..1 (0.5: triangle)")
+            raise ValueError(
+                f"fmcw.up_fraction is {self.up_fraction!r}; it has to be within 0..1 (0.5: triangle)"
+            )
         if not np.isfinite(self.carrier_hz):
             raise ValueError(f"fmcw.carrier_hz is {self.carrier_hz!r}; it has to be finite")
 
     def phase_cycles(self, seconds: np.ndarray) -> np.ndarray:
-        """Phase in cycles at time `seconds` (any shape) after the start of an up sweep: integral of frequency."""
+        """Integral of the frequency in cycles at `seconds` (any shape) after the start of an up sweep."""
         up_s = self.up_fraction * self.sweep_period_s
         down_s = self.sweep_period_s - up_s
         periods = np.floor(seconds / self.sweep_period_s)
@@ -126,7 +131,7 @@ class FmcwEmitter:
 
 @dataclass(frozen=True, kw_only=True)
 class PulsedRadarEmitter:
-    """A coherent pulsed radar: raised-cosine edged pulses, plain or with linear FM, band-limited by our receiver.
+    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, filtered as above.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""5G NR downlink as an interferer: OFDM modulation (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
+"""5G NR downlink as an interferer: OFDM (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
 
 The carrier is built at 7.68 or 15.36 MHz (or a multiple, where its offset demands it), moved to its offset,
 filtered like a receiver would, resampled by polyphase filters and cached; windows are cut from the cache.
@@ -50,7 +50,7 @@ HALF_SUBFRAME_SYMBOLS = 7  # the long cyclic prefix comes every 0.5 ms
 def cyclic_prefix_lengths(fft_length: int) -> np.ndarray:
     """Normal cyclic prefix of the seven symbols of 0.5 ms in samples, clause 5.3.1: (7,) int.
 
-    144 kappa T_c, and 16 kappa T_c more in the first symbol; kappa T_c is one sample at 30.72 MHz (length 2048).
+    144 kappa T_c, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz (length 2048).
     Raises ValueError unless `fft_length` is a multiple of 128 (whole samples).
     """
     if fft_length < 128 or fft_length % 128:
@@ -61,7 +61,7 @@ def cyclic_prefix_lengths(fft_length: int) -> np.ndarray:
 
 
 def symbol_starts(fft_length: int) -> np.ndarray:
-    """Start of the useful part of the 14 symbols of a subframe (after the cyclic prefix), in samples: (14,)."""
+    """Start in samples of the useful part (after the prefix) of the 14 symbols of a subframe: (14,)."""
     prefix = np.tile(cyclic_prefix_lengths(fft_length), 2)
     return np.cumsum(prefix + fft_length) - fft_length
 
@@ -72,7 +72,7 @@ def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz
     Parameters
     ----------
     values : complex (subcarriers, symbols), whole slots, first column at the start of a subframe
-    fft_length : samples of a symbol's useful part, >= subcarriers, multiple of 128; the rate is 15 kHz times it
+    fft_length : samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / 15 kHz
     upconversion_frequency_hz : f_0 of clause 5.4, whose phase is reset at every symbol; 0 leaves it out
 
     Returns
@@ -86,7 +86,9 @@ def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz
     """
     subcarriers, symbols = values.shape
     if subcarriers > fft_length:
-        raise ValueError(f"fft_length {fft_length} is below {subcarriers} subcarriers; use a longer transform")
+        raise ValueError(
+            f"fft_length {fft_length} is below {subcarriers} subcarriers; use a longer transform"
+        )
     if symbols % SYMBOLS_PER_SLOT:
         raise ValueError(f"{symbols} symbols are no whole slots; give a multiple of {SYMBOLS_PER_SLOT}")
     spectrum = np.zeros((symbols, fft_length), dtype=np.complex128)
@@ -111,7 +113,7 @@ def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz
 def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray:
     """All `frame_count` frames of a carrier at 15 kHz * fft_length (native rate if None), frame 0 first.
 
-    Returns complex128 (150 fft_length frame_count,), unscaled (see `ofdm_modulate`); payload from config.seed.
+    Returns complex128 (150 fft_length frame_count,), unscaled (see `ofdm_modulate`); payload by seed.
     """
     rng = np.random.default_rng(config.seed)
     length = config.fft_length if fft_length is None else fft_length
@@ -147,7 +149,9 @@ class NrEmitter(NrConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not np.isfinite(self.carrier_hz):
-            raise ValueError(f"carrier_hz {self.carrier_hz} is not finite; give the offset from the radar in Hz")
+            raise ValueError(
+                f"carrier_hz {self.carrier_hz} is not finite; give the offset from the radar in Hz"
+            )
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at `rate_hz`, mean power 1 in the long run.
@@ -156,12 +160,20 @@ class NrEmitter(NrConfig):
         native rate and a multiple of 100 Hz.
         """
         count = check_count(count)
-        signal, residual_hz = _received(self, float(rate_hz))
+        signal, residual_hz = self.period(rate_hz)
         start = rng.integers(0, signal.size)
         phase = rng.random()
         window = signal.take(np.arange(start, start + count), mode="wrap")
         cycles = phase + np.arange(count) * (residual_hz / rate_hz) if residual_hz else phase
         return window * np.exp(2j * np.pi * cycles)
+
+    def period(self, rate_hz: float) -> tuple[np.ndarray, float]:
+        """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
+
+        The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
+        multiple of 100 Hz; the second value, within +-50 Hz, is what is left to shift. Raises as `samples`.
+        """
+        return _received(self, float(rate_hz))
 
     def received_fraction(self, rate_hz: float) -> float:
         """Part of the carrier's power that passes the receiver's filter at `rate_hz`, 0..1."""
@@ -188,22 +200,22 @@ def _receive(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float, flo
         )
     length = _internal_fft_length(emitter, rate_hz)
     sent = frame_samples(emitter, length)
+    sent_energy = np.vdot(sent, sent).real
+    if sent_energy == 0.0:
+        raise ValueError("the NR carrier sends nothing; give ssb_indices, or a load or pdcch_load above 0")
     # Only multiples of 100 Hz repeat with the 10 ms frame; the rest (up to 50 Hz) is added to each window.
     steps = round(emitter.carrier_hz * FRAME_SECONDS)
     frame_length = sent.size // emitter.frame_count
     ramp = np.exp(2j * np.pi * (steps * np.arange(frame_length) % frame_length) / frame_length)
     shifted = (sent.reshape(-1, frame_length) * ramp).ravel()
     received = resample_periodic(shifted, length * SUBCARRIER_SPACING_HZ, rate_hz, bandwidth_hz)
-    fraction = np.vdot(received, received).real / received.size * sent.size / np.vdot(sent, sent).real
+    fraction = np.vdot(received, received).real / received.size * sent.size / sent_energy
     return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
 
 
 @lru_cache(maxsize=16)
 def _received(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float]:
     signal, _, residual_hz = _receive(emitter, rate_hz)
-    power = np.vdot(signal, signal).real / signal.size
-    if power == 0.0:
-        raise ValueError("the NR carrier sends nothing; give ssb_indices, or a load or pdcch_load above 0")
-    signal = signal / np.sqrt(power)
+    signal = signal / np.sqrt(np.vdot(signal, signal).real / signal.size)
     signal.setflags(write=False)
     return signal, residual_hz

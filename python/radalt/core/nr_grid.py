@@ -63,7 +63,7 @@ class NrConfig:
     ssb_subcarrier : first subcarrier of the blocks in the carrier; None centres them
     l_max : 4 (carriers up to 3 GHz) or 8 (above)
     frame_count : number of different 10 ms frames before the signal repeats, 1..64
-    upconversion_frequency_hz : f_0 of clause 5.4, which turns each symbol by exp(-j 2 pi f_0 t_symbol); 0 for none
+    upconversion_frequency_hz : f_0 of clause 5.4, turns symbols by exp(-j 2 pi f_0 t_symbol); 0: none
     seed : of the payload bits and of the allocations
 
     Raises
@@ -103,14 +103,18 @@ class NrConfig:
         seq.constellation(self.modulation)
         for name in ("load", "pdcch_load"):
             if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent")
+                raise ValueError(
+                    f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent"
+                )
         self._check_control()
         self._check_ssb()
         if not 1 <= self.frame_count <= 64:
-            raise ValueError(f"frame_count {self.frame_count} is outside 1..64; use fewer frames (1.2 MB each)")
+            raise ValueError(
+                f"frame_count {self.frame_count} is outside 1..64; use fewer frames (1.2 MB each)"
+            )
         if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
             raise ValueError(
-                f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0; use 0 for none"
+                f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0"
             )
 
     def _check_control(self) -> None:
@@ -126,26 +130,28 @@ class NrConfig:
                 raise ValueError(f"{name} {getattr(self, name)!r} is not one of {values}; choose one of them")
         if self.coreset_symbols == 3 and self.dmrs_type_a_position != 3:
             raise ValueError(
-                "coreset_symbols 3 overlaps the DM-RS in symbol 2; set dmrs_type_a_position=3 or use at most 2"
+                "coreset_symbols 3 overlaps the DM-RS in symbol 2; use dmrs_type_a_position=3 or at most 2"
             )
         if self.dmrs_additional_positions == 3 and self.dmrs_type_a_position != 2:
             raise ValueError(
-                "dmrs_additional_positions 3 needs dmrs_type_a_position 2 (TS 38.211 7.4.1.1.2); use at most 2"
+                "dmrs_additional_positions 3 needs dmrs_type_a_position 2 (38.211 7.4.1.1.2); use at most 2"
             )
 
     def _check_ssb(self) -> None:
-        object.__setattr__(self, "ssb_indices", tuple(self.ssb_indices))  # a list from YAML must stay hashable
+        object.__setattr__(
+            self, "ssb_indices", tuple(self.ssb_indices)
+        )  # a list from YAML must stay hashable
         if len(set(self.ssb_indices)) != len(self.ssb_indices):
             raise ValueError(f"ssb_indices {self.ssb_indices} repeat an index; list each block once")
         for index in self.ssb_indices:
             if not 0 <= index < self.l_max:
                 raise ValueError(
-                    f"ssb_indices {self.ssb_indices} hold {index}, outside 0..{self.l_max - 1}; drop it or raise l_max"
+                    f"ssb_indices {self.ssb_indices} hold {index}, outside 0..{self.l_max - 1}; drop it"
                 )
         limit = self.subcarriers - SSB_SUBCARRIERS
         if self.ssb_subcarrier is not None and not 0 <= self.ssb_subcarrier <= limit:
             raise ValueError(
-                f"ssb_subcarrier {self.ssb_subcarrier} puts the block outside the carrier; use 0..{limit} or None"
+                f"ssb_subcarrier {self.ssb_subcarrier} leaves the carrier; use 0..{limit} or None"
             )
 
     @property
@@ -233,7 +239,7 @@ def _place_ssb(config: NrConfig, grid: ResourceGrid, rng: np.random.Generator) -
 
 
 def _ssb_reserved(config: NrConfig) -> np.ndarray:
-    """(resource blocks, symbols of a frame) bool: blocks touched by an SS/PBCH block, TS 38.214 clause 5.1.4."""
+    """(resource blocks, symbols of a frame) bool: touched by an SS/PBCH block, TS 38.214 clause 5.1.4."""
     reserved = np.zeros((config.resource_blocks, SLOTS_PER_FRAME * SYMBOLS_PER_SLOT), dtype=bool)
     low = config.ssb_first_subcarrier // 12
     high = -(-(config.ssb_first_subcarrier + SSB_SUBCARRIERS) // 12)
@@ -243,7 +249,9 @@ def _ssb_reserved(config: NrConfig) -> np.ndarray:
     return reserved
 
 
-def _place_pdcch(config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator) -> None:
+def _place_pdcch(
+    config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator
+) -> None:
     """CORESET over the largest multiple of six resource blocks from block 0, not interleaved (7.3.2.2).
 
     A CCE is six REGs numbered time first, that is 6/duration resource blocks over all CORESET symbols. DM-RS
@@ -274,7 +282,9 @@ def _place_pdcch(config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng
         grid.elements[:, columns] |= kind
 
 
-def _place_pdsch(config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator) -> None:
+def _place_pdsch(
+    config: NrConfig, grid: ResourceGrid, reserved: np.ndarray, rng: np.random.Generator
+) -> None:
     """PDSCH mapping type A from the end of the CORESET to symbol 13, DM-RS configuration type 1, port 1000.
 
     A resource block whose DM-RS would fall on an SS/PBCH block is not scheduled in that slot (TS 38.214

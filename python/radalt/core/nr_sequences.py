@@ -152,7 +152,7 @@ def constellation(modulation: str) -> np.ndarray:
     """
     if modulation not in BITS_PER_SYMBOL:
         raise ValueError(
-            f"modulation {modulation!r} is not an NR downlink alphabet; choose one of {', '.join(BITS_PER_SYMBOL)}"
+            f"modulation {modulation!r} is no NR alphabet; choose one of {', '.join(BITS_PER_SYMBOL)}"
         )
     bits = BITS_PER_SYMBOL[modulation]
     index = np.arange(1 << bits)

@@ -1,8 +1,8 @@
 """Channel filter and rate conversion of the radar's receiver, shared by all wideband emitters.
 
-An emitter wider than the radar's band must be filtered before it is sampled at the radar's rate; otherwise the
-parts outside fold in. The filter here is a linear-phase Kaiser FIR: flat up to half the receiver bandwidth,
-stop band from half the output rate on.
+An emitter wider than the radar's band must be filtered before it is sampled at the radar's rate; otherwise
+the parts outside fold in. The filter here is a linear-phase Kaiser FIR: flat up to half the receiver
+bandwidth, stop band from half the output rate on.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ def rate_ratio(rate_hz: float, source_rate_hz: float) -> Fraction:
     return ratio
 
 
-def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float, bandwidth_hz: float) -> np.ndarray:
+def resample_periodic(
+    samples: np.ndarray, source_rate_hz: float, rate_hz: float, bandwidth_hz: float
+) -> np.ndarray:
     """Polyphase resampling (scipy.signal.resample_poly) of one period of a periodic signal.
 
     Parameters: `samples` (N,) complex at `source_rate_hz`; `bandwidth_hz` is the flat two-sided bandwidth.
@@ -96,7 +98,7 @@ def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float
 
 
 def oversampling(rate_hz: float, highest_hz: float, limit: int = 64) -> int:
-    """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, folds nothing into the band.
+    """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, leaves the band clean.
 
     Raises ValueError if M exceeds `limit`.
     """

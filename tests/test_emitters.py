@@ -1,0 +1,167 @@
+"""Other radars as interferers: their phase, what of them passes our receiver, and their power."""
+
+import numpy as np
+import pytest
+
+from radalt.core.emitters_radar import FmcwEmitter, PulsedRadarEmitter
+from radalt.core.receiver_filter import resample_periodic
+
+RATE_HZ = 7.5e6
+
+
+@pytest.mark.parametrize("up_fraction", [0.5, 0.3, 1.0, 0.0])
+def test_fmcw_phase_is_the_integral_of_its_frequency(up_fraction):
+    """B T and f T are no whole numbers of cycles here: pasted formulae would jump at the seams."""
+    emitter = FmcwEmitter(
+        carrier_hz=1.2345e6, sweep_bandwidth_hz=10.1e6, sweep_period_s=0.7777e-3, up_fraction=up_fraction
+    )
+    step_s = 1e-9
+    for centre_s in (0.0, 0.7777e-3 * up_fraction, 0.7777e-3, -0.7777e-3, 3.1e-3):
+        t = centre_s + (np.arange(-500, 500) + 0.3) * step_s
+        increments = np.diff(emitter.phase_cycles(t))
+        increments -= np.rint(increments)
+        middle = np.mod((t[1:] + t[:-1]) / 2, 0.7777e-3)
+        up_s = up_fraction * 0.7777e-3
+        if up_fraction in (0.0, 1.0):
+            position = middle / 0.7777e-3
+            rise = position if up_fraction else 1.0 - position
+        else:
+            rise = np.where(middle < up_s, middle / up_s, (0.7777e-3 - middle) / (0.7777e-3 - up_s))
+        frequency = 1.2345e6 + 10.1e6 * (rise - 0.5)
+        error_cycles = np.abs(increments - frequency * step_s)
+        # A sawtooth changes frequency within one step; nowhere does the phase itself jump.
+        assert error_cycles.max() < 10.1e6 * step_s * 1.01
+        assert np.median(error_cycles) < 1e-8
+
+
+def test_fmcw_is_heard_only_while_it_crosses_the_band():
+    emitter = FmcwEmitter(sweep_bandwidth_hz=150e6, sweep_period_s=2e-3)
+    window = emitter.samples(30_000, RATE_HZ, np.random.default_rng(2))  # 4 ms: four crossings
+    power = np.abs(window) ** 2
+    loud = power > power.max() / 4
+    # -6 dB points of the filter at +-3.5625 MHz, swept at 150 MHz a millisecond
+    crossing_s = 7.125e6 / 150e9
+    edges = np.flatnonzero(np.diff(loud.astype(int)))
+    passages = np.diff(edges)[np.diff(edges) < 1000]
+    assert 3 <= passages.size <= 5
+    np.testing.assert_allclose(passages, crossing_s * RATE_HZ, rtol=0.05)
+    assert np.median(power) < 1e-6 * power.max()
+
+
+def test_fmcw_in_the_band_is_the_unfiltered_chirp():
+    """A sweep inside the flat band passes unchanged: dechirping it leaves a constant."""
+    emitter = FmcwEmitter(sweep_bandwidth_hz=5e6, sweep_period_s=1e-3, carrier_hz=0.5e6)
+    count = 20_000
+    window = emitter.samples(count, RATE_HZ, np.random.default_rng(3))
+    t = np.arange(count) / RATE_HZ
+    # Timing from the seed: the draws of `_start_s`, then the phase.
+    rng = np.random.default_rng(3)
+    start_s = emitter._start_s(count, RATE_HZ, rng)
+    reference = np.exp(2j * np.pi * (emitter.phase_cycles(start_s + t) + rng.random()))
+    assert np.abs(window - reference).max() < 5e-3  # the turning points have a little spectrum outside
+    assert np.sqrt(np.mean(np.abs(window - reference) ** 2)) < 1e-3
+
+
+def test_fmcw_outside_the_band_does_not_fold_in():
+    """Sampled without a filter this sweep would fold over and fill the band all the time."""
+    emitter = FmcwEmitter(carrier_hz=8e6, sweep_bandwidth_hz=10e6, sweep_period_s=4e-3, up_fraction=1.0)
+    assert emitter.in_band_fraction(RATE_HZ) == pytest.approx((3.5625 - 3.0) / 10)
+    window = emitter.samples(30_000, RATE_HZ, np.random.default_rng(1))
+    power = np.abs(window) ** 2
+    quiet = power < 1e-5 * power.max()
+    assert quiet.mean() > 0.85
+
+
+def test_fmcw_long_run_power_is_one_and_no_window_is_silent():
+    rng = np.random.default_rng(11)
+    anywhere = FmcwEmitter(sweep_bandwidth_hz=60e6, sweep_period_s=1.1e-3, always_in_window=False)
+    power = [np.mean(np.abs(anywhere.samples(5000, RATE_HZ, rng)) ** 2) for _ in range(60)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.1)
+    slow = FmcwEmitter(sweep_period_s=20e-3, sweep_bandwidth_hz=60e6)
+    assert min(np.mean(np.abs(slow.samples(750, RATE_HZ, rng)) ** 2) for _ in range(60)) > 1e-3
+    silent = FmcwEmitter(sweep_period_s=20e-3, sweep_bandwidth_hz=60e6, always_in_window=False)
+    assert min(np.mean(np.abs(silent.samples(750, RATE_HZ, rng)) ** 2) for _ in range(30)) < 1e-6
+
+
+def test_pulses_come_at_the_repetition_interval_with_their_width():
+    emitter = PulsedRadarEmitter(prf_hz=5e3, pulse_width_s=4e-6, carrier_hz=1e6)
+    window = emitter.samples(15_000, RATE_HZ, np.random.default_rng(5))  # 2 ms
+    envelope = np.abs(window)
+    rising = np.flatnonzero(np.diff((envelope > envelope.max() / 2).astype(int)) == 1)
+    assert 9 <= rising.size <= 11
+    np.testing.assert_allclose(np.diff(rising), 1500, atol=1)
+    inside = envelope > envelope.max() / 2
+    assert inside.sum() / rising.size / RATE_HZ == pytest.approx(4e-6, rel=0.05)
+    # Long-run power 1: amplitude is the inverse root of the duty cycle (less the edges).
+    assert np.median(envelope[inside]) == pytest.approx(np.sqrt(1 / (5e3 * 4e-6)), rel=0.05)
+
+
+def test_linear_fm_within_the_pulse():
+    emitter = PulsedRadarEmitter(prf_hz=1e3, pulse_width_s=100e-6, chirp_bandwidth_hz=4e6)
+    window = emitter.samples(7500, RATE_HZ, np.random.default_rng(6))
+    loud = np.flatnonzero(np.abs(window) > np.abs(window).max() * 0.7)
+    middle = window[loud[0] + 50 : loud[0] + 650]
+    frequency = np.angle(middle[1:] * middle[:-1].conj()) * RATE_HZ / 2 / np.pi
+    slope = np.polyfit(np.arange(frequency.size) / RATE_HZ, frequency, 1)[0]
+    assert slope == pytest.approx(4e6 / 100e-6, rel=0.01)
+
+
+@pytest.mark.parametrize("carrier_hz", [0.0, 3.0e6, 9.0e6])
+@pytest.mark.parametrize("pulse_width_s", [0.2e-6, 2e-6])
+def test_pulsed_long_run_power_is_one_wherever_the_carrier(carrier_hz, pulse_width_s):
+    emitter = PulsedRadarEmitter(
+        prf_hz=10e3, pulse_width_s=pulse_width_s, carrier_hz=carrier_hz, always_in_window=False
+    )
+    window = emitter.samples(30_000, RATE_HZ, np.random.default_rng(7))  # 40 whole intervals
+    assert np.mean(np.abs(window) ** 2) == pytest.approx(1.0, rel=0.03)
+
+
+def test_a_pulse_far_from_the_band_is_heard_through_its_edges_only():
+    """Twelve megahertz off, what passes the filter are the two edges of a long pulse."""
+    emitter = PulsedRadarEmitter(carrier_hz=12e6, pulse_width_s=20e-6, prf_hz=1e3)
+    window = emitter.samples(7500, RATE_HZ, np.random.default_rng(4))
+    power = np.abs(window) ** 2
+    peak = np.flatnonzero(power > power.max() / 4)
+    assert (peak[-1] - peak[0]) / RATE_HZ == pytest.approx(20e-6, rel=0.05)
+    assert power[(peak[0] + peak[-1]) // 2] < 0.01 * power.max()
+
+
+@pytest.mark.parametrize("emitter", [FmcwEmitter(), PulsedRadarEmitter()])
+def test_windows_follow_the_seed(emitter):
+    one, two, other = (emitter.samples(512, RATE_HZ, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    assert one.dtype == np.complex128 and one.shape == (512,)
+    assert np.array_equal(one, two) and not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "word"),
+    [
+        (FmcwEmitter, {"sweep_bandwidth_hz": 0.0}, "sweep_bandwidth_hz"),
+        (FmcwEmitter, {"sweep_period_s": -1.0}, "sweep_period_s"),
+        (FmcwEmitter, {"up_fraction": 1.5}, "up_fraction"),
+        (FmcwEmitter, {"carrier_hz": 100e6, "sweep_bandwidth_hz": 10e6}, "never crosses"),
+        (FmcwEmitter, {"sweep_bandwidth_hz": 2e9}, "64 times"),
+        (PulsedRadarEmitter, {"prf_hz": 0.0}, "prf_hz"),
+        (PulsedRadarEmitter, {"pulse_width_s": 1e-3, "prf_hz": 1e3}, "pulse_width_s"),
+        (PulsedRadarEmitter, {"rise_time_s": 3e-6}, "rise_time_s"),
+        (PulsedRadarEmitter, {"carrier_hz": 1e9}, "64 times"),
+    ],
+)
+def test_wrong_values_get_one_clear_line(kind, values, word):
+    with pytest.raises(ValueError, match=word) as error:
+        kind(**values).samples(100, RATE_HZ, np.random.default_rng(0))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("rate_hz", [7.5e6, 10e6, 30.72e6])
+def test_resampling_keeps_tones_in_place_without_delay_or_seam(rate_hz):
+    count = 76_800  # 10 ms at 7.68 MHz
+    tones_hz = np.array([-3.1e6, -1.7e6, 0.4e6, 2.9e6])
+    amplitude = np.array([1.0, 0.5j, -0.7, 0.3])
+    sent = (amplitude[:, None] * np.exp(2j * np.pi * tones_hz[:, None] * np.arange(count) / 7.68e6)).sum(
+        axis=0
+    )
+    got = resample_periodic(sent, 7.68e6, rate_hz, 0.9 * rate_hz)
+    t = np.arange(round(10e-3 * rate_hz)) / rate_hz
+    expected = (amplitude[:, None] * np.exp(2j * np.pi * tones_hz[:, None] * t)).sum(axis=0)
+    np.testing.assert_allclose(got, expected, atol=1e-3)

@@ -1,0 +1,147 @@
+"""14 CFR 91.220(b) Table 1 as received interference, against a link budget done by hand."""
+
+import numpy as np
+import pytest
+
+from radalt.core.faa import AttenuationTable, ButterworthFilter, FaaMask, pfd_dbw_per_m2_mhz
+
+RATE_HZ = 7.5e6
+C_M_PER_S = 299_792_458.0
+
+
+@pytest.mark.parametrize(
+    ("mhz", "level"),
+    [
+        (3000, 9.5),
+        (4149.9, 9.5),
+        (4155, 6.5),
+        (4165, -1),
+        (4175, -7),
+        (4185, -17),
+        (4195, -34),
+        (4200, -82),
+        (4300, -82),
+        (4399.9, -82),
+        (4405, -33),
+        (4420, -21),
+        (4435, -8),
+        (4445, -1),
+        (4455, 6.5),
+        (4460, 9.5),
+        (5600, 9.5),
+    ],
+)
+def test_table(mhz, level):
+    assert pfd_dbw_per_m2_mhz(mhz * 1e6) == level
+
+
+def brick_wall(low_hz, high_hz):
+    """As near to a brick wall as a table comes: 1 kHz skirts, 300 dB outside."""
+    return AttenuationTable(
+        frequencies_hz=(low_hz - 1e3, low_hz, high_hz, high_hz + 1e3),
+        attenuations_db=(300.0, 0.0, 0.0, 300.0),
+    )
+
+
+def test_in_band_power_by_hand():
+    """-82 dBW/m^2/MHz over 7.5 MHz into 10 dBi: -82 + 8.75 + 10 - 34.13 = -97.38 dBW."""
+    wavelength_m = C_M_PER_S / 4.3e9
+    aperture_db = 10 * np.log10(wavelength_m**2 / (4 * np.pi))
+    by_hand_dbm = -82 + 10 * np.log10(7.5) + 10 + aperture_db + 30
+    report = FaaMask(receiver_filter=brick_wall(4.3e9 - 3.75e6, 4.3e9 + 3.75e6)).report()
+    assert by_hand_dbm == pytest.approx(-67.38, abs=0.01)
+    assert report.in_band_dbm == pytest.approx(by_hand_dbm, abs=0.01)
+    assert report.out_of_band_dbm < -150
+    noise_dbm = 10 * np.log10(1.380649e-23 * 290 * 7.5e6) + 30 + 8
+    assert report.noise_dbm == pytest.approx(noise_dbm, abs=0.01)
+    assert report.i_over_n_db == pytest.approx(by_hand_dbm - noise_dbm, abs=0.02)
+
+
+def test_antenna_gain_moves_interference_once_and_the_return_twice():
+    low, high = (FaaMask(antenna_gain_dbi=gain).report() for gain in (7.0, 10.0))
+    assert high.total_dbm - low.total_dbm == pytest.approx(3.0)
+    assert high.return_dbm - low.return_dbm == pytest.approx(6.0)
+    assert high.sir_db - low.sir_db == pytest.approx(3.0)
+
+
+def test_return_by_the_radar_equation():
+    mask = FaaMask(altitude_ft=200.0, antenna_height_m=2.0, sigma0_db=3.0)
+    r = 200 * 0.3048 + 2.0
+    area = np.pi * (r * np.tan(np.radians(20.0))) ** 2
+    power = 0.4 * 10.0**2 * (C_M_PER_S / 4.3e9) ** 2 * 10**0.3 * area / ((4 * np.pi) ** 3 * r**4)
+    assert mask.report().return_dbm == pytest.approx(10 * np.log10(power) + 30, abs=1e-6)
+    report = mask.report()
+    assert report.sir_db == pytest.approx(report.return_dbm - report.total_dbm)
+    # Beam-limited: the return falls with the square of the range.
+    far = FaaMask(altitude_ft=400.0, antenna_height_m=2.0, sigma0_db=3.0)
+    ratio_db = 20 * np.log10(far.range_m / mask.range_m)
+    assert report.return_dbm - far.report().return_dbm == pytest.approx(ratio_db, abs=1e-6)
+
+
+def test_selectivity_decides_what_comes_from_outside():
+    """A third-order filter of 200 MHz lets the neighbours drown the band; seven orders more bury them."""
+    weak = FaaMask(receiver_filter=ButterworthFilter(bandwidth_hz=200e6, order=3)).report()
+    sharp = FaaMask(receiver_filter=ButterworthFilter(bandwidth_hz=200e6, order=10)).report()
+    assert weak.out_of_band_dbm > weak.in_band_dbm + 20
+    assert sharp.out_of_band_dbm < weak.out_of_band_dbm - 15
+    assert weak.out_of_band_at_antenna_dbm == pytest.approx(sharp.out_of_band_at_antenna_dbm)
+    for report in (weak, sharp):
+        outside = [band for band in report.bands if not band.low_hz == 4.2e9]
+        total = 10 * np.log10(sum(10 ** (band.after_filter_dbm / 10) for band in outside))
+        assert report.out_of_band_dbm == pytest.approx(total)
+        assert len(report.bands) == 13
+
+
+def test_butterworth_loss_of_a_band_by_hand():
+    """4195 +- 5 MHz lies 105 MHz off: the mid-band loss, less 0.12 dB for the curvature of offset^-8."""
+    shape = ButterworthFilter(bandwidth_hz=40e6, order=4)
+    band = FaaMask(receiver_filter=shape).report().bands[5]
+    loss_db = 10 * np.log10(1 + (105 / 20) ** 8) - 10 * np.log10(1 + 36 / 3 * (5 / 105) ** 2)
+    assert band.at_antenna_dbm - band.after_filter_dbm == pytest.approx(loss_db, abs=0.02)
+    assert shape.power_gain(np.array([4.28e9, 4.32e9])) == pytest.approx([0.5, 0.5])
+
+
+def test_levels_hold_over_the_whole_altitude_range():
+    reports = [FaaMask(altitude_ft=feet).report() for feet in (0.0, 200.0, 500.0)]
+    assert len({report.total_dbm for report in reports}) == 1
+    assert reports[0].sir_db > reports[1].sir_db > reports[2].sir_db
+
+
+def test_emitter_is_gaussian_noise_of_unit_power_in_the_receiver_band():
+    mask = FaaMask()
+    window = mask.samples(400_000, RATE_HZ, np.random.default_rng(1))
+    assert np.mean(np.abs(window) ** 2) == pytest.approx(1.0, abs=0.01)
+    assert np.mean(np.abs(window) ** 4) == pytest.approx(2.0, abs=0.05)
+    power = np.mean(np.abs(np.fft.fft(window.reshape(-1, 500), axis=1)) ** 2, axis=0) / 500
+    frequency = np.fft.fftfreq(500, 1 / RATE_HZ)
+    flat = power[np.abs(frequency) < 3.3e6]
+    assert flat.std() / flat.mean() < 0.1
+    assert flat.mean() == pytest.approx(7.5 / 7.125, rel=0.01)  # all the power within +-3.5625 MHz
+    assert power[np.abs(frequency) > 3.74e6].max() < 0.01 * flat.mean()
+    assert np.array_equal(
+        mask.samples(64, RATE_HZ, np.random.default_rng(3)),
+        mask.samples(64, RATE_HZ, np.random.default_rng(3)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("build", "word"),
+    [
+        (lambda: FaaMask(altitude_ft=500.1), "altitude_ft"),
+        (lambda: FaaMask(altitude_ft=-1.0), "altitude_ft"),
+        (lambda: FaaMask(altitude_ft=float("nan")), "altitude_ft"),
+        (lambda: FaaMask(antenna_gain_dbi=99.0), "antenna_gain_dbi"),
+        (lambda: FaaMask(center_hz=4.5e9), "center_hz"),
+        (lambda: FaaMask(tx_power_w=0.0), "tx_power_w"),
+        (lambda: ButterworthFilter(order=0), "order"),
+        (lambda: ButterworthFilter(bandwidth_hz=0.0), "bandwidth_hz"),
+        (lambda: AttenuationTable(frequencies_hz=(1e9, 1e9), attenuations_db=(1.0, 2.0)), "frequencies_hz"),
+        (lambda: AttenuationTable(frequencies_hz=(1e9,), attenuations_db=(1.0,)), "at least 2"),
+        (lambda: AttenuationTable(frequencies_hz=(1e9, 2e9), attenuations_db=(1.0, -2.0)), "attenuations_db"),
+        (lambda: pfd_dbw_per_m2_mhz(2.9e9), "frequency_hz"),
+    ],
+)
+def test_wrong_values_get_one_clear_line(build, word):
+    with pytest.raises(ValueError, match=word) as error:
+        build()
+    assert "\n" not in str(error.value)

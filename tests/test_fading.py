@@ -1,0 +1,144 @@
+"""Multipath: powers, delays, Rice factors and Doppler against the definitions."""
+
+import numpy as np
+import pytest
+from scipy.special import j0
+
+from radalt.core.fading import PROFILES, FadedEmitter, FadingChannel
+
+RATE_HZ = 7.5e6
+
+
+class Constant:
+    """Emitter that sends a constant: a receiver sees the channel itself."""
+
+    def samples(self, count, rate_hz, rng):
+        return np.ones(count, dtype=complex)
+
+
+def rms_delay_s(channel):
+    power = np.append(channel.powers, channel.los_power)
+    delay = np.append(channel.delays_s, 0.0)
+    mean = np.sum(power * delay) / power.sum()
+    return np.sqrt(np.sum(power * (delay - mean) ** 2) / power.sum())
+
+
+@pytest.mark.parametrize("name", list(PROFILES))
+def test_powers_sum_to_one(name):
+    channel = FadingChannel(profile=name)
+    assert channel.powers.sum() + channel.los_power == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["TDL-A", "TDL-B", "TDL-C", "TDL-D", "TDL-E"])
+def test_tdl_tables_have_the_delay_spread_they_are_scaled_to(name):
+    """TR 38.901 normalises its tables to a unit RMS delay spread: any wrong entry shows here."""
+    channel = FadingChannel(profile=name, delay_spread_s=300e-9)
+    assert rms_delay_s(channel) == pytest.approx(300e-9, rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "rms_s"), [("EPA", 43e-9), ("EVA", 357e-9), ("ETU", 991e-9)])
+def test_lte_profiles_have_their_published_delay_spread(name, rms_s):
+    assert rms_delay_s(FadingChannel(profile=name)) == pytest.approx(rms_s, rel=0.01)
+
+
+@pytest.mark.parametrize(("name", "k_db"), [("TDL-D", 13.3), ("TDL-E", 22.0)])
+def test_rice_factor_of_the_first_tap(name, k_db):
+    channel = FadingChannel(profile=name)
+    assert 10 * np.log10(channel.los_power / channel.powers[0]) == pytest.approx(k_db, abs=0.01)
+    gains = channel.gains((4000,), 1, RATE_HZ, np.random.default_rng(1))[:, 0, 0]
+    assert np.mean(np.abs(gains) ** 2) == pytest.approx(channel.los_power + channel.powers[0], rel=0.02)
+
+
+def band_limited(frames, count, rng, width=0.4):
+    """Random periodic frames with lines in the inner `width` of the band."""
+    spectrum = rng.standard_normal((frames, count)) + 1j * rng.standard_normal((frames, count))
+    spectrum[:, np.abs(np.fft.fftfreq(count)) > width] = 0
+    signal = np.fft.ifft(spectrum, axis=-1)
+    return signal / np.sqrt(np.mean(np.abs(signal) ** 2))
+
+
+@pytest.mark.parametrize("doppler_hz", [0.0, 500.0])
+def test_mean_power_is_kept_over_many_draws(doppler_hz):
+    rng = np.random.default_rng(4)
+    frames = band_limited(400, 512, rng)
+    channel = FadingChannel(profile="TDL-A", delay_spread_s=1e-6, doppler_hz=doppler_hz)
+    faded = channel.apply(frames, RATE_HZ, rng, periodic=True)
+    assert faded.shape == frames.shape
+    assert np.mean(np.abs(faded) ** 2) == pytest.approx(1.0, abs=0.08)
+    # A fresh draw for every frame: their powers scatter.
+    assert np.std(np.mean(np.abs(faded) ** 2, axis=1)) > 0.1
+
+
+@pytest.mark.parametrize("doppler_hz", [0.0, 2000.0])
+@pytest.mark.parametrize("name", ["EVA", "TDL-D"])
+def test_periodic_frames_get_exact_fractional_delays(name, doppler_hz):
+    """Sum of tones: y(t) = sum_i g_i(t) sum_f exp(j 2 pi f (t - tau_i)), for any fraction of a sample."""
+    count = 1500
+    channel = FadingChannel(profile=name, delay_spread_s=777e-9, doppler_hz=doppler_hz)
+    t = np.arange(count) / RATE_HZ
+    tones = np.array([-401, 3, 250]) * RATE_HZ / count
+    frame = np.exp(2j * np.pi * tones[:, None] * t).sum(axis=0)
+    faded = channel.apply(frame, RATE_HZ, np.random.default_rng(12), periodic=True)
+    gains = channel.gains((), count if doppler_hz else 1, RATE_HZ, np.random.default_rng(12))
+    expected = np.zeros(count, complex)
+    for delay_s, gain in zip(channel.delays_s, gains, strict=True):
+        expected += gain * np.exp(2j * np.pi * tones[:, None] * (t - delay_s)).sum(axis=0)
+    np.testing.assert_allclose(faded, expected, atol=1e-9)
+
+
+def test_a_burst_has_echoes_after_it_and_silence_before():
+    frame = np.zeros(4000, complex)
+    frame[1000:1500] = band_limited(1, 500, np.random.default_rng(0), 0.3)[0] * np.hanning(500)
+    faded = FadingChannel(profile="ETU").apply(frame, RATE_HZ, np.random.default_rng(3))
+    power = np.abs(faded) ** 2
+    assert power[:990].sum() < 1e-6 * power.sum()
+    assert power[1500:1540].sum() > 1e-6 * power.sum()
+    assert power[1600:].sum() < 1e-6 * power.sum()
+
+
+def test_a_burst_at_the_end_does_not_wrap_to_the_start():
+    frame = np.zeros(2000, complex)
+    frame[1900:] = np.hanning(200)[:100]
+    rng = np.random.default_rng(3)
+    linear = FadingChannel(profile="ETU").apply(frame, RATE_HZ, rng)
+    circular = FadingChannel(profile="ETU").apply(frame, RATE_HZ, rng, periodic=True)
+    assert np.sum(np.abs(linear[:500]) ** 2) < 1e-3 * np.sum(np.abs(circular[:500]) ** 2)
+
+
+def test_doppler_gives_clarkes_autocorrelation():
+    doppler_hz = 1000.0
+    channel = FadingChannel(profile="EPA", doppler_hz=doppler_hz)
+    lag_s = np.arange(16) * 1e-4
+    gains = channel.gains((6000,), 16, 1e4, np.random.default_rng(7))
+    correlation = np.mean(gains * np.conj(gains[..., :1]), axis=0).sum(axis=0)
+    np.testing.assert_allclose(correlation, j0(2 * np.pi * doppler_hz * lag_s), atol=0.03)
+    # Rayleigh: the kurtosis of a complex Gaussian tap is 2.
+    tap = np.abs(gains[:, 0, 5]) ** 2
+    assert np.mean(tap**2) / np.mean(tap) ** 2 == pytest.approx(2.0, abs=0.2)
+
+
+def test_faded_emitter_has_no_edge_at_the_window_start():
+    emitter = FadedEmitter(emitter=Constant(), channel=FadingChannel(profile="ETU"))
+    rng = np.random.default_rng(1)
+    windows = np.array([emitter.samples(700, RATE_HZ, rng) for _ in range(300)])
+    assert windows.shape == (300, 700)
+    # Of a constant every echo is a constant: with its past it stays one (ripple of cut fractional delays).
+    assert np.abs(np.diff(windows, axis=1)).max() < 0.01
+    assert np.mean(np.abs(windows) ** 2) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("profile", "TDL-F"), ("delay_spread_s", 1.0), ("delay_spread_s", -1e-9), ("doppler_hz", -5.0)],
+)
+def test_wrong_values_get_one_clear_line(field, value):
+    with pytest.raises(ValueError, match=field) as error:
+        FadingChannel(**{field: value})
+    assert "\n" not in str(error.value) and str(value) in str(error.value)
+
+
+def test_wrong_frames_get_one_clear_line():
+    with pytest.raises(ValueError, match="samples"):
+        FadingChannel().apply(np.zeros((3, 0)), RATE_HZ, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="rate_hz"):
+        FadingChannel().apply(np.ones(8), 0.0, np.random.default_rng(0))

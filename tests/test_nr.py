@@ -1,0 +1,389 @@
+"""The NR downlink against the recursions and tables of TS 38.211, redone here bit by bit and sum by sum."""
+
+import numpy as np
+import pytest
+
+from radalt.core import nr, nr_sequences
+from radalt.core.nr import Element
+
+RATE_HZ = 7.5e6
+
+
+def lfsr_gold(c_init: int, length: int) -> list[int]:
+    """Clause 5.2.1 with two shift registers, one bit at a time."""
+    x1 = [1] + [0] * 30
+    x2 = [(c_init >> i) & 1 for i in range(31)]
+    out = []
+    for n in range(1600 + length):
+        if n >= 1600:
+            out.append(x1[0] ^ x2[0])
+        x1 = x1[1:] + [x1[3] ^ x1[0]]
+        x2 = x2[1:] + [x2[3] ^ x2[2] ^ x2[1] ^ x2[0]]
+    return out
+
+
+def lfsr_qpsk(c_init: int, length: int) -> np.ndarray:
+    c = lfsr_gold(c_init, 2 * length)
+    return np.array([complex(1 - 2 * c[2 * m], 1 - 2 * c[2 * m + 1]) for m in range(length)]) / 2**0.5
+
+
+def lfsr7(initial: str, tap: int) -> list[int]:
+    """`initial` is written [x(6) .. x(0)] as in the standard."""
+    register = [int(bit) for bit in reversed(initial)]
+    out = []
+    for _ in range(127):
+        out.append(register[0])
+        register = register[1:] + [register[tap] ^ register[0]]
+    return out
+
+
+@pytest.mark.parametrize("c_init", [0, 1, 0x12345678, 2**31 - 1])
+def test_gold_sequence_is_the_two_registers(c_init):
+    assert nr_sequences.gold_sequence(c_init, 400).tolist() == lfsr_gold(c_init, 400)
+
+
+def test_gold_sequence_takes_many_seeds_and_no_bits():
+    seeds = np.array([[3, 5], [7, 11]])
+    bits = nr_sequences.gold_sequence(seeds, 77)
+    assert bits.shape == (2, 2, 77)
+    assert bits[1, 0].tolist() == lfsr_gold(7, 77)
+    assert nr_sequences.gold_sequence(9, 0).shape == (0,)
+    for bad in (2**31, -1):
+        with pytest.raises(ValueError, match="reduce it modulo"):
+            nr_sequences.gold_sequence(bad, 8)
+
+
+@pytest.mark.parametrize("cell_id", [0, 1, 2, 335, 500, 1007])
+def test_pss_and_sss(cell_id):
+    n_id1, n_id2 = cell_id // 3, cell_id % 3
+    x = lfsr7("1110110", 4)
+    pss = [1 - 2 * x[(n + 43 * n_id2) % 127] for n in range(127)]
+    x0, x1 = lfsr7("0000001", 4), lfsr7("0000001", 1)
+    m0, m1 = 15 * (n_id1 // 112) + 5 * n_id2, n_id1 % 112
+    sss = [(1 - 2 * x0[(n + m0) % 127]) * (1 - 2 * x1[(n + m1) % 127]) for n in range(127)]
+    assert nr_sequences.pss(cell_id).tolist() == pss
+    assert nr_sequences.sss(cell_id).tolist() == sss
+
+
+def test_every_cell_has_its_own_synchronisation_pair():
+    pairs = {(nr_sequences.pss(c).tobytes(), nr_sequences.sss(c).tobytes()) for c in range(1008)}
+    assert len(pairs) == 1008
+
+
+@pytest.mark.parametrize(("cell_id", "index"), [(0, 0), (17, 3), (1006, 5)])
+def test_ss_pbch_block_table(cell_id, index):
+    """Table 7.4.3.1-1, cell by cell."""
+    block = nr.ssb_block(cell_id, index, np.random.default_rng(1))
+    v = cell_id % 4
+    c_init = 2**11 * (index + 1) * (cell_id // 4 + 1) + 2**6 * (index + 1) + v
+    pilots = iter(lfsr_qpsk(c_init, 144))
+    for symbol in range(4):
+        for k in range(240):
+            kind, value = block.elements[k, symbol], block.values[k, symbol]
+            if symbol in (1, 3) or (symbol == 2 and (k < 48 or k >= 192)):
+                assert kind == (Element.PBCH_DMRS if k % 4 == v else Element.PBCH)
+                assert abs(abs(value) - 1) < 1e-12
+                if k % 4 == v:
+                    assert abs(value - next(pilots)) < 1e-12
+            elif 56 <= k <= 182:
+                assert kind == (Element.PSS if symbol == 0 else Element.SSS)
+            else:
+                assert kind == Element.EMPTY and value == 0
+    assert next(pilots, None) is None
+
+
+def test_blocks_sit_at_case_a_symbols():
+    config = nr.NrConfig(ssb_indices=(0, 1, 2, 7), load=0.0, pdcch_load=0.0)
+    grid = nr.resource_grid(config, np.random.default_rng(0))
+    pss_columns = np.flatnonzero(grid.where(Element.PSS).any(axis=0))
+    assert pss_columns.tolist() == [2, 8, 16, 14 * 3 + 8]
+    rows = np.flatnonzero(grid.where(Element.PSS)[:, 2])
+    assert (rows[0], rows[-1]) == (30 + 56, 30 + 182)  # 240 centred in 300 subcarriers
+
+
+@pytest.mark.parametrize("additional", [0, 1, 2, 3])
+@pytest.mark.parametrize("groups", [1, 2])
+def test_pdsch_dmrs_positions_and_values(additional, groups):
+    cell_id = 321
+    config = nr.NrConfig(
+        cell_id=cell_id, dmrs_additional_positions=additional, cdm_groups_without_data=groups, ssb_indices=()
+    )
+    grid = nr.resource_grid(config, np.random.default_rng(3))
+    table = {0: [2], 1: [2, 11], 2: [2, 7, 11], 3: [2, 5, 8, 11]}[additional]
+    slot = 6
+    found = np.flatnonzero(grid.where(Element.PDSCH_DMRS)[:, 14 * slot : 14 * slot + 14].any(axis=0))
+    assert found.tolist() == table
+    beta = {1: 1.0, 2: 10 ** (3 / 20)}[groups]
+    for symbol in table:
+        c_init = (2**17 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + 2 * cell_id) % 2**31
+        r = lfsr_qpsk(c_init, 150)
+        column = grid.values[:, 14 * slot + symbol]
+        for n in range(75):  # k = 4n + 2k', configuration type 1, port 1000
+            for k_prime in (0, 1):
+                assert abs(column[4 * n + 2 * k_prime] - beta * r[2 * n + k_prime]) < 1e-12
+        odd = grid.elements[1::2, 14 * slot + symbol]
+        assert set(odd.tolist()) == {Element.PDSCH if groups == 1 else Element.EMPTY}
+
+
+@pytest.mark.parametrize("duration", [1, 2, 3])
+def test_pdcch_dmrs_positions_and_values(duration):
+    cell_id = 99
+    config = nr.NrConfig(
+        channel_bandwidth_hz=10e6,
+        cell_id=cell_id,
+        coreset_symbols=duration,
+        dmrs_type_a_position=3 if duration == 3 else 2,
+        pdcch_load=1.0,
+    )
+    grid = nr.resource_grid(config, np.random.default_rng(3))
+    slot = 4
+    for symbol in range(duration):
+        c_init = (2**17 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + 2 * cell_id) % 2**31
+        r = lfsr_qpsk(c_init, 3 * 52)
+        kinds = grid.elements[:, 14 * slot + symbol]
+        for block in range(48):
+            for k_prime in range(3):
+                k = 12 * block + 4 * k_prime + 1
+                assert kinds[k] == Element.PDCCH_DMRS
+                assert abs(grid.values[k, 14 * slot + symbol] - r[3 * block + k_prime]) < 1e-12
+        assert (kinds == Element.PDCCH).sum() == 48 * 9
+        assert not kinds[48 * 12 :].any()
+
+
+def test_half_the_control_channel_elements_are_used_whole():
+    grid = nr.resource_grid(nr.NrConfig(pdcch_load=0.5, load=0.0, ssb_indices=()), np.random.default_rng(8))
+    used = grid.where(Element.PDCCH).reshape(25, 12, 10, 14).any(axis=1)
+    assert not used[24].any() and not used[..., 2:].any()
+    elements = used[:24, :, :2].reshape(8, 3, 10, 2)  # 6 REGs a CCE: 3 blocks over 2 symbols
+    assert np.array_equal(elements.any(axis=(1, 3)), elements.all(axis=(1, 3)))
+    assert (elements.all(axis=(1, 3)).sum(axis=0) == 4).all()
+
+
+@pytest.mark.parametrize("load", [0.0, 0.2, 0.52, 1.0])
+def test_load_is_the_fraction_of_resource_blocks(load):
+    grid = nr.resource_grid(nr.NrConfig(load=load, ssb_indices=()), np.random.default_rng(2))
+    blocks = grid.where(Element.PDSCH).reshape(25, 12, 10, 14).any(axis=(1, 3))
+    assert (blocks.sum(axis=0) == round(load * 25)).all()
+
+
+def test_pdsch_never_meets_a_block_or_the_control_region():
+    config = nr.NrConfig(channel_bandwidth_hz=10e6, ssb_indices=(0, 3), dmrs_additional_positions=0, load=1.0)
+    grid = nr.resource_grid(config, np.random.default_rng(2))
+    data = grid.where(Element.PDSCH, Element.PDSCH_DMRS).reshape(52, 12, 140).any(axis=1)
+    touched = slice(192 // 12, (192 + 240) // 12)
+    assert not data[touched, :14].any()  # its DM-RS in symbol 2 would hit block 0
+    assert not data[touched, 14 + 8 : 14 + 12].any()  # block 3 is rate matched around
+    assert data[touched, 14 + 12].all() and data[:16, 12].all()
+    assert not data.reshape(52, 10, 14)[..., :2].any()
+
+
+def axis_level(bits: list[int]) -> int:
+    """One rail of clauses 5.1.3 to 5.1.6, written as the nested brackets of the text."""
+    level = 1 - 2 * bits[-1]
+    for depth, bit in enumerate(reversed(bits[:-1]), start=1):
+        level = (1 - 2 * bit) * (2**depth - level)
+    return level
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "energy"), [("qpsk", 2, 2), ("16qam", 4, 10), ("64qam", 6, 42), ("256qam", 8, 170)]
+)
+def test_constellations(name, bits, energy):
+    points = nr_sequences.constellation(name)
+    assert np.mean(np.abs(points) ** 2) == pytest.approx(1.0, abs=1e-12)
+    for index, point in enumerate(points):
+        b = [(index >> (bits - 1 - i)) & 1 for i in range(bits)]
+        assert abs(point * energy**0.5 - complex(axis_level(b[0::2]), axis_level(b[1::2]))) < 1e-9
+    grid = nr.resource_grid(nr.NrConfig(modulation=name), np.random.default_rng(0))
+    sent = grid.values[grid.where(Element.PDSCH)]
+    assert np.isin(np.round(sent, 9), np.round(points, 9)).all()
+    assert np.unique(np.round(sent, 9)).size == points.size
+
+
+def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None)):
+    """Correlate with every subcarrier over one symbol length, timing in units of T_c (clauses 4.1, 5.3.1)."""
+    kappa_tc = 64 / (480e3 * 4096)
+    frequency = ((np.arange(subcarriers) - subcarriers / 2) * 15e3 + carrier_hz)[kept]
+    length = round(rate_hz / 15e3)
+    out = np.empty((frequency.size, symbols), complex)
+    start = 0  # of the symbol, prefix included, in kappa T_c
+    for number in range(symbols):
+        prefix = 144 + (16 if number % 7 == 0 else 0)
+        useful_s = (start + prefix) * kappa_tc
+        first = int(np.ceil((start + prefix / 2) * kappa_tc * rate_hz - 1e-9))  # half the prefix early
+        t = np.arange(first, first + length) / rate_hz
+        kernel = np.exp(-2j * np.pi * frequency[:, None] * t)
+        # The carrier offset turns from sample 0 on, the subcarriers from the start of the useful part.
+        lag = np.exp(2j * np.pi * (frequency - carrier_hz) * useful_s)
+        out[:, number] = kernel @ samples[first : first + length] / length * lag
+        start += 2048 + prefix
+    assert start * kappa_tc == pytest.approx(symbols / 14 * 1e-3, rel=1e-12)
+    return out
+
+
+def evm_db(measured, sent):
+    gain = np.vdot(sent, measured) / np.vdot(sent, sent)
+    error = measured / gain - sent
+    return 10 * np.log10(np.mean(np.abs(error) ** 2) / np.mean(np.abs(sent) ** 2))
+
+
+@pytest.mark.parametrize("bandwidth_hz", [5e6, 10e6])
+def test_every_resource_element_comes_back_at_the_native_rate(bandwidth_hz):
+    config = nr.NrConfig(channel_bandwidth_hz=bandwidth_hz, cell_id=7, modulation="256qam")
+    sent = nr.resource_grid(config, np.random.default_rng(config.seed)).values
+    samples = nr.frame_samples(config)
+    assert samples.size == round(config.sample_rate_hz * 10e-3)
+    received = demodulate(samples, config.sample_rate_hz, config.subcarriers, 140)
+    assert np.max(np.abs(received - sent)) < 1e-9  # unscaled definition, so even the gain is 1
+    assert evm_db(received, sent) < -60
+
+
+@pytest.mark.parametrize(
+    ("bandwidth_hz", "carrier_hz"), [(5e6, 0.0), (5e6, 1.0e6), (5e6, -0.73e6), (10e6, 0.0), (10e6, 3.1e6)]
+)
+def test_resource_elements_in_the_band_come_back_at_the_radar_rate(bandwidth_hz, carrier_hz):
+    """At 7.5 MS/s a symbol is 500 samples: all subcarriers that the filter passes, below -40 dB EVM."""
+    emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, cell_id=450, carrier_hz=carrier_hz)
+    sent = nr.resource_grid(emitter, np.random.default_rng(emitter.seed)).values
+    received, residual_hz = emitter.period(RATE_HZ)
+    assert residual_hz == 0
+    offset = (np.arange(emitter.subcarriers) - emitter.subcarriers / 2) * 15e3 + carrier_hz
+    passed = np.abs(offset) < 0.45 * RATE_HZ - 20e3
+    assert passed.sum() > 150
+    got = demodulate(received, RATE_HZ, emitter.subcarriers, 140, carrier_hz, passed)
+    assert evm_db(got, sent[passed]) < -40
+
+
+@pytest.mark.parametrize(("bandwidth_hz", "carrier_hz"), [(5e6, 4.0e6), (10e6, 0.0), (10e6, -5.05e6)])
+def test_nothing_outside_the_receiver_folds_in(bandwidth_hz, carrier_hz):
+    """The 10 ms signal is periodic: its lines are those of the same signal built at 61.44 MHz, shifted.
+
+    What differs are the side lobes of the rectangular symbols, which any OFDM built at 7.68 or 15.36 MHz
+    folds, below -33 dB. A part of the carrier itself that folded in would stand above -15 dB.
+    """
+    emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz)
+    received, _ = emitter.period(RATE_HZ)
+    wide = np.fft.fft(nr.frame_samples(emitter, 4096)) / (4096 * 150)
+    got = np.fft.fft(received) / received.size
+    line = np.arange(-33_000, 33_001)  # +-3.3 MHz in steps of 100 Hz
+    expected = wide[line - round(carrier_hz / 100)]
+    got = got[line]
+    gain = np.vdot(expected, got) / np.vdot(expected, expected)
+    error = np.sum(np.abs(got / gain - expected) ** 2) / np.sum(np.abs(expected) ** 2)
+    assert 10 * np.log10(error) < -33
+
+
+@pytest.mark.parametrize(
+    ("bandwidth_hz", "occupied_hz", "margin_hz"), [(5e6, 4.46e6, 5e4), (10e6, 9.3e6, 1e5)]
+)
+def test_occupied_bandwidth(bandwidth_hz, occupied_hz, margin_hz):
+    config = nr.NrConfig(channel_bandwidth_hz=bandwidth_hz)
+    samples = nr.frame_samples(config)
+    power = np.fft.fftshift(np.abs(np.fft.fft(samples)) ** 2)
+    share = np.cumsum(power) / power.sum()
+    low, high = np.searchsorted(share, [0.005, 0.995])
+    assert (high - low) * 100.0 == pytest.approx(occupied_hz, abs=margin_hz)
+
+
+def test_cyclic_prefixes_repeat_the_symbol_end():
+    samples = nr.frame_samples(nr.NrConfig())
+    assert nr.cyclic_prefix_lengths(512).tolist() == [40, 36, 36, 36, 36, 36, 36]
+    start = 0
+    for symbol in range(140):
+        prefix = 40 if symbol % 7 == 0 else 36
+        np.testing.assert_allclose(
+            samples[start : start + prefix], samples[start + 512 : start + 512 + prefix], atol=1e-9
+        )
+        start += prefix + 512
+
+
+def test_upconversion_resets_the_phase_at_each_symbol():
+    """Clause 5.4: against f_0 the symbol turns by -2 pi f_0 (t_start + N_CP T_c)."""
+    f0 = 4.2345e9
+    plain = nr.frame_samples(nr.NrConfig(ssb_indices=()))
+    turned = nr.frame_samples(nr.NrConfig(ssb_indices=(), upconversion_frequency_hz=f0))
+    position = 40
+    for symbol in range(14):
+        seconds = position / 7.68e6
+        ratio = np.vdot(plain[position : position + 512], turned[position : position + 512])
+        difference = np.angle(ratio * np.exp(2j * np.pi * np.mod(f0 * seconds, 1.0)))
+        if abs(ratio) > 0:
+            assert abs(difference) < 1e-5
+        position += 512 + (40 if symbol == 6 else 36)
+
+
+@pytest.mark.parametrize("bandwidth_hz", [5e6, 10e6])
+def test_windows_have_unit_power_and_wrap_cleanly(bandwidth_hz):
+    emitter = nr.NrEmitter(channel_bandwidth_hz=bandwidth_hz, carrier_hz=1234567.0, load=0.6)
+    frame, residual_hz = emitter.period(RATE_HZ)
+    assert frame.size == 75_000 and residual_hz == pytest.approx(-33.0)
+    assert np.mean(np.abs(frame) ** 2) == pytest.approx(1.0)
+    rng = np.random.default_rng(5)
+    power = [np.mean(np.abs(emitter.samples(7500, RATE_HZ, rng)) ** 2) for _ in range(400)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.03)
+    long = emitter.samples(160_000, RATE_HZ, np.random.default_rng(6))
+    turn = np.exp(-2j * np.pi * residual_hz * 10e-3)
+    np.testing.assert_allclose(long[75_000:] * turn, long[: 160_000 - 75_000], atol=1e-9)
+    # No seam: the largest step between neighbours is not at the wrap.
+    assert abs(frame[0] - frame[-1]) < np.abs(np.diff(frame)).max()
+
+
+def test_same_seed_same_window_and_other_frames_differ():
+    emitter = nr.NrEmitter(frame_count=2)
+    one, two = (emitter.samples(3000, RATE_HZ, np.random.default_rng(9)) for _ in range(2))
+    assert np.array_equal(one, two)
+    frame, _ = emitter.period(RATE_HZ)
+    assert frame.size == 150_000
+    first, second = frame.reshape(2, -1)
+    assert abs(np.vdot(first, second)) / 75_000 < 0.2  # only the pilots are common
+
+
+def test_received_fraction_counts_what_the_filter_leaves():
+    assert nr.NrEmitter().received_fraction(RATE_HZ) == pytest.approx(1.0, abs=1e-3)
+    # -6 dB points at +-3.5625 MHz of a spectrum that is flat over 9.36 MHz
+    fraction = nr.NrEmitter(channel_bandwidth_hz=10e6, ssb_indices=()).received_fraction(RATE_HZ)
+    assert fraction == pytest.approx(7.125 / 9.36, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("channel_bandwidth_hz", 20e6),
+        ("subcarrier_spacing_hz", 30e3),
+        ("cell_id", 1008),
+        ("cell_id", -1),
+        ("cell_id", 1.5),
+        ("modulation", "8psk"),
+        ("load", 1.01),
+        ("pdcch_load", -0.1),
+        ("coreset_symbols", 4),
+        ("coreset_symbols", 3),
+        ("dmrs_additional_positions", 4),
+        ("ssb_indices", (8,)),
+        ("ssb_indices", (1, 1)),
+        ("ssb_subcarrier", 61),
+        ("frame_count", 0),
+        ("carrier_hz", float("nan")),
+    ],
+)
+def test_wrong_values_get_one_clear_line(field, value):
+    with pytest.raises(ValueError) as error:
+        nr.NrEmitter(**{field: value})
+    message = str(error.value)
+    assert "\n" not in message and field in message
+
+
+@pytest.mark.parametrize(
+    ("emitter", "rate_hz", "word"),
+    [
+        (nr.NrEmitter(carrier_hz=6.1e6), RATE_HZ, "carrier_hz"),
+        (nr.NrEmitter(), 7_500_001.0, "rate_hz"),
+        (nr.NrEmitter(), 0.0, "rate_hz"),
+        (nr.NrEmitter(receiver_bandwidth_hz=7.5e6), RATE_HZ, "receiver_bandwidth_hz"),
+        (nr.NrEmitter(load=0.0, pdcch_load=0.0, ssb_indices=()), RATE_HZ, "ssb_indices"),
+    ],
+)
+def test_impossible_windows_get_one_clear_line(emitter, rate_hz, word):
+    with pytest.raises(ValueError, match=word) as error:
+        emitter.samples(100, rate_hz, np.random.default_rng(0))
+    assert "\n" not in str(error.value)
