@@ -1,4 +1,4 @@
-"""Antenna patterns: a Gaussian beam in closed form, or any pattern from a file. Gains are one-way power gains."""
+"""Antenna patterns: a Gaussian beam in closed form, or any pattern from a file; one-way power gains."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Antenna(Protocol):
     """What the ground return needs of an antenna."""
 
     def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """One-way power gain (linear, over isotropic) off boresight; azimuth from the nose to the right wing."""
+        """One-way power gain (linear, over isotropic) off boresight; azimuth from nose to right wing."""
         ...
 
     def footprint_rad(self, drop_db: float) -> float:
@@ -26,7 +26,8 @@ class Antenna(Protocol):
 
 @dataclass(frozen=True)
 class GaussianAntenna:
-    """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2`` dB.
+    """Beam whose gain in decibels falls with the square of the angle: ``G = G0 - 12 (theta / beamwidth)^2``
+    dB.
 
     Parameters
     ----------
@@ -45,7 +46,9 @@ class GaussianAntenna:
 
     def __post_init__(self) -> None:
         if not 0 < self.beamwidth_deg <= 120:
-            raise ValueError(f"antenna.beamwidth_deg is {self.beamwidth_deg!r}; it has to be within 0..120 deg")
+            raise ValueError(
+                f"antenna.beamwidth_deg is {self.beamwidth_deg!r}; it has to be within 0..120 deg"
+            )
         if not -20 <= self.gain_dbi <= 40:
             raise ValueError(f"antenna.gain_dbi is {self.gain_dbi!r}; it has to be within -20..40 dBi")
 
@@ -96,23 +99,32 @@ class TabulatedAntenna:
         """
         path = Path(path)
         try:
-            lines = [line for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")]
+            lines = [
+                line for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")
+            ]
         except OSError as error:
             raise ValueError(f"antenna file {path}: {error.strerror or error}") from error
         rows = list(csv.DictReader(lines))
         names = set(rows[0]) if rows else set()
         if not {"angle_deg", "gain_dbi"} <= names:
-            raise ValueError(f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)")
+            raise ValueError(
+                f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)"
+            )
         try:
             points = {
-                (float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0): float(r["gain_dbi"]) for r in rows
+                (float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0): float(r["gain_dbi"])
+                for r in rows
             }
         except (TypeError, ValueError) as error:
             raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
         angles, azimuths = sorted({a for a, _ in points}), sorted({z for _, z in points})
         absent = [(a, z) for a in angles for z in azimuths if (a, z) not in points]
         if absent or len(angles) < 2 or angles[0] != 0.0:
-            hint = f"angle {absent[0][0]:g} azimuth {absent[0][1]:g} deg is missing" if absent else "angles start at 0"
+            hint = (
+                f"angle {absent[0][0]:g} azimuth {absent[0][1]:g} deg is missing"
+                if absent
+                else "angles start at 0"
+            )
             raise ValueError(f"antenna file {path}: {hint}; give at least two angles and the whole grid")
         table = np.array([[points[a, z] for z in azimuths] for a in angles])
         return cls(np.array(angles), table, np.array(azimuths))

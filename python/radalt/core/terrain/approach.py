@@ -1,7 +1,7 @@
 """The shipped scenario: a synthetic instrument approach with flare, and synthetic terrain around it.
 
-Everything here is synthetic. The runway's place, direction and elevation are those of O'Hare 10C to about 100 m
-and 1 m (airport diagram, rounded); no flight and no terrain survey was used.
+Everything here is synthetic. The runway's place, direction and elevation are those of O'Hare 10C to about 100
+m and 1 m (airport diagram, rounded); no flight and no terrain survey was used.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Approach:
     start_height_m : float
         Height of the antenna above the runway at the start.
     speed_m_per_s : float
-        Ground speed on the glide path; it falls by a tenth in the flare.
+        Speed along the glide path; it falls by a tenth in the flare.
     crossing_height_m : float
         Height of the glide path over the threshold (50 ft).
     flare_s : float
@@ -66,7 +66,8 @@ class Approach:
         """(n, 4) time in seconds, latitude, longitude in degrees, altitude above mean sea level in metres."""
         sink = self.speed_m_per_s * np.sin(np.radians(self.glide_deg))
         forward = self.speed_m_per_s * np.cos(np.radians(self.glide_deg))
-        # flare: h' = -sink exp(-t / T), so that it starts tangent to the glide path and ends at the touchdown sink
+        # flare: h' = -sink exp(-t / T), so that it starts tangent to the glide path and ends at the touchdown
+        # sink
         flare_end = self.flare_s * np.log(sink / self.touchdown_sink_m_per_s)
         flare_height = self.antenna_height_m + self.flare_s * (sink - self.touchdown_sink_m_per_s)
         glide_end = (self.start_height_m - flare_height) / sink
@@ -90,20 +91,28 @@ def _along_track(runway: Runway, along_m: np.ndarray) -> tuple[np.ndarray, np.nd
     latitude = runway.latitude_deg + np.degrees(along_m * np.cos(bearing) / meridian)
     middle = 0.5 * (latitude + runway.latitude_deg)
     _, prime = curvature_radii_m(middle)
-    longitude = runway.longitude_deg + np.degrees(along_m * np.sin(bearing) / (prime * np.cos(np.radians(middle))))
+    longitude = runway.longitude_deg + np.degrees(
+        along_m * np.sin(bearing) / (prime * np.cos(np.radians(middle)))
+    )
     return latitude, longitude
 
 
 def synthetic_elevation_m(
-    kind: str, level: int, latitude_deg: int, longitude_deg: int, *, runway: Runway = OHARE_10C, relief_m: float = 25.0
+    kind: str,
+    level: int,
+    latitude_deg: int,
+    longitude_deg: int,
+    *,
+    runway: Runway = OHARE_10C,
+    relief_m: float = 25.0,
 ) -> np.ndarray:
     """(n_lon, n_lat) int16 elevations of a one-degree cell around a runway.
 
     Parameters
     ----------
     kind : str
-        ``"flat"``: the runway's elevation everywhere. ``"hilly"``: smooth hills of wavelengths 3.1 to 7.7 km, up to
-        ``+/- 2 relief_m``, rising from nothing 1.5 km around the runway to full height 5 km from it.
+        ``"flat"``: the runway's elevation everywhere. ``"hilly"``: smooth hills of wavelengths 3.1 to 7.7 km,
+        up to ``+/- 2 relief_m``, rising from nothing 1.5 km around the runway to full height 5 km from it.
     level, latitude_deg, longitude_deg
         As in `cell_posts`.
 

@@ -23,7 +23,7 @@ ZONE_FACTORS = (1, 2, 3, 4, 6)
 
 
 def _intervals_s(level: int, latitude_deg: int) -> tuple[int, int]:
-    """Post spacing (longitude, latitude) in seconds of arc of the cell whose south edge is ``latitude_deg``."""
+    """Post spacing (longitude, latitude) in seconds of arc of the cell with this south edge."""
     if level not in LATITUDE_INTERVAL_S:
         raise TerrainError(f"DTED level is {level!r}; allowed: 0, 1, 2")
     # the zone of a cell is that of its edge nearest to the equator
@@ -68,7 +68,7 @@ def _fixed(*fields: tuple[bytes | str, int], size: int) -> bytes:
 
 
 def _headers(level: int, lat: int, lon: int, shape: tuple[int, int], reference: str, void: bool) -> bytes:
-    """User header label (80 bytes), data set identification (648) and accuracy (2700): Tables II, III and IV."""
+    """User header label (80 bytes), data set identification (648), accuracy (2700): Tables II-IV."""
     n_lon, n_lat = shape
     lon_s, lat_s = _intervals_s(level, lat)
     intervals = f"{lon_s * 10:04d}{lat_s * 10:04d}"
@@ -79,19 +79,26 @@ def _headers(level: int, lat: int, lon: int, shape: tuple[int, int], reference: 
     corners = [(lat, lon), (lat + 1, lon), (lat + 1, lon + 1), (lat, lon + 1)]
     dsi = _fixed(
         (b"DSI", 3), ("U", 1), ("", 55), (f"DTED{level}", 5), (reference[:15], 15), ("", 8), ("01A", 3),
-        ("000000000000", 12), ("SYNTHTIC", 8), ("", 16), ("PRF89020B00", 11), ("0005", 4), ("MSL", 3), ("WGS84", 5),
-        ("SYNTHETIC", 10), ("0000", 4), ("", 22), (_dms(lat, 2, "N", "S", True), 9),
+        ("000000000000", 12), ("SYNTHTIC", 8), ("", 16), ("PRF89020B00", 11), ("0005", 4),
+        ("MSL", 3), ("WGS84", 5), ("SYNTHETIC", 10), ("0000", 4), ("", 22), (_dms(lat, 2, "N", "S", True), 9),
         (_dms(lon, 3, "E", "W", True), 10),
         *[(_dms(a, 2, "N", "S") + _dms(b, 3, "E", "W"), 15) for a, b in corners],
         ("0000000.0", 9), (f"{lat_s * 10:04d}{lon_s * 10:04d}", 8), (f"{n_lat:04d}{n_lon:04d}", 8),
         ("99" if void else "00", 2), ("", 357), size=648,
     )  # fmt: skip
-    acc = _fixed((b"ACC", 3), ("NA", 4), ("NA", 4), ("NA", 4), ("NA", 4), ("", 36), ("00", 2), ("", 2643), size=2700)
+    acc = _fixed(
+        (b"ACC", 3), ("NA", 4), ("NA", 4), ("NA", 4), ("NA", 4), ("", 36), ("00", 2), ("", 2643), size=2700
+    )
     return uhl + dsi + acc
 
 
 def encode_dted(
-    elevation_m: np.ndarray, latitude_deg: int, longitude_deg: int, level: int, *, reference: str = "SYNTHETIC"
+    elevation_m: np.ndarray,
+    latitude_deg: int,
+    longitude_deg: int,
+    level: int,
+    *,
+    reference: str = "SYNTHETIC",
 ) -> bytes:
     """Bytes of a DTED file of one whole one-degree cell.
 
@@ -118,7 +125,9 @@ def encode_dted(
             f"({lon.size}, {lat.size}), longitude first"
         )
     if not np.issubdtype(elevation.dtype, np.integer):
-        raise TerrainError(f"elevations are {elevation.dtype}; DTED holds whole metres: round them to integers")
+        raise TerrainError(
+            f"elevations are {elevation.dtype}; DTED holds whole metres: round them to integers"
+        )
     void = elevation == VOID_M
     if np.any(np.abs(elevation.astype(np.int64)[~void]) > MAX_ELEVATION_M):
         raise TerrainError(f"an elevation lies beyond +/-{MAX_ELEVATION_M} m, the limit of DTED")
@@ -134,9 +143,14 @@ def encode_dted(
 
 
 def write_dted(
-    path: Path | str, elevation_m: np.ndarray, latitude_deg: int, longitude_deg: int, level: int, **options: str
+    path: Path | str,
+    elevation_m: np.ndarray,
+    latitude_deg: int,
+    longitude_deg: int,
+    level: int,
+    **options: str,
 ) -> Path:
-    """Write `encode_dted` to ``path`` (the usual suffix is ``.dt0``, ``.dt1``, ``.dt2``) and return the path."""
+    """Write `encode_dted` to ``path`` (usual suffixes ``.dt0``, ``.dt1``, ``.dt2``); returns the path."""
     path = Path(path)
     path.write_bytes(encode_dted(elevation_m, latitude_deg, longitude_deg, level, **options))
     return path

@@ -50,8 +50,8 @@ def geodetic_to_ecef(
 def ecef_to_geodetic(position_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Geodetic latitude, longitude (degrees) and ellipsoidal height (metres) of (..., 3) ECEF positions.
 
-    Vermeille (2002), equations 1-21; the denominators vanish only near the earth's centre and on the polar axis
-    the longitude is 0.
+    Vermeille (2002), equations 1-21; the denominators vanish only near the earth's centre and on the polar
+    axis the longitude is 0.
     """
     x, y, z = np.moveaxis(np.asarray(position_m, dtype=float), -1, 0)
     e2, e4 = ECCENTRICITY_SQUARED, ECCENTRICITY_SQUARED**2
@@ -88,7 +88,8 @@ def enu_axes(latitude_deg: float, longitude_deg: float) -> np.ndarray:
 def curvature_radii_m(latitude_deg: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     """Meridian radius ``M`` and prime-vertical radius ``N`` in metres at a latitude.
 
-    A step of ``dlat`` radians is ``(M + h) dlat`` metres north, of ``dlon`` radians ``(N + h) cos(lat) dlon`` east.
+    A step of ``dlat`` radians is ``(M + h) dlat`` metres north, of ``dlon`` radians ``(N + h) cos(lat) dlon``
+    east.
     """
     sin2 = np.sin(np.radians(latitude_deg)) ** 2
     root = np.sqrt(1.0 - ECCENTRICITY_SQUARED * sin2)

@@ -103,6 +103,7 @@ class DtedCell:
             If the file is missing, damaged (header, length or checksum), or holds nothing but voids.
         """
         import dted
+        from dted.errors import InvalidFileError
 
         if void not in ("error", "fill"):
             raise TerrainError(f"void policy is {void!r}; allowed: error, fill")
@@ -111,9 +112,11 @@ class DtedCell:
             tile = dted.Tile(path, warn=False)
         except OSError as error:
             raise TerrainError(f"terrain file {path}: {error.strerror or error}; name a DTED file") from error
-        except (dted.InvalidFileError, ValueError, IndexError, struct.error) as error:
+        except (InvalidFileError, ValueError, IndexError, struct.error) as error:
             reason = " ".join(str(error).split())
-            raise TerrainError(f"terrain file {path} is not intact DTED ({reason}); fetch it again") from error
+            raise TerrainError(
+                f"terrain file {path} is not intact DTED ({reason}); fetch it again"
+            ) from error
         posts = np.asarray(tile.data, dtype=float)
         posts[np.asarray(tile.data) == VOID_M] = np.nan
         voids = int(np.isnan(posts).sum())
@@ -161,7 +164,7 @@ class DtedCell:
 
 
 def _blend(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Linear interpolation that ignores an end whose weight is zero (below 1e-9, 0.1 mm), even if it is NaN."""
+    """Linear interpolation that ignores an end of no weight (below 1e-9, 0.1 mm), even if it is NaN."""
     mixed = a + (b - a) * fraction
     if not np.isnan(mixed).any():
         return mixed
@@ -179,8 +182,8 @@ def _fill_nearest(posts: np.ndarray) -> np.ndarray:
 class Terrain:
     """Several DTED cells side by side; where cells share an edge, the first one given answers.
 
-    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all cells,
-    or one that needs a void post, raises `TerrainError`.
+    Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all
+    cells, or one that needs a void post, raises `TerrainError`.
 
     Examples
     --------
@@ -240,6 +243,6 @@ class Terrain:
             for c in self.cells
         )
         raise TerrainError(
-            f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg (it covers {covered or 'nothing'}); "
-            "add the DTED cell of that place"
+            f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg "
+            f"(it covers {covered or 'nothing'}); add the DTED cell of that place"
         )

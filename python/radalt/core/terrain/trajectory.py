@@ -1,4 +1,4 @@
-"""Aircraft trajectories: plain CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
+"""Aircraft trajectories: CSV tracks and ADS-B state vectors, interpolated with velocity and attitude."""
 
 from __future__ import annotations
 
@@ -61,20 +61,27 @@ class AircraftState:
     def body_axes(self) -> np.ndarray:
         """(3, 3) rows: nose, right wing and belly unit vectors in east, north, up (yaw-pitch-roll order)."""
         yaw, pitch, roll = np.radians([self.heading_deg, self.pitch_deg, self.roll_deg])
-        sy, cy, sp, cp, sr, cr = np.sin(yaw), np.cos(yaw), np.sin(pitch), np.cos(pitch), np.sin(roll), np.cos(roll)
+        sy, cy, sp, cp, sr, cr = (
+            np.sin(yaw),
+            np.cos(yaw),
+            np.sin(pitch),
+            np.cos(pitch),
+            np.sin(roll),
+            np.cos(roll),
+        )
         nose = np.array([sy * cp, cy * cp, sp])
         wing = np.array([sy * sp * sr + cy * cr, cy * sp * sr - sy * cr, -cp * sr])
-        return np.stack([nose, wing, np.cross(wing, nose) * -1.0])
+        return np.stack([nose, wing, np.cross(nose, wing)])
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """A track through given points, interpolated so that the velocity is continuous and nothing overshoots.
 
-    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N. Fritsch and
-    R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points. Velocity is the
-    derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the angle of attack, and
-    roll that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
+    Latitude, longitude and altitude are piecewise cubic Hermite polynomials with monotone slopes (F. N.
+    Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17(2), 1980), so a flare never dips below its points.
+    Velocity is the derivative on the ellipsoid; heading follows the track, pitch is the path angle plus the
+    angle of attack, and roll that of a coordinated turn, ``tan(roll) = V d(track)/dt / g``.
 
     Parameters
     ----------
@@ -111,15 +118,20 @@ class Trajectory:
         for name in ("time_s", "latitude_deg", "longitude_deg", "altitude_m"):
             values = np.asarray(getattr(self, name), dtype=float)
             if values.shape != t.shape or not np.isfinite(values).all():
-                raise TrajectoryError(f"{self.source}: {name} has to hold {t.size} finite numbers, one a point")
+                raise TrajectoryError(
+                    f"{self.source}: {name} has to hold {t.size} finite numbers, one a point"
+                )
             object.__setattr__(self, name, values)
         if np.any(np.abs(self.latitude_deg) > 89.0) or np.any(np.abs(self.longitude_deg) > 360.0):
-            raise TrajectoryError(f"{self.source}: latitudes have to be within +/-89 deg, longitudes within +/-360 deg")
+            raise TrajectoryError(
+                f"{self.source}: latitudes have to be within +/-89 deg, longitudes within +/-360 deg"
+            )
         step = np.diff(t)
         if np.any(step <= 0):
             k = int(np.argmax(step <= 0))
             raise TrajectoryError(
-                f"{self.source}: time goes from {t[k]:g} s to {t[k + 1]:g} s at point {k + 2}; sort the rows by time"
+                f"{self.source}: time goes from {t[k]:g} s to {t[k + 1]:g} s at point {k + 2}; "
+                "sort the rows by time"
             )
         if step.max() > self.max_gap_s:
             k = int(np.argmax(step))
@@ -141,10 +153,11 @@ class Trajectory:
     ) -> Trajectory:
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
-        Two kinds are told apart by their columns: a plain track (time, latitude, longitude, altitude in metres, or
-        altitude_ft), and ADS-B state vectors as the OpenSky Network gives them (time, icao24, lat, lon, velocity,
-        heading, vertrate, onground, baroaltitude, geoaltitude; metres, seconds). Of the latter, rows on the ground,
-        without position or altitude, and with a position repeated from the row before (stale) are left out.
+        Two kinds are told apart by their columns: a plain track (time, latitude, longitude, altitude in
+        metres, or altitude_ft), and ADS-B state vectors as the OpenSky Network gives them (time, icao24, lat,
+        lon, velocity, heading, vertrate, onground, baroaltitude, geoaltitude; metres, seconds). Of the
+        latter, rows on the ground, without position or altitude, and with a position repeated from the row
+        before (stale) are left out.
 
         Parameters
         ----------
@@ -154,7 +167,8 @@ class Trajectory:
             ``"geo"`` (GNSS, above the ellipsoid) or ``"baro"`` (pressure altitude) for state vectors.
         altitude_offset_m : float
             Added to every altitude: minus the geoid undulation for GNSS altitudes (+34 m around Chicago), the
-            pressure correction for barometric ones, minus the height of the reporting antenna above the altimeter's.
+            pressure correction for barometric ones, minus the height of the reporting antenna above the
+            altimeter's.
 
         Raises
         ------
@@ -167,9 +181,13 @@ class Trajectory:
         if altitude not in ("geo", "baro"):
             raise TrajectoryError(f"{path.name}: altitude source is {altitude!r}; allowed: geo, baro")
         height = column["altitude"] or column["altitude_ft"] or column[altitude]
-        missing = [k for k in ("time", "latitude", "longitude") if column[k] is None] + ([] if height else ["altitude"])
+        missing = [k for k in ("time", "latitude", "longitude") if column[k] is None] + (
+            [] if height else ["altitude"]
+        )
         if missing:
-            raise TrajectoryError(f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}")
+            raise TrajectoryError(
+                f"{path.name}: no column for {', '.join(missing)}; found {', '.join(sorted(names))}"
+            )
         rows = _one_aircraft(path, rows, column["aircraft"], aircraft)
         kept, skipped = _usable(path, rows, column, height)
         points = np.array(kept, dtype=float).reshape(-1, 4).T
@@ -236,7 +254,8 @@ class Trajectory:
         return [
             AircraftState(
                 float(time_s[k]), float(position[k, 0]), float(longitude[k]), float(position[k, 2]),
-                tuple(velocity[k].tolist()), float(np.degrees(track[k]) % 360.0), float(pitch[k]), float(roll[k]),
+                tuple(velocity[k].tolist()), float(np.degrees(track[k]) % 360.0), float(pitch[k]),
+                float(roll[k]),
             )
             for k in range(time_s.size)
         ]  # fmt: skip
@@ -251,7 +270,9 @@ def _read_rows(path: Path) -> tuple[list[dict[str, str]], set[str]]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             lines = [line for line in file if line.strip() and not line.startswith("#")]
     except OSError as error:
-        raise TrajectoryError(f"trajectory file {path}: {error.strerror or error}; name a CSV file") from error
+        raise TrajectoryError(
+            f"trajectory file {path}: {error.strerror or error}; name a CSV file"
+        ) from error
     except UnicodeDecodeError as error:
         raise TrajectoryError(f"trajectory file {path} is not text; name a CSV file") from error
     reader = csv.DictReader(lines, restval="")
@@ -267,7 +288,9 @@ def _one_aircraft(
     seen = Counter(row[column].strip().lower() for row in rows)
     if wanted is None and len(seen) > 1:
         names = ", ".join(name or "(none)" for name, _ in seen.most_common(8))
-        raise TrajectoryError(f"{path.name}: {len(seen)} aircraft in column {column} ({names}); choose one: aircraft=")
+        raise TrajectoryError(
+            f"{path.name}: {len(seen)} aircraft in column {column} ({names}); choose one: aircraft="
+        )
     if wanted is not None and wanted.strip().lower() not in seen:
         raise TrajectoryError(f"{path.name}: no aircraft {wanted!r}; it has {', '.join(sorted(seen)[:8])}")
     return [row for row in rows if wanted is None or row[column].strip().lower() == wanted.strip().lower()]
@@ -291,7 +314,9 @@ def _usable(
             try:
                 point = [float(cell) for cell in cells]
             except ValueError as error:
-                raise TrajectoryError(f"{path.name}: data row {number}: {error}; every cell has to be a number") from error
+                raise TrajectoryError(
+                    f"{path.name}: data row {number}: {error}; every cell has to be a number"
+                ) from error
             if state_vectors and kept and kept[-1][1:3] == point[1:3]:
                 skipped["stale position"] += 1
             else:

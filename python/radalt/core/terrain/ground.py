@@ -1,7 +1,8 @@
 """Ground reflectivity sigma0 (square metres per square metre) against incidence angle, near nadir.
 
-Three models, by name and by land type; every coefficient can be set by hand, since published values disagree and
-none was measured at 4.3 GHz and nadir over a town. ``level_db`` shifts a whole curve for sensitivity studies.
+Three models, by name and by land type; every coefficient can be set by hand, since published values disagree
+and none was measured at 4.3 GHz and nadir over a town. ``level_db`` shifts a whole curve for sensitivity
+studies.
 """
 
 from __future__ import annotations
@@ -34,12 +35,13 @@ class ConstantGamma:
 
 @dataclass(frozen=True)
 class UlabyDobson:
-    """``sigma0 = P1 + P2 exp(-P3 theta) + P4 cos(P5 theta + P6)`` in decibels, ``theta`` incidence in radians.
+    """``sigma0 = P1 + P2 exp(-P3 theta) + P4 cos(P5 theta + P6)`` in decibels, ``theta`` incidence in
+    radians.
 
-    F. T. Ulaby and M. C. Dobson, *Handbook of Radar Scattering Statistics for Terrain* (1989), fit to measured
-    means; the land types below are its C-band (4-8 GHz) tables, horizontal polarisation. The coefficients were
-    transcribed from a secondary source, not from the print; a test holds them to a physical check (at nadir both
-    polarisations must agree, since there is no plane of incidence).
+    F. T. Ulaby and M. C. Dobson, *Handbook of Radar Scattering Statistics for Terrain* (1989), fit to
+    measured means; the land types below are its C-band (4-8 GHz) tables, horizontal polarisation. The
+    coefficients were transcribed from a secondary source, not from the print; a test holds them to a physical
+    check (at nadir both polarisations must agree, since there is no plane of incidence).
     """
 
     p: tuple[float, float, float, float, float, float] = (-24.855, 26.351, 1.146, 0.204, 0.0, 0.0)
@@ -60,10 +62,11 @@ class Morchin:
     ``sigma0 = a s sin(psi) / lambda + u cot^2(beta0) exp(-tan^2(b - psi) / tan^2(beta0))`` with grazing angle
     ``psi``, ``u = sqrt(f_GHz) / 4.7``, and ``s = (psi / psi_c)^4`` below the critical angle
     ``psi_c = asin(lambda / (4 pi 9.3 beta0^2.2))`` where the land type asks for it (desert), else 1
-    (W. C. Morchin, *Airborne Early Warning Radar*, 1990, ch. 2). ``lambda`` in metres. The coefficients of desert,
-    farmland, wooded hills and mountains are those commonly quoted from the book, not checked against the print.
-    ``urban_low_relief`` is **this project's assumption**: the plateau of built-up land (that of mountains) with the
-    specular slope of farmland, +10.3 dB at nadir; no measured urban value at nadir was found, so sweep ``level_db``.
+    (W. C. Morchin, *Airborne Early Warning Radar*, 1990, ch. 2). ``lambda`` in metres. The coefficients of
+    desert, farmland, wooded hills and mountains are those commonly quoted from the book, not checked against
+    the print. ``urban_low_relief`` is **this project's assumption**: the plateau of built-up land (that of
+    mountains) with the specular slope of farmland, +10.5 dB at nadir (4.3 GHz); no measured urban value at
+    nadir was found, so sweep ``level_db``.
     """
 
     a: float = 0.04
@@ -127,7 +130,8 @@ def reflectivity(model: str = "morchin", land: str = "urban_low_relief", **setti
     land : str
         A key of ``LAND_TYPES[model]``.
     **settings
-        Coefficients to override, named as the fields of the model (``level_db``, ``gamma_db``, ``beta0_rad``, ...).
+        Coefficients to override, named as the fields of the model (``level_db``, ``gamma_db``, ``beta0_rad``,
+        ...).
 
     Raises
     ------

@@ -1,0 +1,53 @@
+"""The landing scenario: geodesy, trajectory, terrain, antenna, ground reflectivity, and the radar return of
+it all.
+
+Nothing here is imported unless a scene asks for terrain.
+"""
+
+from .antenna import Antenna, GaussianAntenna, TabulatedAntenna
+from .approach import OHARE_10C, Approach, Runway, synthetic_elevation_m
+from .dted_write import VOID_M, cell_posts, encode_dted, write_dted
+from .errors import TerrainError, TrajectoryError
+from .facets import Facets, GroundGrid
+from .ground import LAND_TYPES, ConstantGamma, Morchin, Reflectivity, UlabyDobson, reflectivity
+from .radar_return import GroundReturn, RadarLink, TerrainReturn, ground_return, ground_returns
+from .synthesis import synthesise, synthesise_directly
+from .terrain import DtedCell, FlatTerrain, Terrain, TerrainModel
+from .trajectory import AircraftState, Trajectory
+
+__all__ = [
+    "LAND_TYPES",
+    "OHARE_10C",
+    "VOID_M",
+    "AircraftState",
+    "Antenna",
+    "Approach",
+    "ConstantGamma",
+    "DtedCell",
+    "Facets",
+    "FlatTerrain",
+    "GaussianAntenna",
+    "GroundGrid",
+    "GroundReturn",
+    "Morchin",
+    "RadarLink",
+    "Reflectivity",
+    "Runway",
+    "TabulatedAntenna",
+    "Terrain",
+    "TerrainError",
+    "TerrainModel",
+    "TerrainReturn",
+    "Trajectory",
+    "TrajectoryError",
+    "UlabyDobson",
+    "cell_posts",
+    "encode_dted",
+    "ground_return",
+    "ground_returns",
+    "reflectivity",
+    "synthesise",
+    "synthesise_directly",
+    "synthetic_elevation_m",
+    "write_dted",
+]

@@ -1,0 +1,185 @@
+"""Ground facets under an antenna: where they lie, how fast they recede, and how strongly they reflect.
+
+The ground is divided into cells that are fixed to the earth: integer indices of latitude and longitude, not
+of the aircraft. Each cell holds one scatterer at a random place in it, with a complex Gaussian reflectivity;
+both are hashed from (seed, cell). Whatever flies over the same ground therefore meets the same scatterers,
+and the sum decorrelates along the path exactly as its changing geometry makes it: that is speckle with the
+right coherence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import TerrainError
+from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
+from .terrain import TerrainModel
+from .trajectory import AircraftState
+
+__all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
+
+MIN_HEIGHT_M = 0.5
+"""Lowest antenna height above ground that is simulated: below it the antenna's near field begins."""
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Facets seen from one aircraft state; all arrays (n,).
+
+    Parameters
+    ----------
+    range_m : array
+        Slant range at the instant of the state.
+    range_rate_m_per_s : array
+        Its rate, positive receding.
+    incidence_rad : array
+        Angle between the line of sight and the facet's normal; beyond pi/2 the facet faces away.
+    direction : (n, 3) array
+        Unit vectors from the aircraft, in its local east, north, up.
+    area_m2 : array
+        Surface area of the facet, on its slope.
+    reflectivity : complex array
+        Unit-variance complex Gaussian scattering amplitude, fixed to the ground.
+    height_m : float
+        Height of the antenna above the terrain vertically below it.
+    """
+
+    range_m: np.ndarray
+    range_rate_m_per_s: np.ndarray
+    incidence_rad: np.ndarray
+    direction: np.ndarray
+    area_m2: np.ndarray
+    reflectivity: np.ndarray
+    height_m: float
+
+
+@dataclass(frozen=True)
+class GroundGrid:
+    """The earth-fixed cells.
+
+    Parameters
+    ----------
+    seed : int
+        Of the scatterers' places and amplitudes, 0 <= seed < 2^63.
+    cells_per_radius : int
+        Cell size is the power of two (metres) that puts between this many and twice as many cells into the
+        radius of the footprint. The size steps with height, and with it the speckle is drawn anew at each
+        octave.
+    reference_latitude_deg : float
+        Latitude at which cells are square; within a degree of it they stay square to 2 %.
+    """
+
+    seed: int = 1
+    cells_per_radius: int = 16
+    reference_latitude_deg: float = 42.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed < 2**63:
+            raise ValueError(f"ground.seed is {self.seed}; it has to be within 0..2^63-1")
+        if not 4 <= self.cells_per_radius <= 256:
+            raise ValueError(
+                f"ground.cells_per_radius is {self.cells_per_radius}; it has to be within 4..256"
+            )
+
+    def cell_m(self, radius_m: float) -> float:
+        """Cell size in metres used for a footprint of a radius."""
+        return float(2.0 ** np.floor(np.log2(radius_m / self.cells_per_radius)))
+
+    def facets(
+        self, state: AircraftState, terrain: TerrainModel, off_nadir_rad: float, beam_rad: float | None = None
+    ) -> Facets:
+        """Facets within an angle off nadir.
+
+        Parameters
+        ----------
+        state : AircraftState
+            Where the antenna is.
+        terrain : TerrainModel
+            Heights below it.
+        off_nadir_rad : float
+            Half angle of the cone around nadir that is sampled, below 80 degrees.
+        beam_rad : float, optional
+            Half angle that sets the cell size; default ``off_nadir_rad``. Given apart, so that the size does
+            not change with the attitude of the aircraft.
+
+        Raises
+        ------
+        TerrainError
+            If the aircraft is below ground or lower than `MIN_HEIGHT_M`, or terrain is missing in the
+            footprint.
+        """
+        ground_m = float(terrain.height_m(state.latitude_deg, state.longitude_deg))
+        height = state.altitude_m - ground_m
+        if not height >= MIN_HEIGHT_M:
+            raise TerrainError(
+                f"aircraft at t = {state.time_s:g} s is {height:.2f} m above ground (altitude "
+                f"{state.altitude_m:.2f} m, terrain {ground_m:.2f} m); at least {MIN_HEIGHT_M} m is needed:"
+                " check datum and altitude offset"
+            )
+        cell = self.cell_m(height * np.tan(off_nadir_rad if beam_rad is None else beam_rad))
+        lat, lon, area, amplitude = self._scatterers(state, cell, height * np.tan(off_nadir_rad))
+        elevation, slope_e, slope_n = terrain.height_and_slope(lat, lon)
+        offset = geodetic_to_ecef(lat, lon, elevation) - geodetic_to_ecef(
+            state.latitude_deg, state.longitude_deg, state.altitude_m
+        )
+        local = offset @ enu_axes(state.latitude_deg, state.longitude_deg).T
+        distance = np.sqrt(np.einsum("ij,ij->i", local, local))
+        direction = local / distance[:, None]
+        secant = np.sqrt(1.0 + slope_e**2 + slope_n**2)
+        # facet normal (-dz/de, -dz/dn, 1) / secant against the direction back to the aircraft; the up vectors
+        # of facet and aircraft differ by the arc between them, below 2e-4 rad in any footprint
+        cosine = (direction[:, 0] * slope_e + direction[:, 1] * slope_n - direction[:, 2]) / secant
+        return Facets(
+            range_m=distance,
+            range_rate_m_per_s=-(direction @ np.asarray(state.velocity_m_per_s)),
+            incidence_rad=np.arccos(np.clip(cosine, -1.0, 1.0)),
+            direction=direction,
+            area_m2=area * secant,
+            reflectivity=amplitude,
+            height_m=height,
+        )
+
+    def _scatterers(self, state: AircraftState, cell_m: float, radius_m: float) -> tuple[np.ndarray, ...]:
+        """Latitude, longitude (degrees), horizontal area and amplitude of the scatterers within a radius."""
+        north_deg = np.degrees(cell_m / SEMI_MAJOR_M)
+        east_deg = north_deg / np.cos(np.radians(self.reference_latitude_deg))
+        meridian, prime = curvature_radii_m(state.latitude_deg)
+        size_n = np.radians(north_deg) * meridian
+        size_e = np.radians(east_deg) * prime * np.cos(np.radians(state.latitude_deg))
+        y0, x0 = state.latitude_deg / north_deg, state.longitude_deg / east_deg
+        reach_y, reach_x = radius_m / size_n + 1.0, radius_m / size_e + 1.0
+        iy = np.arange(int(np.floor(y0 - reach_y)), int(np.ceil(y0 + reach_y)) + 1)
+        ix = np.arange(int(np.floor(x0 - reach_x)), int(np.ceil(x0 + reach_x)) + 1)
+        # whole cells whose centre is inside the circle: their union has the circle's area without a ragged
+        # bias
+        dy, dx = (iy + 0.5 - y0) * size_n, (ix + 0.5 - x0) * size_e
+        row, col = np.nonzero(dy[:, None] ** 2 + dx[None, :] ** 2 <= radius_m**2)
+        iy, ix = iy[row], ix[col]
+        key = _cell_hash(iy, ix, round(np.log2(cell_m)), self.seed)
+        place_x, place_y, power, phase = (_uniform(key, k) for k in range(4))
+        amplitude = np.sqrt(-np.log(power)) * np.exp(2j * np.pi * phase)
+        return (iy + place_y) * north_deg, (ix + place_x) * east_deg, size_n * size_e, amplitude
+
+
+GOLDEN = 0x9E3779B97F4A7C15  # increment of SplitMix64: odd, from the golden ratio
+
+
+def _mix(x: np.ndarray) -> np.ndarray:
+    """Finaliser of SplitMix64 (G. L. Steele et al., OOPSLA 2014), a bijection of 64-bit words."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
+def _cell_hash(iy: np.ndarray, ix: np.ndarray, octave: int, seed: int) -> np.ndarray:
+    """(n,) uint64 keys of cells."""
+    base = _mix(np.array([(seed * GOLDEN + octave + 4096) % 2**64], dtype=np.uint64))
+    return _mix(_mix(base ^ iy.astype(np.int64).view(np.uint64)) + ix.astype(np.int64).view(np.uint64))
+
+
+def _uniform(key: np.ndarray, stream: int) -> np.ndarray:
+    """(n,) uniform numbers in (0, 1] of one of several independent streams."""
+    word = _mix(key + np.uint64(GOLDEN * (stream + 1) % 2**64))
+    return ((word >> np.uint64(11)).astype(float) + 1.0) * 2.0**-53

@@ -1,0 +1,285 @@
+"""The ground return against closed forms: range, power, Doppler, speckle; shortcut against direct sum."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from radalt.core.terrain import (
+    AircraftState,
+    ConstantGamma,
+    FlatTerrain,
+    GaussianAntenna,
+    GroundGrid,
+    RadarLink,
+    Terrain,
+    TerrainError,
+    TerrainReturn,
+    TrajectoryError,
+    synthesise,
+    synthesise_directly,
+    write_dted,
+)
+from radalt.core.waveform import Waveform
+
+LIGHT = 299792458.0
+WAVE = Waveform()
+LAMBDA = LIGHT / WAVE.carrier_hz
+
+
+def _state(height_m, velocity=(0.0, 0.0, 0.0), **attitude):
+    return AircraftState(0.0, 41.97, -87.95, 200.0 + height_m, velocity, **attitude)
+
+
+def _beats_hz(frame, waveform=WAVE):
+    """Up and down beat of a single echo: finely padded spectrum of each half, parabola through the peak."""
+    beat = np.conj(frame) * np.exp(2j * np.pi * waveform.phase_cycles(waveform.sample_times_s))
+    half, skip = waveform.samples_per_half, 200
+    beats = []
+    for start in (0, half):
+        part = beat[start + skip : start + half] * np.hanning(half - skip)
+        size = 1 << 18
+        level = np.log(np.abs(np.fft.fft(part, size)))
+        k = int(np.argmax(level))
+        a, b, c = level[k - 1], level[k], level[(k + 1) % size]
+        beats.append(
+            np.fft.fftfreq(size)[k] * waveform.rate_hz
+            + 0.5 * (a - c) / (a - 2 * b + c) * waveform.rate_hz / size
+        )
+    return beats
+
+
+def _db(x):
+    return 10.0 * np.log10(x)
+
+
+@pytest.mark.parametrize("height_m", [3.0, 30.0, 151.3, 900.0])
+def test_point_under_a_flat_earth_measures_its_analytic_range(height_m):
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE, GaussianAntenna(0.5, 30.0))
+    result = scene(_state(height_m, (0.0, 0.0, -3.7)))
+    up, down = _beats_hz(result.frame)
+    slope = WAVE.slope_hz_per_s
+    assert LIGHT * (up - down) / (4 * slope) == pytest.approx(height_m, abs=0.1)
+    # the echo closes at the vertical speed: f_D = 2 v f_c / c
+    assert 0.5 * (up + down) * LAMBDA / 2 == pytest.approx(-3.7, abs=0.03)
+    assert result.height_m == pytest.approx(height_m, abs=1e-9)
+    assert result.climb_m_per_s == -3.7
+
+
+@pytest.mark.parametrize("range_m", [0.7, 20.0, 333.3, 1500.0])
+@pytest.mark.parametrize("speed", [-6.0, 0.0, 60.0])
+def test_doppler_cancels_in_the_up_down_mean(range_m, speed):
+    frame = synthesise(WAVE, np.array([1.0]), np.array([range_m]), np.array([speed]))
+    up, down = _beats_hz(frame)
+    assert LIGHT * (up - down) / (4 * WAVE.slope_hz_per_s) == pytest.approx(range_m, abs=0.05)
+    assert 0.5 * (up + down) == pytest.approx(2 * speed / LAMBDA, abs=2.0)
+
+
+@pytest.mark.parametrize("height_m", [10.0, 31.0, 100.0, 320.0, 1000.0])
+def test_power_of_a_beam_limited_surface(height_m):
+    """Narrow beam, sigma0 constant in it: the integral of G^2 over angle is G0^2 theta3^2 / (16 ln 2), so
+    P = P_t G0^2 lambda^2 sigma0 / ((4 pi)^3 L) 2 pi / h^2 theta3^2 / (16 ln 2)."""
+    antenna, ground = GaussianAntenna(6.0, 25.0), ConstantGamma(0.0)
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE, antenna, ground, footprint_db=40.0)
+    sigma0 = ground.sigma0(0.0, WAVE.carrier_hz)
+    constant = 0.4 * 10**5.0 * LAMBDA**2 * sigma0 / ((4 * np.pi) ** 3 * 10**0.6)
+    closed = constant * 2 * np.pi / height_m**2 * np.radians(6.0) ** 2 / (16 * np.log(2))
+    _, power = scene.facets(_state(height_m))
+    assert _db(power.sum() / closed) == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("height_m", [10.0, 31.0, 100.0, 320.0, 1000.0])
+def test_power_of_a_pulse_limited_surface(height_m):
+    """First range cell under a wide beam: a disc of area 2 pi h dR, so
+    P = P_t G0^2 lambda^2 sigma0 / ((4 pi)^3 L) 2 pi dR / h^3."""
+    antenna, ground = GaussianAntenna(120.0, 5.0), ConstantGamma(0.0)
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE, antenna, ground, grid=GroundGrid(cells_per_radius=64))
+    cell = 0.02 * height_m  # 20 m, the resolution, at 1000 m
+    sigma0 = ground.sigma0(0.0, WAVE.carrier_hz)
+    closed = 0.4 * 10 * LAMBDA**2 * sigma0 / ((4 * np.pi) ** 3 * 10**0.6) * 2 * np.pi * cell / height_m**3
+    facets, power = scene.facets(_state(height_m))
+    first = power[facets.range_m < height_m + cell].sum()
+    assert _db(first / closed) == pytest.approx(0.0, abs=0.5)
+
+
+@pytest.mark.parametrize("height_m", [10.0, 45.0, 200.0, 1000.0])
+def test_frames_carry_the_integral_of_the_radar_equation(height_m):
+    """Mean frame power over speckle, default beam, against 2 pi C / h^2 int G^2 sigma0 sin cos."""
+    antenna, ground, link = GaussianAntenna(), ConstantGamma(), RadarLink()
+    waveform = Waveform(rate_hz=1.5e6, bandwidth_hz=1.5e6)
+    lam = LIGHT / waveform.carrier_hz
+
+    def density(theta):
+        return antenna.gain(theta, 0.0) ** 2 * ground.sigma0(theta, 4.3e9) * np.sin(theta) * np.cos(theta)
+
+    constant = link.transmit_w * lam**2 / ((4 * np.pi) ** 3 * 10 ** (link.losses_db / 10))
+    expected = constant * 2 * np.pi / height_m**2 * quad(density, 0, np.pi / 2)[0]
+    power, stated = [], []
+    for seed in range(300):
+        scene = TerrainReturn(FlatTerrain(200.0), waveform, antenna, ground, link, GroundGrid(seed, 8))
+        result = scene(_state(height_m, (70.0, 0.0, 0.0)))
+        power.append(np.mean(np.abs(result.frame) ** 2))
+        stated.append(result.power_w)
+    assert _db(np.mean(stated) / expected) == pytest.approx(0.0, abs=0.05)
+    assert np.std(_db(stated)) < 0.2  # only the facets' places in their coarse cells
+    # 300 draws of one or two degrees of freedom: 0.25 dB
+    assert _db(np.mean(power) / expected) == pytest.approx(0.0, abs=0.75 if height_m < 20 else 0.5)
+
+
+def test_power_and_noise_budget_by_hand():
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE)
+    result = scene(_state(100.0))
+    # -174 dBm/Hz + 8 dB + 10 log10(7.5 MHz) = -97.2 dBm
+    assert _db(result.noise_w) + 30 == pytest.approx(-97.2, abs=0.1)
+    assert result.snr_db == pytest.approx(_db(result.power_w / result.noise_w))
+    stronger = TerrainReturn(FlatTerrain(200.0), WAVE, link=RadarLink(0.8, 0.0, 8.0))(_state(100.0))
+    assert _db(stronger.power_w / result.power_w) == pytest.approx(3.01 + 6.0, abs=0.01)
+
+
+@pytest.mark.parametrize("height_m", [5.0, 60.0, 300.0, 1000.0])
+@pytest.mark.parametrize("centered", [True, False])
+def test_shortcut_equals_the_direct_sum(height_m, centered):
+    waveform = Waveform(centered=centered)
+    scene = TerrainReturn(FlatTerrain(200.0), waveform, grid=GroundGrid(7, 6))
+    state = _state(height_m, (72.0, 10.0, -3.8), heading_deg=95.0, pitch_deg=2.0, roll_deg=4.0)
+    fast, exact = scene(state).frame, scene(state, direct=True).frame
+    error = _db(np.sum(np.abs(fast - exact) ** 2) / np.sum(np.abs(exact) ** 2))
+    assert error < -45.0
+
+
+def test_shortcut_is_phase_continuous_where_b_th_is_not_whole():
+    waveform = Waveform(bandwidth_hz=7.3331e6, centered=False)
+    rng = np.random.default_rng(2)
+    amplitude = rng.normal(size=40) + 1j * rng.normal(size=40)
+    ranges, rates = rng.uniform(200, 300, 40), rng.uniform(-20, 20, 40)
+    for index in (0, 3):
+        fast = synthesise(waveform, amplitude, ranges, rates, frame_index=index)
+        exact = synthesise_directly(waveform, amplitude, ranges, rates, frame_index=index)
+        assert _db(np.sum(np.abs(fast - exact) ** 2) / np.sum(np.abs(exact) ** 2)) < -45.0
+
+
+def test_doppler_width_matches_theory():
+    """Level flight at v over a narrow beam: sigma_f = (2 v / lambda) sqrt(E[sin^2 theta] / 2), so frames a
+    time dt apart correlate as exp(-2 (pi sigma_f dt)^2)."""
+    height, speed = 200.0, 6.0
+    antenna, ground = GaussianAntenna(20.0, 15.0), ConstantGamma()
+
+    def weight(theta):
+        return antenna.gain(theta, 0.0) ** 2 * np.cos(theta) ** 2 * np.sin(theta)
+
+    mean = quad(lambda t: weight(t) * np.sin(t) ** 2, 0, 1.2)[0] / quad(weight, 0, 1.2)[0]
+    sigma_hz = 2 * speed / LAMBDA * np.sqrt(mean / 2)
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE, antenna, ground)
+    facets, power = scene.facets(_state(height, (speed, 0.0, 0.0)))
+    doppler = -2 * facets.range_rate_m_per_s / LAMBDA
+    centre = np.average(doppler, weights=power)
+    assert np.sqrt(np.average((doppler - centre) ** 2, weights=power)) == pytest.approx(sigma_hz, rel=0.03)
+    # the same width, measured on the signal
+    step_s, products, energy = 4e-3, 0.0, 0.0
+    metres_per_deg = 6378137.0 * np.pi / 180 * np.cos(np.radians(41.97)) * 1.0015
+    for seed in range(60):
+        path = TerrainReturn(FlatTerrain(200.0), WAVE, antenna, ground, grid=GroundGrid(seed))
+        frames = [
+            path(
+                AircraftState(0.0, 41.97, -87.95 + speed * dt / metres_per_deg, 400.0, (speed, 0.0, 0.0))
+            ).frame
+            for dt in (0.0, step_s)
+        ]
+        products += np.vdot(frames[0], frames[1])
+        energy += 0.5 * sum(np.vdot(f, f).real for f in frames)
+    measured = np.sqrt(-np.log(np.abs(products) / energy) / 2) / (np.pi * step_s)
+    assert measured == pytest.approx(sigma_hz, rel=0.1)
+
+
+def test_speckle_belongs_to_the_ground():
+    """The same place gives the same frame, whoever comes by; another seed or place gives another."""
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE)
+    here = scene(_state(900.0)).frame
+    assert np.array_equal(here, scene(_state(900.0)).frame)
+    moved = AircraftState(0.0, 41.97, -87.95 + 1e-9, 1100.0)  # 0.08 mm east
+    far = AircraftState(0.0, 41.97, -87.93, 1100.0)
+    other = TerrainReturn(FlatTerrain(200.0), WAVE, grid=GroundGrid(2))
+
+    def coherence(frame):
+        return np.abs(np.vdot(here, frame)) / np.sqrt(np.vdot(here, here).real * np.vdot(frame, frame).real)
+
+    assert coherence(scene(moved).frame) == pytest.approx(1.0, abs=1e-3)
+    assert coherence(scene(far).frame) < 0.9
+    assert coherence(other(_state(900.0)).frame) < 0.9
+
+
+def test_speckle_amplitudes_are_complex_gaussian():
+    facets, _ = TerrainReturn(FlatTerrain(200.0), WAVE, grid=GroundGrid(11, 64)).facets(_state(500.0))
+    z = facets.reflectivity
+    assert z.size > 10000
+    assert np.mean(np.abs(z) ** 2) == pytest.approx(1.0, abs=0.03)
+    assert np.mean(np.abs(z) ** 4) == pytest.approx(2.0, abs=0.15)
+    assert abs(np.mean(z)) < 0.03 and abs(np.mean(z**2)) < 0.03
+
+
+def test_bank_moves_the_beam_but_not_the_truth():
+    scene = TerrainReturn(FlatTerrain(200.0), WAVE)
+    level, banked = scene(_state(150.0)), scene(_state(150.0, roll_deg=25.0))
+    assert banked.height_m == level.height_m
+    facets, power = scene.facets(_state(150.0, roll_deg=25.0))
+    # heading north, right wing down: the belly looks left, to the west
+    assert np.average(facets.direction[:, 0], weights=power) < -0.1
+    assert banked.power_w < level.power_w
+
+
+def _hill_files(tmp_path, elevation):
+    return Terrain.load([write_dted(tmp_path / "t.dt1", elevation, 41, -88, 1)])
+
+
+def test_cliff_gives_the_near_edge_as_nearest(tmp_path):
+    elevation = np.full((1201, 1201), 200, np.int16)
+    elevation[600:, :] = 260  # a 60 m step, one post (69 m) wide, at 87.5 W
+    ground = _hill_files(tmp_path, elevation)
+    scene = TerrainReturn(ground, WAVE)
+    before = scene(AircraftState(0.0, 41.5, -87.502, 400.0, (70.0, 0.0, 0.0)))  # 166 m before the edge
+    assert before.height_m == pytest.approx(200.0)
+    assert before.climb_m_per_s == 0.0
+    after = scene(AircraftState(0.0, 41.5, -87.4995, 400.0))
+    assert after.height_m == pytest.approx(140.0) and after.nearest_m == pytest.approx(140.0, abs=0.5)
+    corner = np.hypot(166.0 - 69.0, 140.0)  # the upper edge of the step is nearer than the ground below
+    assert before.nearest_m == pytest.approx(min(200.0, np.hypot(166.0, 140.0), corner + 60), rel=0.25)
+    on_the_face = scene(AircraftState(0.0, 41.5, -87.5004, 400.0, (70.0, 0.0, 0.0)))
+    assert on_the_face.climb_m_per_s == pytest.approx(-70.0 * 60.0 / 69.4, rel=0.02)
+    assert np.isfinite(on_the_face.frame).all()
+
+
+def test_slope_puts_the_nearest_point_uphill(tmp_path):
+    slope = 0.1
+    elevation = np.round(np.arange(1201)[:, None] * 69.3 * slope - 3000 + np.zeros((1, 1201))).astype(
+        np.int16
+    )
+    scene = TerrainReturn(_hill_files(tmp_path, elevation), WAVE, GaussianAntenna(60.0))
+    ground = float(scene.terrain.height_m(41.5, -87.4))
+    result = scene(AircraftState(0.0, 41.5, -87.4, ground + 400.0))
+    assert result.height_m == pytest.approx(400.0)
+    assert result.nearest_m == pytest.approx(400.0 * np.cos(np.arctan(slope)), abs=0.7)
+
+
+def test_below_ground_and_off_the_map_are_named(tmp_path):
+    scene = TerrainReturn(_hill_files(tmp_path, np.full((1201, 1201), 300, np.int16)), WAVE)
+    with pytest.raises(TerrainError, match=r"t = 4 s is -20.00 m above ground.*datum"):
+        scene(AircraftState(4.0, 41.5, -87.5, 280.0))
+    with pytest.raises(TerrainError, match=r"does not cover 42\.5.*t\.dt1: 41\.\.42 N.*add the DTED cell"):
+        scene(AircraftState(0.0, 42.5, -87.5, 900.0))
+    # the aircraft is still over the cell, its footprint is not
+    with pytest.raises(TerrainError, match="does not cover"):
+        scene(AircraftState(0.0, 41.5, -87.0005, 900.0))
+    assert issubclass(TerrainError, ValueError) and issubclass(TrajectoryError, ValueError)
+
+
+def test_a_void_under_the_footprint_is_named(tmp_path):
+    elevation = np.full((1201, 1201), 200, np.int16)
+    elevation[600, 600] = -32767
+    scene = TerrainReturn(_hill_files(tmp_path, elevation), WAVE)
+    with pytest.raises(TerrainError, match="void"):
+        scene(AircraftState(0.0, 41.5, -87.5, 600.0))
+    assert scene(AircraftState(0.0, 41.7, -87.5, 600.0)).height_m == pytest.approx(400.0)
+
+
+def test_ranges_beyond_the_sweep_are_refused():
+    with pytest.raises(ValueError, match=r"ranges of .* do not fit"):
+        synthesise(WAVE, np.ones(1), np.array([50e3]), np.zeros(1))
