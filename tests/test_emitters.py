@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 
 from radalt.core.emitters_radar import FmcwEmitter, PulsedRadarEmitter
+from radalt.core.faa import FaaMask
+from radalt.core.fading import FadedEmitter, FadingChannel
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.nr import NrEmitter
 from radalt.core.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
@@ -165,3 +169,37 @@ def test_resampling_keeps_tones_in_place_without_delay_or_seam(rate_hz):
     t = np.arange(round(10e-3 * rate_hz)) / rate_hz
     expected = (amplitude[:, None] * np.exp(2j * np.pi * tones_hz[:, None] * t)).sum(axis=0)
     np.testing.assert_allclose(got, expected, atol=1e-3)
+
+
+EVERY_TYPE = {
+    "tones": ToneEmitter(count=3),
+    "qpsk": QpskEmitter(),
+    "nr5": NrEmitter(carrier_hz=-0.8e6, load=0.4),
+    "nr10": NrEmitter(channel_bandwidth_hz=10e6, carrier_hz=2.2e6),
+    "faded nr10": FadedEmitter(
+        emitter=NrEmitter(channel_bandwidth_hz=10e6), channel=FadingChannel(profile="EVA", doppler_hz=400.0)
+    ),
+    "fmcw": FmcwEmitter(sweep_bandwidth_hz=40e6, sweep_period_s=2e-3),
+    "pulsed": PulsedRadarEmitter(),
+    "faa": FaaMask(),
+}
+
+
+@pytest.mark.parametrize("name", list(EVERY_TYPE))
+def test_sir_and_overlap_are_exact_for_every_type(name):
+    rng = np.random.default_rng(21)
+    for _ in range(6):
+        sir_db, overlap = rng.uniform(-40, 0), rng.uniform(0.05, 1.0)
+        interferer = Interferer(EVERY_TYPE[name], sir_db=sir_db, overlap=overlap)
+        frame = interference_frames([interferer], 1, 7500, RATE_HZ, rng)[0]
+        assert -10 * np.log10(np.mean(np.abs(frame) ** 2)) == pytest.approx(sir_db, abs=0.01)
+        active = np.flatnonzero(frame)
+        assert active[-1] - active[0] < round(overlap * 7500)
+        if name != "pulsed":  # which is truly silent between its pulses
+            assert active.size == round(overlap * 7500)
+
+
+def test_a_mixture_has_the_total_sir_asked_for():
+    mixture = [Interferer(emitter, sir_db=-15.0, overlap=0.5) for emitter in EVERY_TYPE.values()]
+    frames = interference_frames(mixture, 3, 7500, RATE_HZ, np.random.default_rng(2), total_sir_db=-21.0)
+    np.testing.assert_allclose(-10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), -21.0, atol=0.01)
