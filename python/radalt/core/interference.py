@@ -185,12 +185,15 @@ class Interferer:
         Active fraction ``rho`` of the frame, 0..1; any value above 0 stands for at least one sample.
     start : float or None
         Burst start as a fraction of the frame; None draws it uniformly so that the burst lies inside the frame.
+    free_running : bool
+        In a live jammer source: a burst grid unrelated to the sweep (`JammerStream`).
     """
 
     emitter: Emitter
     sir_db: float = -10.0
     overlap: float = 1.0
     start: float | None = None
+    free_running: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.overlap <= 1:

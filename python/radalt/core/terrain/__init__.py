@@ -8,7 +8,7 @@ from .antenna import Antenna, GaussianAntenna, TabulatedAntenna
 from .approach import OHARE_10C, Approach, Runway, synthetic_elevation_m
 from .dted_write import VOID_M, cell_posts, encode_dted, write_dted
 from .errors import TerrainError, TrajectoryError
-from .facets import Facets, GroundGrid
+from .facets import MIN_HEIGHT_M, Facets, GroundGrid
 from .ground import LAND_TYPES, ConstantGamma, Morchin, Reflectivity, UlabyDobson, reflectivity
 from .radar_return import GroundReturn, RadarLink, TerrainReturn, ground_return, ground_returns
 from .synthesis import synthesise, synthesise_directly
@@ -17,6 +17,7 @@ from .trajectory import AircraftState, Trajectory
 
 __all__ = [
     "LAND_TYPES",
+    "MIN_HEIGHT_M",
     "OHARE_10C",
     "VOID_M",
     "AircraftState",

@@ -1,0 +1,32 @@
+"""Frames between blocks: vectors of N samples, each with one tag that carries index, counter and timing rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pmt
+
+from .core.timing import Frame
+
+__all__ = ["FRAME_KEY", "RX_TIME_KEY", "frame_tag", "quiet_buffer", "read_frame_tags"]
+
+FRAME_KEY = pmt.intern("radalt_frame")
+RX_TIME_KEY = pmt.intern("rx_time")
+
+
+def frame_tag(frame: Frame):  # noqa: ANN201 - a pmt
+    """Tag value of a frame: (index, sample counter, timing rest in seconds) in float64, exact to 2^53."""
+    return pmt.init_f64vector(3, [float(frame.index), float(frame.start_sample), frame.offset_s])
+
+
+def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
+    """(count, 3) tag values of the next ``count`` items of input 0; rows without a tag continue the one before."""
+    out = np.full((count, 3), np.nan)
+    for tag in block.get_tags_in_window(0, 0, count, FRAME_KEY):
+        out[tag.offset - block.nitems_read(0)] = pmt.f64vector_elements(tag.value)
+    return out
+
+
+def quiet_buffer(block, samples: int) -> None:  # noqa: ANN001
+    """Ask for a buffer in the granularity GNU Radio can allocate for vectors of this size; it warns otherwise."""
+    size = 8 * samples
+    block.set_min_output_buffer(4096 // int(np.gcd(size, 4096)))

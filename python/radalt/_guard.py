@@ -1,0 +1,37 @@
+"""Shared by all blocks: an exception in ``work`` must end the flowgraph, not hang it (FIELD_NOTES)."""
+
+from __future__ import annotations
+
+import functools
+import traceback
+from collections.abc import Callable
+
+__all__ = ["WORK_DONE", "guarded", "raise_stored"]
+
+WORK_DONE = -1
+
+
+def guarded(work: Callable) -> Callable:
+    """Store whatever ``work`` raises in ``self.error`` and end the stream; the runner re-raises it.
+
+    GNU Radio's scheduler cannot carry a Python exception out of its thread, hence the broad catch.
+    """
+
+    @functools.wraps(work)
+    def wrapper(self, input_items, output_items):  # noqa: ANN001, ANN202 - GNU Radio's signature
+        try:
+            return work(self, input_items, output_items)
+        except Exception as error:
+            self.error = error
+            traceback.print_exc()
+            return WORK_DONE
+
+    return wrapper
+
+
+def raise_stored(blocks: list) -> None:
+    """Raise the first error that a block's ``work`` has stored."""
+    for block in blocks:
+        error = getattr(block, "error", None)
+        if error is not None:
+            raise error

@@ -1,0 +1,62 @@
+"""What all jammer sources share: a `JammerStream` played into a complex output."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from gnuradio import gr
+
+from ._guard import WORK_DONE, guarded
+from .core.interference import Interferer
+from .core.jamming import JammerStream
+from .core.scene import Scene
+
+__all__ = ["JammerSource"]
+
+
+class JammerSource(gr.sync_block):
+    """Base of the jammer sources; parameters as in `JammerStream`, the waveform and programme from the scene."""
+
+    def __init__(
+        self,
+        name: str,
+        scene: Scene,
+        interferers: Sequence[Interferer],
+        *,
+        total_sir_db: float | None = None,
+        free_running: bool = False,
+        preamble: bool = True,
+        frames: int = 0,
+        seed: int | None = None,
+    ) -> None:
+        gr.sync_block.__init__(self, name, None, [np.complex64])
+        self.stream = JammerStream(
+            scene.waveform,
+            interferers,
+            programme=scene.altitude.programme if preamble else None,
+            seed=scene.seed if seed is None else int(seed),
+            free_running=free_running,
+            total_sir_db=total_sir_db,
+        )
+        self._n = scene.waveform.samples_per_frame
+        self._limit = int(frames)
+        self._frame = np.zeros(0, dtype=np.complex64)
+        self._at = 0
+        self.set_min_output_buffer(8 * self._n)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Copy frames into the output, making the next one when needed."""
+        out = output_items[0]
+        done = 0
+        while done < out.size:
+            if self._at == self._frame.size:
+                if self._limit and self.stream.frame_index >= self._limit:
+                    return done or WORK_DONE
+                self._frame, self._at = self.stream.next_frame(), 0
+            count = min(self._frame.size - self._at, out.size - done)
+            out[done : done + count] = self._frame[self._at : self._at + count]
+            done += count
+            self._at += count
+        return done

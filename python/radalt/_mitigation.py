@@ -1,0 +1,51 @@
+"""What the mitigation blocks share: a `Mitigation` over vectors, timed."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+from gnuradio import gr
+
+from ._frames import quiet_buffer
+from ._guard import guarded
+from .core.mitigation import Mitigation
+
+__all__ = ["MitigationBlock"]
+
+_TIMES = 20_000  # frames whose processing time is kept
+
+
+class MitigationBlock(gr.sync_block):
+    """Frames in, cleaned frames out; tags pass with their frames."""
+
+    def __init__(self, name: str, method: Mitigation, batch: int = 1) -> None:
+        n = method.waveform.samples_per_frame
+        gr.sync_block.__init__(self, name, [(np.complex64, n)], [(np.complex64, n)])
+        if batch < 1:
+            raise ValueError(f"batch is {batch}; it has to be at least 1 frame")
+        self.method = method
+        self._batch = int(batch)
+        self._milliseconds: deque[float] = deque(maxlen=_TIMES)
+        quiet_buffer(self, n)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Clean what is there, at most ``batch`` frames at a time."""
+        frames, out = input_items[0], output_items[0]
+        for first in range(0, len(out), self._batch):
+            span = slice(first, first + self._batch)
+            begin = time.thread_time_ns()
+            out[span] = self.method.process(frames[span])
+            count = len(out[span])
+            self._milliseconds.extend([(time.thread_time_ns() - begin) * 1e-6 / count] * count)
+        return len(out)
+
+    def milliseconds(self) -> np.ndarray:
+        """CPU milliseconds of this block's thread a frame, the last 20,000."""
+        return np.array(self._milliseconds)
+
+    def status(self) -> dict[str, object]:
+        """The method's counters and state."""
+        return self.method.status()

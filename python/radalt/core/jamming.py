@@ -1,0 +1,69 @@
+"""A jammer's stream, frame by frame: what the jammer source blocks play."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .interference import Interferer, interference_frames
+from .programme import Programme
+from .waveform import Waveform
+
+__all__ = ["JammerStream"]
+
+
+class JammerStream:
+    """Endless interference in frames of N samples, silent while the segmenter takes its timing.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        Frame length and rate.
+    interferers : sequence of Interferer
+        What is summed; may be empty (silence).
+    programme : Programme or None
+        Frames that are not trials stay silent; None plays from the first frame.
+    seed : int
+        Everything random follows from it.
+    free_running : bool
+        False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
+        part of a frame, as an emitter's that knows nothing of the radar; SIR and overlap then hold in its own windows.
+    total_sir_db : float or None
+        SIR of the sum; None leaves each interferer its own.
+    """
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        interferers: Sequence[Interferer],
+        *,
+        programme: Programme | None = None,
+        seed: int = 0,
+        free_running: bool = False,
+        total_sir_db: float | None = None,
+    ) -> None:
+        self.waveform, self.interferers, self.programme = waveform, tuple(interferers), programme
+        self.total_sir_db = total_sir_db
+        self._rng = np.random.default_rng([seed, 0x3A3])
+        n = waveform.samples_per_frame
+        self._shift = int(self._rng.integers(0, n)) if free_running else 0
+        self._carry = np.zeros(self._shift, dtype=np.complex64)
+        self.frame_index = 0
+
+    def next_frame(self) -> np.ndarray:
+        """(N,) complex64: the next sweep's worth of interference."""
+        index = self.frame_index
+        self.frame_index += 1
+        n = self.waveform.samples_per_frame
+        if self.programme is not None and not self.programme.is_trial(index):
+            frame = np.zeros(n, dtype=np.complex64)
+        else:
+            frame = interference_frames(
+                self.interferers, 1, n, self.waveform.rate_hz, self._rng, total_sir_db=self.total_sir_db
+            )[0].astype(np.complex64)
+        if not self._shift:
+            return frame
+        joined = np.concatenate([self._carry, frame])
+        self._carry = joined[n:]
+        return joined[:n]

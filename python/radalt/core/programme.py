@@ -1,0 +1,118 @@
+"""The landing programme: which altitude belongs to which frame index (DESIGN.md 6.2).
+
+Scheduled by frame index inside the blocks, never by sleeping or by callbacks, so that a run is a function of its seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+__all__ = ["Programme"]
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Altitude steps framed by synchronisation frames.
+
+    Parameters
+    ----------
+    altitudes_m : tuple of float
+        Altitudes in the order they are flown.
+    frames_per_step : int
+        Frames at each altitude (trials).
+    preamble_frames : int
+        Frames at synthetic altitude zero with the jammer silent, on which the segmenter acquires timing.
+    sync_every_frames : int
+        Trials between further synchronisation sections; 0 for none.
+    sync_frames : int
+        Length of such a section.
+    vertical_speed_m_per_s : float
+        Range rate during trials; only a true delay has one (a beat shift has no Doppler).
+
+    Notes
+    -----
+    Past the last trial the programme returns to altitude zero.
+    """
+
+    altitudes_m: tuple[float, ...] = (200.0,)
+    frames_per_step: int = 15
+    preamble_frames: int = 8
+    sync_every_frames: int = 0
+    sync_frames: int = 8
+    vertical_speed_m_per_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.altitudes_m:
+            raise ValueError("altitude.programme_m is empty; give at least one altitude in metres")
+        bad = [a for a in self.altitudes_m if not (np.isfinite(a) and a >= 0)]
+        if bad:
+            raise ValueError(f"altitude.programme_m holds {bad[0]!r}; altitudes have to be finite and 0 or above")
+        if self.frames_per_step < 1 or self.preamble_frames < 6:
+            raise ValueError(
+                f"altitude.frames {self.frames_per_step} has to be at least 1 and preamble_frames "
+                f"{self.preamble_frames} at least 6"
+            )
+        if self.sync_every_frames < 0 or (self.sync_every_frames and self.sync_frames < 8):
+            raise ValueError(
+                f"altitude.sync_every_frames {self.sync_every_frames} has to be 0 or above, sync_frames "
+                f"{self.sync_frames} at least 8"
+            )
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Altitude and trial flag by frame index."""
+        trials = np.repeat(np.asarray(self.altitudes_m, dtype=float), self.frames_per_step)
+        altitude = [np.zeros(self.preamble_frames)]
+        trial = [np.zeros(self.preamble_frames, dtype=bool)]
+        step = self.sync_every_frames or trials.size
+        for first in range(0, trials.size, step):
+            if first:
+                altitude.append(np.zeros(self.sync_frames))
+                trial.append(np.zeros(self.sync_frames, dtype=bool))
+            part = trials[first : first + step]
+            altitude.append(part)
+            trial.append(np.ones(part.size, dtype=bool))
+        return np.concatenate(altitude), np.concatenate(trial)
+
+    @property
+    def total_frames(self) -> int:
+        """Frames from the start of the preamble to the last trial."""
+        return self._table[0].size
+
+    @property
+    def trial_frames(self) -> int:
+        """Frames that count as trials."""
+        return len(self.altitudes_m) * self.frames_per_step
+
+    def altitude_m(self, frame_index: np.ndarray | int) -> np.ndarray:
+        """True altitude of frames, any shape; zero outside the programme."""
+        return self._look_up(self._table[0], frame_index)
+
+    def is_trial(self, frame_index: np.ndarray | int) -> np.ndarray:
+        """Whether frames count as trials, any shape."""
+        return self._look_up(self._table[1], frame_index)
+
+    def speed_m_per_s(self, frame_index: np.ndarray | int) -> np.ndarray:
+        """Range rate of frames, any shape."""
+        return self.vertical_speed_m_per_s * self.is_trial(frame_index)
+
+    def _look_up(self, table: np.ndarray, frame_index: np.ndarray | int) -> np.ndarray:
+        index = np.asarray(frame_index)
+        inside = (index >= 0) & (index < table.size)
+        return np.where(inside, table[np.clip(index, 0, table.size - 1)], np.zeros(1, table.dtype)[0])
+
+    def next_sync(self, frame_index: int) -> tuple[int, int] | None:
+        """First synchronisation section that starts at or after a frame: (first frame, length), or None."""
+        trial = self._table[1]
+        ahead = np.nonzero(~trial[max(0, frame_index) :])[0]
+        if frame_index >= trial.size or ahead.size == 0:
+            return None
+        first = max(0, frame_index) + int(ahead[0])
+        if first == frame_index and frame_index > 0 and not trial[frame_index - 1]:  # inside a section: the one after
+            rest = np.nonzero(trial[first:])[0]
+            return None if rest.size == 0 else self.next_sync(first + int(rest[0]))
+        length = np.nonzero(trial[first:])[0]
+        return first, int(length[0]) if length.size else trial.size - first

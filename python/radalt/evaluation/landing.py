@@ -1,0 +1,390 @@
+"""The landing study: what is flown over what, with which radar, and the points to be measured.
+
+A study is one YAML file (`load_study`); everything a row depends on is in it. Points are independent of each
+other and of the order in which they are run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.altimeter import AltimeterSettings
+from ..core.interference import Interferer, QpskEmitter
+from ..core.mitigation import create
+from ..core.scene import _build as build_dataclass
+from ..core.scene import _interference as build_interference
+from ..core.terrain import (
+    MIN_HEIGHT_M,
+    AircraftState,
+    Antenna,
+    FlatTerrain,
+    GaussianAntenna,
+    GroundGrid,
+    RadarLink,
+    TabulatedAntenna,
+    Terrain,
+    TerrainError,
+    TerrainModel,
+    TerrainReturn,
+    Trajectory,
+    reflectivity,
+)
+from ..core.waveform import Waveform
+
+__all__ = [
+    "ApproachSpec",
+    "CurveSpec",
+    "LandingStudy",
+    "Point",
+    "StudyError",
+    "accuracy_limit_m",
+    "check_study",
+    "load_study",
+    "parse_study",
+    "study_dict",
+]
+
+FOOT_M = 0.3048
+
+
+class StudyError(ValueError):
+    """A study that cannot be used; the message is one line for the user."""
+
+
+@dataclass(frozen=True)
+class TrajectorySpec:
+    """Which flight; see `Trajectory.load`. ``start_s`` and ``end_s`` cut it (0: as it is)."""
+
+    file: str = "approach_kord_10c.csv"
+    aircraft: str | None = None
+    altitude: str = "geo"
+    altitude_offset_m: float = 0.0
+    angle_of_attack_deg: float = 5.0
+    max_gap_s: float = 15.0
+    start_s: float | None = None
+    end_s: float | None = None
+
+
+@dataclass(frozen=True)
+class TerrainSpec:
+    """Which ground: DTED files, or with none a flat earth at ``flat_m`` above mean sea level."""
+
+    files: tuple[str, ...] = ("hilly_n41w089.dt0", "hilly_n41w088.dt0")
+    void: str = "error"
+    flat_m: float = 204.0
+
+
+@dataclass(frozen=True)
+class AntennaSpec:
+    """A Gaussian beam, or a pattern file; see `GaussianAntenna`, `TabulatedAntenna.load`, `TerrainReturn`."""
+
+    beamwidth_deg: float = 40.0
+    gain_dbi: float = 10.0
+    two_way: bool = False
+    pattern: str | None = None
+    tilt_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class GroundSpec:
+    """Reflectivity by model and land type, shifted by ``level_db``; see `reflectivity`."""
+
+    model: str = "morchin"
+    land: str = "urban_low_relief"
+    level_db: float = 0.0
+
+
+@dataclass(frozen=True)
+class ApproachSpec:
+    """Figure 1: the whole approach at one interference level.
+
+    Parameters
+    ----------
+    frames : int
+        Frames measured, evenly spread over the flight; 0 leaves the part out.
+    sir_db : float
+        Interference level, also that of the sensitivity table.
+    overlap : float
+        Fraction of the frame that is hit.
+    chunk : int
+        Frames of one point; adaptive methods start anew in each.
+    """
+
+    frames: int = 400
+    sir_db: float = -15.0
+    overlap: float = 1.0
+    chunk: int = 50
+
+    def __post_init__(self) -> None:
+        if self.frames < 0 or self.chunk < 1:
+            raise ValueError(f"approach.frames is {self.frames} and chunk {self.chunk}; at least 0 and 1")
+        if not 0 <= self.overlap <= 1:
+            raise ValueError(f"approach.overlap is {self.overlap:g}; it has to be within 0..1")
+
+
+@dataclass(frozen=True)
+class CurveSpec:
+    """Figure 2: error against SINR by overlap, at instants spread over the flight, the same for every point.
+
+    ``sensitivity_trials`` frames go into each row of the sensitivity table; 0 leaves it out.
+    """
+
+    overlap: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
+    sinr_db: tuple[float, ...] = (-50.0, -45.0, -40.0, -35.0, -30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 0.0)
+    trials: int = 150
+    sensitivity_trials: int = 120
+
+    def __post_init__(self) -> None:
+        if any(not 0 <= rho <= 1 for rho in self.overlap):
+            raise ValueError(f"curve.overlap is {self.overlap}; overlaps have to be within 0..1")
+        if self.trials < 0 or self.sensitivity_trials < 0:
+            raise ValueError(f"curve.trials is {self.trials}; it has to be 0 or above")
+
+
+@dataclass(frozen=True)
+class LandingStudy:
+    """Everything the study's rows depend on.
+
+    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation.
+    ``doppler: false`` stops the aircraft in every frame. ``looks`` frames in a row are averaged (power
+    spectra) into one altitude. ``folder`` is where relative file names are looked up.
+    """
+
+    name: str = "landing"
+    seed: int = 1
+    trajectory: TrajectorySpec = TrajectorySpec()
+    terrain: TerrainSpec = TerrainSpec()
+    antenna: AntennaSpec = AntennaSpec()
+    ground: GroundSpec = GroundSpec()
+    link: RadarLink = RadarLink()
+    waveform: Waveform = Waveform()
+    altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
+    interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
+    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening")
+    method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
+    snr_db: float | None = None
+    doppler: bool = True
+    point_target: bool = False
+    looks: int = 1
+    approach: ApproachSpec = ApproachSpec()
+    curve: CurveSpec = CurveSpec()
+    folder: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.methods:
+            raise ValueError("methods is empty; name at least one, such as none")
+        if not 1 <= self.looks <= 64:
+            raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
+        if not 0 <= self.seed < 2**31:
+            raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
+
+    def path(self, name: str) -> Path:
+        """A file of the study."""
+        return Path(self.folder) / name if self.folder else Path(name)
+
+    def flight(self) -> Trajectory:
+        """The trajectory."""
+        spec = self.trajectory
+        return Trajectory.load(
+            self.path(spec.file),
+            aircraft=spec.aircraft,
+            altitude=spec.altitude,
+            altitude_offset_m=spec.altitude_offset_m,
+            angle_of_attack_deg=spec.angle_of_attack_deg,
+            max_gap_s=spec.max_gap_s,
+        )
+
+    def ground_model(self) -> TerrainModel:
+        """The terrain."""
+        if not self.terrain.files:
+            return FlatTerrain(self.terrain.flat_m)
+        return Terrain.load([self.path(name) for name in self.terrain.files], void=self.terrain.void)
+
+    def antenna_model(self) -> Antenna:
+        """The antenna."""
+        spec = self.antenna
+        if spec.pattern:
+            return TabulatedAntenna.load(self.path(spec.pattern))
+        return GaussianAntenna(spec.beamwidth_deg, spec.gain_dbi, spec.two_way)
+
+    def radar(self) -> TerrainReturn:
+        """The return of the ground."""
+        return TerrainReturn(
+            self.ground_model(),
+            self.waveform,
+            self.antenna_model(),
+            reflectivity(self.ground.model, self.ground.land, level_db=self.ground.level_db),
+            self.link,
+            GroundGrid(self.seed),
+            tilt_deg=self.antenna.tilt_deg,
+        )
+
+    def window_s(self) -> tuple[float, float]:
+        """First and last instant of a frame's middle."""
+        flight, margin = _flight(self), 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
+        start = flight.start_s if self.trajectory.start_s is None else self.trajectory.start_s
+        end = flight.end_s if self.trajectory.end_s is None else self.trajectory.end_s
+        if not flight.start_s <= start < end <= flight.end_s:
+            raise StudyError(
+                f"trajectory.start_s..end_s is {start:g}..{end:g} s; the flight lasts {flight.start_s:g}.."
+                f"{flight.end_s:g} s"
+            )
+        return start + margin, end - margin
+
+    def states(self, times_s: np.ndarray) -> list[AircraftState]:
+        """Aircraft states; without Doppler they stand still."""
+        states = _flight(self).states(times_s)
+        if self.doppler:
+            return states
+        return [dataclasses.replace(s, velocity_m_per_s=(0.0, 0.0, 0.0)) for s in states]
+
+    def approach_times_s(self) -> np.ndarray:
+        """(frames,) instants of figure 1, evenly spread."""
+        return np.linspace(*self.window_s(), self.approach.frames)
+
+    def trial_times_s(self, trials: int) -> np.ndarray:
+        """(trials,) instants, one at random in each of as many equal parts of the flight."""
+        start, end = self.window_s()
+        rng = np.random.default_rng([self.seed, 0x71])
+        return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
+
+    def points(self) -> list[Point]:
+        """Every point of the study, in report order."""
+        approach = [
+            Point("approach", f"approach/{first:05d}", first=first)
+            for first in range(0, self.approach.frames, self.approach.chunk)
+        ]
+        curve = []
+        if self.curve.trials:
+            curve.append(Point("curve", "curve/clean"))
+            curve += [
+                Point("curve", f"curve/{rho:g}/{sinr:g}", overlap=rho, sinr_db=sinr)
+                for rho in self.curve.overlap
+                for sinr in self.curve.sinr_db
+            ]
+        from .landing_variants import VARIANTS
+
+        variants = [Point("variant", f"variant/{v.name}", variant=v.name) for v in VARIANTS]
+        return approach + curve + (variants if self.curve.sensitivity_trials else [])
+
+
+@lru_cache(maxsize=4)
+def _load_flight(spec: TrajectorySpec, folder: str) -> Trajectory:
+    return LandingStudy(trajectory=spec, folder=folder).flight()
+
+
+def _flight(study: LandingStudy) -> Trajectory:
+    return _load_flight(study.trajectory, study.folder)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One unit of work: its rows follow from (study, point) alone."""
+
+    kind: str
+    name: str
+    first: int = 0
+    overlap: float = 0.0
+    sinr_db: float | None = None
+    variant: str = ""
+
+
+def accuracy_limit_m(height_m: np.ndarray) -> np.ndarray:
+    """Largest altitude error allowed: 3 ft below 100 ft, 3 % up to 500 ft, 5 % above (metres in, metres out)."""
+    height_m = np.asarray(height_m, dtype=float)
+    feet = height_m / FOOT_M
+    return np.where(feet < 100.0, 3.0 * FOOT_M, np.where(feet <= 500.0, 0.03 * height_m, 0.05 * height_m))
+
+
+def parse_study(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingStudy:
+    """A validated study from nested mappings as YAML gives them.
+
+    Raises
+    ------
+    StudyError
+        One line: source, key, value, what is allowed.
+    """
+    data = dict(data)
+    interference = data.pop("interference", None)
+    try:
+        study = build_dataclass(LandingStudy, {"folder": folder, **data}, "")
+        if interference is not None or "interference" in data:
+            study = dataclasses.replace(study, interference=build_interference(interference, "interference"))
+        reflectivity(study.ground.model, study.ground.land)
+    except ValueError as error:
+        raise StudyError(f"{source}: {error}") from None
+    return study
+
+
+def check_study(study: LandingStudy) -> None:
+    """Find out what does not fit before anything is measured.
+
+    Raises
+    ------
+    StudyError, TerrainError, TrajectoryError, MitigationError
+        One line about the first thing found: files, coverage, heights, methods.
+    """
+    for method in study.methods:
+        create(method, study.waveform, **study.method_options.get(method, {}))
+    try:
+        study.radar()
+    except TerrainError:
+        raise
+    except ValueError as error:
+        raise StudyError(str(error)) from None
+    states = study.states(np.linspace(*study.window_s(), 400))
+    lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
+    height = altitude - study.ground_model().height_m(lat, lon)
+    low, high = int(np.argmin(height)), int(np.argmax(height))
+    if height[low] < MIN_HEIGHT_M:
+        raise TerrainError(
+            f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
+            f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
+        )
+    if height[high] > study.altimeter.max_altitude_m:
+        raise StudyError(
+            f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
+            f"altimeter.max_altitude_m {study.altimeter.max_altitude_m:g}; raise it, or cut with trajectory.start_s"
+        )
+
+
+def load_study(path: Path | str) -> LandingStudy:
+    """Read a study; relative file names in it are looked up beside it."""
+    import yaml
+
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file"
+        raise StudyError(f"study {path}: cannot be read ({reason}); name a YAML file") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark else ""
+        raise StudyError(f"study {path}: not valid YAML{where}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(data, dict):
+        raise StudyError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
+    return parse_study(data, source=str(path), folder=str(path.resolve().parent))
+
+
+def study_dict(study: LandingStudy) -> dict[str, Any]:
+    """The study as plain mappings, as it is written beside the results (without the folder)."""
+    plain = dataclasses.asdict(study)
+    plain.pop("folder")
+    plain["interference"] = [
+        {_emitter_name(i): {k: v for k, v in dataclasses.asdict(i.emitter).items()}}
+        for i in study.interference
+    ]
+    return plain
+
+
+def _emitter_name(interferer: Interferer) -> str:
+    from ..core.scene import EMITTERS
+
+    return next((k for k, cls in EMITTERS.items() if type(interferer.emitter) is cls), "other")

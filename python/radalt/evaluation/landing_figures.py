@@ -1,0 +1,164 @@
+"""Figures of the landing study; matplotlib is imported when one is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.altimeter import Altimeter
+from ..core.mitigation import create
+from .landing import LandingStudy, accuracy_limit_m
+from .landing_points import CORRECT_M, _seed, approach_frames, impaired
+from .landing_report import asked_db, clean_rows, condition, curve
+
+__all__ = ["draw_figures"]
+
+# Okabe and Ito's palette, distinguishable with any colour vision and in grey by line and marker
+COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#D55E00", "#0072B2", "#CC79A7", "#999999")
+MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*")
+LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+IMAGE_FRAMES = 300
+
+
+def _style(study: LandingStudy, method: str) -> dict[str, Any]:
+    k = study.methods.index(method) % len(COLOURS) if method in study.methods else len(COLOURS) - 1
+    return {"color": COLOURS[k], "marker": MARKERS[k], "linestyle": LINES[k]}
+
+
+def draw_figures(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> list[str]:
+    """Draw what the rows have material for; returns the file names, in report order."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    names = []
+    if any(r["kind"] == "approach" for r in rows):
+        names.append(_approach(study, rows, folder))
+        names.append(_range_time(study, folder))
+    if any(r["kind"] == "curve" for r in rows):
+        names.append(_error_against_sinr(study, rows, folder))
+    return names
+
+
+def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> str:
+    """Altitude and error over time, a column a condition."""
+    from matplotlib import pyplot
+
+    approach = [r for r in rows if r["kind"] == "approach"]
+    labels = list(dict.fromkeys(condition(r) for r in approach))
+    figure, axes = pyplot.subplots(
+        2, len(labels), figsize=(2.6 * len(labels) + 1, 6), sharex=True, sharey="row", squeeze=False
+    )
+    for column, label in enumerate(labels):
+        mine = sorted((r for r in approach if condition(r) == label), key=lambda r: r["time_s"])
+        t = np.array([r["time_s"] for r in mine])
+        height = np.array([r["height_m"] for r in mine])
+        measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
+        top, bottom = axes[0, column], axes[1, column]
+        style = _style(study, mine[0]["method"])
+        top.plot(t, height, color="#999999", lw=2, label="height above ground")
+        top.plot(t, measured, ".", ms=2.5, color=style["color"], label="measured")
+        top.set_title(label)
+        limit = accuracy_limit_m(height)
+        bottom.fill_between(t, -limit, limit, color="#56B4E9", alpha=0.3, label="accuracy band")
+        for sign in (-1, 1):
+            bottom.axhline(sign * CORRECT_M, color="#999999", lw=0.8, ls="--")
+        bottom.plot(t, measured - height, ".", ms=2.5, color=style["color"])
+        bottom.set_yscale("symlog", linthresh=10.0)
+        bottom.set_xlabel("time / s")
+    axes[0, 0].set_ylabel("altitude / m")
+    axes[1, 0].set_ylabel("error / m (linear to 10 m)")
+    axes[0, 0].legend(fontsize=7)
+    axes[1, 0].legend(fontsize=7)
+    figure.suptitle(f"SIR {study.approach.sir_db:g} dB, overlap {study.approach.overlap:g}; dots: declared altitudes")
+    return _save(figure, folder, "figure_1_approach.png")
+
+
+def _range_time(study: LandingStudy, folder: Path) -> str:
+    """Beat power over range and time: without interference, with it, and after whitening or the last method."""
+    from matplotlib import pyplot
+
+    step = max(1, study.approach.frames // IMAGE_FRAMES)
+    times = study.approach_times_s()[::step]
+    after = "whitening" if "whitening" in study.methods else study.methods[-1]
+    panels = {"no interference": [], "with interference": [], f"after {after}": []}
+    altimeter, stage = Altimeter(study.waveform, study.altimeter), create(
+        after, study.waveform, **study.method_options.get(after, {})
+    )
+    rng = np.random.default_rng(_seed(study, "range-time"))
+    for first in range(0, study.approach.frames, step):
+        truth = approach_frames(study, first, 1)
+        clean, _, _ = impaired(study, truth, rng)
+        hit, _, _ = impaired(study, truth, rng, overlap=study.approach.overlap, sir_db=study.approach.sir_db)
+        for name, frame in zip(panels, (clean[:, 0], hit[:, 0], stage.process(hit[:, 0])), strict=True):
+            spectra = altimeter.spectra(frame)
+            panels[name].append(spectra.power[0].mean(axis=0) / spectra.power[0].max())
+    metres = spectra.beat_hz / study.waveform.altitude_to_beat_hz(1.0)
+    heights = np.array([approach_frames(study, k, 1).height_m[0] for k in range(0, study.approach.frames,
+    step)]) shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
+    figure, axes = pyplot.subplots(1, 3, figsize=(13, 4.2), sharey=True, layout="constrained")
+    for axis, (name, lines) in zip(axes, panels.items(), strict=True):
+        with np.errstate(divide="ignore"):
+            image = 10.0 * np.log10(np.maximum(np.array(lines)[:, shown].T, 1e-9))
+        picture = axis.pcolormesh(
+            times, metres[shown], image, vmin=-40, vmax=0, cmap="cividis", shading="nearest", rasterized=True
+        )
+        axis.plot(times, heights, color="white", lw=0.7, ls="--")
+        axis.set(title=name, xlabel="time / s")
+    axes[0].set_ylabel("range / m")
+    figure.colorbar(picture, ax=axes, label="power of both half sweeps / dB of the frame's peak")
+    return _save(figure, folder, "figure_1_range_time.png", tight=False)
+
+
+def _error_against_sinr(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> str:
+    """Error over all frames, error over detections and Pd against SINR, a column an overlap."""
+    from matplotlib import pyplot
+
+    overlaps = study.curve.overlap
+    figure, axes = pyplot.subplots(
+        3, len(overlaps), figsize=(3.2 * len(overlaps) + 1, 9), sharex=True, sharey="row", squeeze=False
+    )
+    panels = (
+        ("forced_rmse_m", "forced_rmse_low_m", "forced_rmse_high_m", "RMSE, all frames / m"),
+        ("rmse_m", "rmse_low_m", "rmse_high_m", "RMSE, detections / m"),
+        ("pd", "pd_low", "pd_high", "Pd (|error| < 5 m)"),
+    )
+    ceiling = clean_rows(rows).get("none")
+    for column, overlap in enumerate(overlaps):
+        for line, (value, low, high, label) in enumerate(panels):
+            axis = axes[line, column]
+            if ceiling and ceiling[value] is not None:
+                axis.axhline(ceiling[value], color="#999999", lw=1.5)
+                axis.axhspan(ceiling[low], ceiling[high], color="#999999", alpha=0.25)
+            for method in study.methods:
+                mine = curve(rows, overlap, method)
+                x = [asked_db(r) for r in mine]
+                y, bottom, top = (
+                    np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float) for c in (value,
+                    low, high)
+                )
+                style = _style(study, method)
+                axis.plot(x, y, ms=4, label=method, **style)
+                axis.fill_between(x, bottom, top, color=style["color"], alpha=0.15)
+            if line < 2:
+                axis.set_yscale("log")
+            if column == 0:
+                axis.set_ylabel(label)
+            axis.grid(alpha=0.3)
+        axes[0, column].set_title(f"overlap {overlap:g}" + (" (noise alone)" if overlap == 0 else ""))
+        axes[2, column].set_xlabel("SINR / dB")
+    axes[0, 0].legend(fontsize=7)
+    figure.suptitle("grey: no interference, no mitigation; bands: 95 % intervals")
+    return _save(figure, folder, "figure_2_error_against_sinr.png")
+
+
+def _save(figure: Any, folder: Path, name: str, tight: bool = True) -> str:
+    from matplotlib import pyplot
+
+    if tight:
+        figure.tight_layout()
+    figure.savefig(folder / name, dpi=130, metadata={"Software": None})
+    pyplot.close(figure)
+    return name

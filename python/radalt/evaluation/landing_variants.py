@@ -1,0 +1,113 @@
+"""Assumptions a landing result hangs on, one row of the sensitivity table each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ..core.interference import Interferer, QpskEmitter, ToneEmitter
+from ..core.nr import NrEmitter
+from .landing import LandingStudy
+
+__all__ = ["VARIANTS", "Variant"]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A study changed in one assumption.
+
+    Parameters
+    ----------
+    name, group, text : str
+        Key, part of the table, and what is assumed, for the reader.
+    change : callable
+        From the study to the changed one.
+    shift_db : float
+        Added to the study's SIR.
+    """
+
+    name: str
+    group: str
+    text: str
+    change: Callable[[LandingStudy], LandingStudy] = lambda study: study
+    shift_db: float = 0.0
+
+
+def _snr(snr_db: float) -> Variant:
+    return Variant(
+        f"snr_{snr_db:g}", "noise", f"SNR {snr_db:g} dB a sample", lambda s: replace(s, snr_db=snr_db)
+    )
+
+
+def _ground(model: str, land: str, text: str) -> Variant:
+    def change(study: LandingStudy) -> LandingStudy:
+        return replace(study, ground=replace(study.ground, model=model, land=land))
+
+    return Variant(f"{model}_{land}", "ground", text, change)
+
+
+def _level(level_db: float) -> Variant:
+    def change(study: LandingStudy) -> LandingStudy:
+        return replace(study, ground=replace(study.ground, level_db=study.ground.level_db + level_db))
+
+    return Variant(f"level_{level_db:+g}", "ground", f"sigma0 {level_db:+g} dB", change)
+
+
+def _detection(strategy: str) -> Variant:
+    def change(study: LandingStudy) -> LandingStudy:
+        return replace(study, altimeter=replace(study.altimeter, strategy=strategy))
+
+    return Variant(strategy, "detection", f"detection: {strategy.replace('_', ' ')}", change)
+
+
+def _emitter(name: str, text: str, emitter: object) -> Variant:
+    def change(study: LandingStudy) -> LandingStudy:
+        return replace(study, interference=(Interferer(emitter),))
+
+    return Variant(name, "interference", text, change)
+
+
+def _beam(width_deg: float) -> Variant:
+    def change(study: LandingStudy) -> LandingStudy:
+        return replace(study, antenna=replace(study.antenna, pattern=None, beamwidth_deg=width_deg))
+
+    return Variant(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
+
+
+# B T_h = 3750: what dechirping a half sweep gains against interference that is white over the band
+COMPRESSION_DB = 35.7
+
+VARIANTS: tuple[Variant, ...] = (
+    Variant("baseline", "baseline", "as the study"),
+    Variant("no_interference", "baseline", "no interference", lambda s: replace(s, interference=())),
+    Variant("point", "ground", "point target instead of terrain", lambda s: replace(s, point_target=True)),
+    Variant("flat", "ground", "flat earth", lambda s: replace(s, terrain=replace(s.terrain, files=()))),
+    _ground("constant_gamma", "urban_low_relief", "constant gamma, no nadir peak"),
+    _ground("ulaby_dobson", "soil", "Ulaby-Dobson, soil"),
+    _ground("morchin", "wooded_hills", "Morchin, wooded hills"),
+    _level(-10.0),
+    _level(+10.0),
+    _beam(60.0),
+    _detection("strongest"),
+    _detection("centroid"),
+    Variant("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),
+    Variant("doppler_off", "detection", "Doppler off", lambda s: replace(s, doppler=False)),
+    _snr(10.0),
+    _snr(0.0),
+    _snr(-10.0),
+    _snr(-20.0),
+    _snr(-30.0),
+    _emitter("qpsk_shaped", "QPSK, root-raised-cosine", QpskEmitter(pulse="rrc")),
+    _emitter("tones", "5 tones", ToneEmitter(count=5)),
+    _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6)),
+    _emitter("nr_5", "5G NR downlink, 5 MHz", NrEmitter(channel_bandwidth_hz=5e6)),
+    _emitter("nr_10", "5G NR downlink, 10 MHz", NrEmitter(channel_bandwidth_hz=10e6)),
+    Variant(
+        "sir_after_dechirp",
+        "level",
+        "SIR meant after dechirping (35.7 dB lower before)",
+        shift_db=-COMPRESSION_DB,
+    ),
+    Variant("sir_minus_15", "level", "SIR 15 dB lower", shift_db=-15.0),
+    Variant("sir_minus_25", "level", "SIR 25 dB lower", shift_db=-25.0),
+)
