@@ -1,0 +1,227 @@
+"""Export a trained network to ONNX with the module's contract, check it against PyTorch, make smaller
+variants.
+
+    PYTHONPATH=python .venv-train/bin/python training/export.py compact --out models/tcae.onnx
+
+Variants store or compute weights in fewer bits: ``float32``; ``float16`` and ``int8`` store them so and
+widen them once when the model is loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix
+products in int8.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from data import CONFIGS, content_hash, description, make_batch
+from networks import build
+from onnx import TensorProto, helper, numpy_helper
+from recipes import RECIPES
+from train import RUNS, normalise
+
+from radalt.core.waveform import Waveform
+
+ROOT = Path(__file__).resolve().parent.parent
+TOLERANCE = 1e-4  # relative error of the exported graph against PyTorch
+PRECISIONS = ("float32", "float16", "int8", "int8-dynamic")
+_SMALL = 1024  # tensors below this many elements stay float32
+
+
+def git_revision() -> str:
+    """Commit of the source tree, ``-dirty`` if files differ, ``unknown`` outside git."""
+    try:
+        command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude", "*"]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def data_hash(name: str) -> str:
+    """Content hash of the first 1024 examples (`data.py` prints the hash of a whole finite set)."""
+    return content_hash(CONFIGS[name], Waveform(), 1024)
+
+
+def metadata(recipe_name: str, state: dict | None, network: torch.nn.Module) -> dict[str, str]:
+    """Contract and provenance of a model."""
+    recipe, waveform = RECIPES[recipe_name], Waveform()
+    step = state["step"] if state else 0
+    entries = {
+        "radalt_frame_samples": str(waveform.samples_per_frame),
+        "radalt_layout": "iq_channels_first",
+        "radalt_normalisation": network.normalisation,
+        "radalt_rate_hz": f"{waveform.rate_hz:g}",
+        "radalt_centered": "1" if waveform.centered else "0",
+        "radalt_network": recipe.network,
+        "radalt_recipe": recipe_name,
+        "radalt_parameters": str(sum(p.numel() for p in network.parameters())),
+        "radalt_training_steps": str(step),
+        "radalt_training_examples": str(step * recipe.batch),
+        "radalt_training_data": description(CONFIGS[recipe.data]),
+        "radalt_training_data_sha256": data_hash(recipe.data),
+        "radalt_git_revision": git_revision(),
+        "radalt_licence": "GPL-3.0-or-later",
+    }
+    if state is None:
+        entries["radalt_placeholder"] = "1"
+    return entries
+
+
+def export(network: torch.nn.Module, entries: dict[str, str], path: Path) -> None:
+    """Write the float32 graph with its metadata."""
+    network.eval()
+    example = torch.zeros(1, 2, Waveform().samples_per_frame)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network,
+            (example,),
+            str(path),
+            dynamo=False,
+            opset_version=17,
+            input_names=["iq"],
+            output_names=["clean"],
+            dynamic_axes={"iq": {0: "batch"}, "clean": {0: "batch"}},
+        )
+    model = onnx.load(str(path))
+    helper.set_model_props(model, entries)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+
+
+def narrow(source: Path, target: Path, precision: str) -> None:
+    """Write a variant of a float32 model."""
+    if precision == "int8-dynamic":
+        from onnxruntime.quantization import QuantType, quantize_dynamic
+
+        quantize_dynamic(source, target, per_channel=True, weight_type=QuantType.QInt8)
+        entries = {p.key: p.value for p in onnx.load(str(source)).metadata_props}
+        model = onnx.load(str(target))
+    else:
+        model = onnx.load(str(source))
+        entries = {p.key: p.value for p in model.metadata_props}
+        _store(model, precision)
+    helper.set_model_props(model, entries | {"radalt_precision": precision})
+    onnx.save(model, str(target))
+
+
+def _store(model: onnx.ModelProto, precision: str) -> None:
+    """Replace large float32 initialisers by narrow ones that are widened by constant nodes."""
+    graph = model.graph
+    nodes, kept = [], []
+    for tensor in list(graph.initializer):
+        large = tensor.data_type == TensorProto.FLOAT and np.prod(tensor.dims) >= _SMALL
+        if not large:
+            kept.append(tensor)
+            continue
+        values, name = numpy_helper.to_array(tensor), tensor.name
+        if precision == "float16":
+            kept.append(numpy_helper.from_array(values.astype(np.float16), name + ".float16"))
+            nodes.append(helper.make_node("Cast", [name + ".float16"], [name], to=TensorProto.FLOAT))
+            continue
+        axes = tuple(range(1, values.ndim))  # one scale a row
+        scale = np.maximum(np.abs(values).max(axis=axes, keepdims=True), 1e-30).astype(np.float32) / 127
+        codes = np.rint(values / scale).astype(np.int8)
+        kept += [
+            numpy_helper.from_array(codes, name + ".int8"),
+            numpy_helper.from_array(scale, name + ".scale"),
+        ]
+        nodes.append(helper.make_node("Cast", [name + ".int8"], [name + ".wide"], to=TensorProto.FLOAT))
+        nodes.append(helper.make_node("Mul", [name + ".wide", name + ".scale"], [name]))
+    del graph.initializer[:]
+    graph.initializer.extend(kept)
+    old = list(graph.node)
+    del graph.node[:]
+    graph.node.extend(nodes + old)
+
+
+def session(path: Path, threads: int = 1) -> onnxruntime.InferenceSession:
+    """Session as the module opens it."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
+def relative_error(path: Path, network: torch.nn.Module, recipe_name: str) -> float:
+    """Largest over frames of ``|onnx - torch| / |torch|`` (2-norms) on fresh training-like examples."""
+    received, _, _ = make_batch(CONFIGS[RECIPES[recipe_name].data], Waveform(), 987_654, 0, 16)
+    x = normalise(torch.from_numpy(received), network.normalisation)
+    with torch.no_grad():
+        wanted = network(x).numpy()
+    have = session(path).run(None, {"iq": x.numpy()})[0]
+    return float(np.max(np.linalg.norm(have - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2))))
+
+
+def milliseconds(path: Path, repeats: int = 200) -> float:
+    """Median time of one frame on one thread."""
+    run = session(path)
+    frame = np.random.default_rng(0).standard_normal((1, 2, Waveform().samples_per_frame)).astype(np.float32)
+    times = []
+    for _ in range(repeats + 10):
+        start = time.perf_counter()
+        run.run(None, {"iq": frame})
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(times[10:]))
+
+
+def main() -> int:
+    """Command line; the exit status says whether the export agrees with PyTorch."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recipe", choices=sorted(RECIPES))
+    parser.add_argument("--name", help="run below training/runs (default: the recipe's name)")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--precision", choices=PRECISIONS, default="float32")
+    parser.add_argument("--untrained", action="store_true", help="placeholder that starts as built")
+    parser.add_argument(
+        "--variants", action="store_true", help="also measure every precision, in a scratch folder"
+    )
+    args = parser.parse_args()
+    torch.manual_seed(0)
+    network = build(RECIPES[args.recipe].network, Waveform()).eval()
+    state = None
+    if not args.untrained:
+        state = torch.load(RUNS / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
+        network.load_state_dict(state.get("average") or state["network"])
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        plain = Path(scratch) / "float32.onnx"
+        export(network, metadata(args.recipe, state, network), plain)
+        error = relative_error(plain, network, args.recipe)
+        print(f"float32 against PyTorch: relative error {error:.2e} (limit {TOLERANCE:g})")
+        if not error < TOLERANCE:
+            return 1
+        if args.precision == "float32":
+            args.out.write_bytes(plain.read_bytes())
+        else:
+            narrow(plain, args.out, args.precision)
+        _describe(args.out, network, args.recipe)
+        for precision in PRECISIONS[1:] if args.variants else ():
+            variant = Path(scratch) / f"{precision}.onnx"
+            narrow(plain, variant, precision)
+            _describe(variant, network, args.recipe)
+    return 0
+
+
+def _describe(path: Path, network: torch.nn.Module, recipe_name: str) -> None:
+    content = path.read_bytes()
+    error = relative_error(path, network, recipe_name)
+    print(
+        f"{path.name}: {len(content)} bytes, {milliseconds(path):.2f} ms a frame on one thread, "
+        f"relative error {error:.2e}, sha256 {hashlib.sha256(content).hexdigest()}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,61 @@
+"""Training losses: what the altimeter sees, and plain samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from radalt.core.waveform import Waveform
+
+__all__ = ["BeatLoss", "sample_loss"]
+
+
+class BeatLoss(nn.Module):
+    """Mean log of the normalised error of the beat spectra after the best complex scale.
+
+    For each half sweep, ``1 - |<y, s>|^2 / (|y|^2 |s|^2)`` with ``y`` and ``s`` the beat cells (one a half
+    sweep, 2 kHz) of output and clean return over the beats of 0-1500 m and 15 cells more on each side: one
+    minus the squared coherence, so scale and phase do not matter and every decibel of signal to error counts
+    the same.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    max_altitude_m : float
+    floor : float
+        Error share below which nothing more is asked for.
+    """
+
+    def __init__(self, waveform: Waveform, *, max_altitude_m: float = 1500.0, floor: float = 1e-3) -> None:
+        super().__init__()
+        self.half, self.floor = waveform.samples_per_half, floor
+        cell_hz = 1.0 / waveform.half_sweep_s
+        top = int(np.ceil(float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz)) + 15
+        beats = np.arange(-15, top + 1)
+        self.register_buffer("cells", torch.tensor(np.stack([-beats, beats]) % self.half), persistent=False)
+        conjugate = torch.tensor(np.conj(waveform.reference).reshape(2, self.half))
+        self.register_buffer("conjugate", conjugate, persistent=False)
+
+    def beats(self, frames: Tensor) -> Tensor:
+        """(B, 2, N) planes -> (B, 2 halves, cells) complex."""
+        x = torch.complex(frames[:, 0], frames[:, 1]).reshape(-1, 2, self.half)
+        spectrum = torch.fft.fft(x * self.conjugate)
+        index = self.cells.expand(spectrum.shape[0], -1, -1)
+        return torch.gather(spectrum, 2, index)
+
+    def error(self, output: Tensor, clean: Tensor) -> Tensor:
+        """(B, 2) error share of each half sweep, 0..1."""
+        y, s = self.beats(output), self.beats(clean)
+        cross = (y.conj() * s).sum(2).abs() ** 2
+        energy = (y.abs() ** 2).sum(2) * (s.abs() ** 2).sum(2)
+        return (1 - cross / (energy + 1e-12)).clamp(min=0)
+
+    def forward(self, output: Tensor, clean: Tensor) -> Tensor:
+        """Scalar, in nepers of power."""
+        return torch.log(self.error(output, clean) + self.floor).mean()
+
+
+def sample_loss(output: Tensor, clean: Tensor) -> Tensor:
+    """Mean squared error of the samples, as the paper trains."""
+    return torch.mean((output - clean) ** 2)

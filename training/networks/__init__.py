@@ -1,0 +1,26 @@
+"""Networks of the comparison: `build(name, waveform)` makes one; each has `normalisation` and `loss_kind`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from torch import nn
+
+from radalt.core.waveform import Waveform
+
+from .compact import Compact, CompactSettings
+
+__all__ = ["NETWORKS", "build"]
+
+NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
+    "compact": Compact,
+    "beat_only": lambda w: Compact(w, CompactSettings(modulus=False, spectrum=False)),
+    "beat_spectrum": lambda w: Compact(w, CompactSettings(modulus=False)),
+}
+
+
+def build(name: str, waveform: Waveform) -> nn.Module:
+    """A fresh network by name; raises ValueError for an unknown one."""
+    if name not in NETWORKS:
+        raise ValueError(f"unknown network {name!r}; known: {', '.join(NETWORKS)}")
+    return NETWORKS[name](waveform)

@@ -1,0 +1,206 @@
+"""Train one recipe: resumable, one CSV row a report interval, curves drawn at the end.
+
+    make train ARGS="compact"            # or: PYTHONPATH=python .venv-train/bin/python training/train.py
+    compact
+
+State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import multiprocessing
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from data import CONFIGS, batches, validation_batch
+from losses import BeatLoss, sample_loss
+from networks import build
+from recipes import RECIPES, Recipe
+from torch import Tensor, nn
+
+from radalt.core.waveform import Waveform
+
+RUNS = Path(__file__).resolve().parent / "runs"
+COLUMNS = ("step", "examples", "epoch", "seconds", "rate", "train_loss", "validation_loss")
+_WARM_UP = 200
+
+
+def normalise(planes: Tensor, kind: str) -> Tensor:
+    """(B, 2, N) frames divided as `radalt.core.mitigation.tcae` divides them before the network."""
+    if kind == "joint_rms":
+        return planes / torch.sqrt(2 * torch.mean(planes**2, dim=(1, 2), keepdim=True)).clamp(min=1e-30)
+    dims = (2,) if kind == "per_channel_peak" else (1, 2)
+    return planes / planes.abs().amax(dim=dims, keepdim=True).clamp(min=1e-30)
+
+
+def _produce(queue: multiprocessing.Queue, recipe: Recipe, first: int) -> None:
+    """Worker: fills the queue with batches for ever."""
+    torch.set_num_threads(1)
+    for received, clean, _ in batches(CONFIGS[recipe.data], Waveform(), recipe.batch, first):
+        queue.put((received, clean))
+
+
+class Trainer:
+    """State of one run; `run` goes on from wherever it stands."""
+
+    def __init__(self, name: str, recipe: Recipe, *, device: str, interval: int) -> None:
+        self.recipe, self.device, self.interval = recipe, torch.device(device), interval
+        self.folder = RUNS / name
+        self.folder.mkdir(parents=True, exist_ok=True)
+        torch.manual_seed(0)
+        self.waveform = Waveform()
+        self.network = build(recipe.network, self.waveform).to(self.device)
+        self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
+        self.beat_loss = BeatLoss(self.waveform).to(self.device)
+        self.step, self.seconds = 0, 0.0
+        self._resume()
+        received, clean, _ = validation_batch(CONFIGS[recipe.data], self.waveform, 256)
+        self.validation = tuple(torch.from_numpy(x) for x in (received, clean))
+
+    def _resume(self) -> None:
+        path = self.folder / "checkpoint.pt"
+        if path.is_file():
+            state = torch.load(path, map_location=self.device, weights_only=True)
+            self.network.load_state_dict(state["network"])
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.step, self.seconds = state["step"], state["seconds"]
+
+    def _save(self) -> None:
+        state = {
+            "network": self.network.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "seconds": self.seconds,
+        }
+        torch.save(state, self.folder / "checkpoint.new")
+        (self.folder / "checkpoint.new").replace(self.folder / "checkpoint.pt")
+
+    def rate(self) -> float:
+        """Learning rate of the present step."""
+        if self.recipe.schedule == "constant":
+            return self.recipe.rate
+        warm = min(1.0, (self.step + 1) / _WARM_UP)
+        done = min(1.0, self.step / self.recipe.steps)
+        return self.recipe.rate * warm * max(1e-3, 0.5 * (1 + float(np.cos(np.pi * done))))
+
+    def loss(self, received: Tensor, clean: Tensor) -> Tensor:
+        """Loss of a batch of raw frames."""
+        x = normalise(received.to(self.device), self.network.normalisation)
+        target = clean.to(self.device)
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.recipe.bfloat16):
+            output = self.network(x)
+        if self.recipe.loss == "beat":
+            return self.beat_loss(output.float(), target)
+        return sample_loss(output.float(), normalise(target, self.network.normalisation))
+
+    @torch.no_grad()
+    def validate(self) -> float:
+        """Mean loss over the validation examples."""
+        self.network.eval()
+        parts = [float(self.loss(r, c)) for r, c in zip(*(x.split(32) for x in self.validation), strict=True)]
+        self.network.train()
+        return float(np.mean(parts))
+
+    def train_step(self, received: np.ndarray, clean: np.ndarray) -> float:
+        """One optimiser step; a loss that is not finite skips it."""
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.rate()
+        self.optimiser.zero_grad(set_to_none=True)
+        loss = self.loss(torch.from_numpy(received), torch.from_numpy(clean))
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        if torch.isfinite(norm):
+            self.optimiser.step()
+        self.step += 1
+        return float(loss.detach())
+
+    def run(self, until: float) -> None:
+        """Train to the recipe's end or to the wall-clock time ``until`` (seconds since the epoch)."""
+        queue: multiprocessing.Queue = multiprocessing.Queue(4)
+        worker = multiprocessing.Process(
+            target=_produce, args=(queue, self.recipe, self.step * self.recipe.batch), daemon=True
+        )
+        worker.start()
+        recent: list[float] = []
+        mark = time.monotonic()
+        try:
+            while self.step < self.recipe.steps and time.time() < until:
+                recent.append(self.train_step(*queue.get()))
+                if self.step % self.interval == 0 or self.step == self.recipe.steps:
+                    self.seconds += time.monotonic() - mark
+                    mark = time.monotonic()
+                    self._report(float(np.mean(recent)))
+                    recent.clear()
+            self._save()
+        finally:
+            worker.terminate()
+            worker.join()
+
+    def _report(self, train_loss: float) -> None:
+        size = CONFIGS[self.recipe.data].size
+        examples = self.step * self.recipe.batch
+        row = (self.step, examples, f"{examples / size:.3f}" if size else "", f"{self.seconds:.1f}")
+        row += (f"{self.rate():.3g}", f"{train_loss:.4f}", f"{self.validate():.4f}")
+        path = self.folder / "log.csv"
+        fresh = not path.is_file()
+        with path.open("a", newline="") as file:
+            writer = csv.writer(file)
+            if fresh:
+                writer.writerow(COLUMNS)
+            writer.writerow(row)
+        print(dict(zip(COLUMNS, row, strict=True)), flush=True)
+        self._save()
+
+
+def draw_curves(folder: Path) -> None:
+    """Training and validation loss over examples, from the CSV."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    with (folder / "log.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    examples = [int(row["examples"]) for row in rows]
+    figure, axis = plt.subplots(figsize=(6, 3.5), layout="constrained")
+    axis.plot(examples, [float(row["train_loss"]) for row in rows], color="#0072B2", label="training")
+    axis.plot(
+        examples, [float(row["validation_loss"]) for row in rows], "--", color="#D55E00", label="validation"
+    )
+    axis.set(xlabel="examples", ylabel="loss", title=folder.name)
+    axis.legend()
+    axis.grid(alpha=0.3)
+    figure.savefig(folder / "curves.png", dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recipe", nargs="?", default="compact", choices=sorted(RECIPES))
+    parser.add_argument("--name", help="folder below training/runs (default: the recipe's name)")
+    parser.add_argument("--steps", type=int, help="instead of the recipe's number")
+    parser.add_argument("--minutes", type=float, default=1e6, help="stop, resumable, after this long")
+    parser.add_argument("--interval", type=int, default=250, help="steps between reports and checkpoints")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    args = parser.parse_args()
+    recipe = RECIPES[args.recipe]
+    if args.steps:
+        recipe = replace(recipe, steps=args.steps)
+    torch.set_num_threads(args.threads)
+    trainer = Trainer(args.name or args.recipe, recipe, device=args.device, interval=args.interval)
+    trainer.run(time.time() + 60 * args.minutes)
+    if (trainer.folder / "log.csv").is_file():
+        draw_curves(trainer.folder)
+
+
+if __name__ == "__main__":
+    main()
