@@ -23,7 +23,17 @@ from .programme import Programme
 from .timing import SegmenterSettings
 from .waveform import Waveform
 
-__all__ = ["AltitudeSpec", "EMITTERS", "RadioSpec", "Scene", "SceneError", "SweepSpec", "load_scene", "parse_scene"]
+__all__ = [
+    "AltitudeSpec",
+    "EMITTERS",
+    "RadioSpec",
+    "Scene",
+    "SceneError",
+    "SweepSpec",
+    "load_scene",
+    "parse_scene",
+    "scene_to_mapping",
+]
 
 # emitter by its name in a scene
 EMITTERS: dict[str, type] = {"qpsk": QpskEmitter, "tones": ToneEmitter}
@@ -85,10 +95,11 @@ class AltitudeSpec:
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """Points of an evaluation: every overlap at every SIR (total over all interferers)."""
+    """Points of an evaluation: every overlap at every SIR (total over all interferers) at every SNR."""
 
     overlap: tuple[float, ...] = ()
     sir_db: tuple[float, ...] = ()
+    snr_db: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for value in self.overlap:
@@ -364,4 +375,42 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
         if not isinstance(value, str):
             raise ValueError(f"{where} is {value!r}; expected text")
         return value
+    return value
+
+
+def scene_from_parameters(
+    name: str | Path, overlap: float = -1.0, sir_db: float = 999.0, seed: int = -1
+) -> Scene:
+    """A scene as flowgraph parameters name it: overlap below 0, SIR above 900 and seed below 0 keep the scene's own."""
+    return load_scene(name).at(
+        overlap=None if overlap < 0 else overlap,
+        sir_db=None if sir_db > 900 else sir_db,
+        seed=None if seed < 0 else seed,
+    )
+
+
+def scene_to_mapping(scene: Scene) -> dict[str, Any]:
+    """A scene as plain mappings, lists and numbers; `parse_scene` gives the same scene back."""
+    mapping = {f.name: _plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
+    names = {cls: name for name, cls in EMITTERS.items()}
+    mapping["interference"] = [
+        {
+            names[type(i.emitter)]: {
+                **{key: _plain(getattr(i, key)) for key in _PLACEMENT},
+                **{f.name: _plain(getattr(i.emitter, f.name)) for f in dataclasses.fields(i.emitter)},
+            }
+        }
+        for i in scene.interference
+    ]
+    return mapping
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses as mappings, tuples as lists."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
     return value
