@@ -166,7 +166,7 @@ class LandingStudy:
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
-    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening")
+    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "tcae")
     method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
     snr_db: float | None = None
     doppler: bool = True
@@ -296,7 +296,7 @@ class Point:
 
 
 def accuracy_limit_m(height_m: np.ndarray) -> np.ndarray:
-    """Largest altitude error allowed: 3 ft below 100 ft, 3 % up to 500 ft, 5 % above (metres in, metres out)."""
+    """Largest altitude error allowed, in metres: 3 ft below 100 ft, 3 % up to 500 ft, 5 % above."""
     height_m = np.asarray(height_m, dtype=float)
     feet = height_m / FOOT_M
     return np.where(feet < 100.0, 3.0 * FOOT_M, np.where(feet <= 500.0, 0.03 * height_m, 0.05 * height_m))
@@ -350,7 +350,8 @@ def check_study(study: LandingStudy) -> None:
     if height[high] > study.altimeter.max_altitude_m:
         raise StudyError(
             f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
-            f"altimeter.max_altitude_m {study.altimeter.max_altitude_m:g}; raise it, or cut with trajectory.start_s"
+            f"altimeter.max_altitude_m {study.altimeter.max_altitude_m:g}; raise it, or cut with "
+            "trajectory.start_s"
         )
 
 

@@ -72,20 +72,23 @@ def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path)
     axes[1, 0].set_ylabel("error / m (linear to 10 m)")
     axes[0, 0].legend(fontsize=7)
     axes[1, 0].legend(fontsize=7)
-    figure.suptitle(f"SIR {study.approach.sir_db:g} dB, overlap {study.approach.overlap:g}; dots: declared altitudes")
+    figure.suptitle(
+        f"SIR {study.approach.sir_db:g} dB, overlap {study.approach.overlap:g}; dots: declared altitudes"
+    )
     return _save(figure, folder, "figure_1_approach.png")
 
 
 def _range_time(study: LandingStudy, folder: Path) -> str:
-    """Beat power over range and time: without interference, with it, and after whitening or the last method."""
+    """Beat power over range and time: without interference, with it, after whitening or the last method."""
     from matplotlib import pyplot
 
     step = max(1, study.approach.frames // IMAGE_FRAMES)
     times = study.approach_times_s()[::step]
     after = "whitening" if "whitening" in study.methods else study.methods[-1]
     panels = {"no interference": [], "with interference": [], f"after {after}": []}
-    altimeter, stage = Altimeter(study.waveform, study.altimeter), create(
-        after, study.waveform, **study.method_options.get(after, {})
+    altimeter, stage = (
+        Altimeter(study.waveform, study.altimeter),
+        create(after, study.waveform, **study.method_options.get(after, {})),
     )
     rng = np.random.default_rng(_seed(study, "range-time"))
     for first in range(0, study.approach.frames, step):
@@ -96,8 +99,9 @@ def _range_time(study: LandingStudy, folder: Path) -> str:
             spectra = altimeter.spectra(frame)
             panels[name].append(spectra.power[0].mean(axis=0) / spectra.power[0].max())
     metres = spectra.beat_hz / study.waveform.altitude_to_beat_hz(1.0)
-    heights = np.array([approach_frames(study, k, 1).height_m[0] for k in range(0, study.approach.frames,
-    step)]) shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
+    starts = range(0, study.approach.frames, step)
+    heights = np.array([approach_frames(study, k, 1).height_m[0] for k in starts])
+    shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
     figure, axes = pyplot.subplots(1, 3, figsize=(13, 4.2), sharey=True, layout="constrained")
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
         with np.errstate(divide="ignore"):
@@ -136,8 +140,8 @@ def _error_against_sinr(study: LandingStudy, rows: Sequence[dict[str, Any]], fol
                 mine = curve(rows, overlap, method)
                 x = [asked_db(r) for r in mine]
                 y, bottom, top = (
-                    np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float) for c in (value,
-                    low, high)
+                    np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
+                    for c in (value, low, high)
                 )
                 style = _style(study, method)
                 axis.plot(x, y, ms=4, label=method, **style)

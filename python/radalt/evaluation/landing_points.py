@@ -63,8 +63,9 @@ def _returns(study: LandingStudy, times_s: np.ndarray) -> list[GroundReturn]:
         if study.point_target:
             # the phase is the echo's own; its level is that of the ground it stands for
             echo = point_return(
-                study.waveform, result.height_m, vertical_speed_m_per_s=result.climb_m_per_s if study.doppler
-                else 0.0
+                study.waveform,
+                result.height_m,
+                vertical_speed_m_per_s=result.climb_m_per_s if study.doppler else 0.0,
             )
             result = dataclasses.replace(result, frame=echo * np.sqrt(result.power_w))
         results.append(result)
@@ -81,7 +82,9 @@ def _truth(key: str, times: tuple[float, ...]) -> Truth:
     for k, time_s in enumerate(times):
         looks = _returns(study, time_s + offsets)
         frames[k] = [r.frame / np.sqrt(r.power_w) for r in looks]
-        rows.append([np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")])
+        rows.append(
+            [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
+        )
         rows[-1].append(looks[0].snr_db if study.snr_db is None else study.snr_db)
     height, nearest, climb, snr = np.array(rows).reshape(-1, 4).T
     return Truth(frames, height, nearest, climb, snr, np.array(times))
@@ -171,7 +174,7 @@ def measure(study: LandingStudy, frames: np.ndarray, method: str) -> tuple[np.nd
 
 
 def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
-    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold, so it errs on the safe side."""
+    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
     # spectra come scaled to unit peak; undo that, so that looks weigh by their power
     power = spectra.power * (spectra.scale**2)[:, None, None]
     power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
@@ -244,7 +247,9 @@ def _seed(study: LandingStudy, name: str) -> list[int]:
 
 def run_point(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
     """All rows of a point."""
-    rows = {"approach": _approach_rows, "curve": _curve_rows, "variant": _variant_rows}[point.kind](study, point)
+    rows = {"approach": _approach_rows, "curve": _curve_rows, "variant": _variant_rows}[point.kind](
+        study, point
+    )
     for row in rows:
         row.update(point=point.name, rows=len(rows), kind=point.kind)
     return rows
@@ -290,8 +295,9 @@ def _summary_rows(
     rows = []
     for method in methods:
         results, diverged = measure(study, frames, method)
-        row = {"method": method, "diverged_frames": diverged, **statistics(results, truth, _seed(study,
-        name))} row.update(sir_db=np.median(sir), snr_db=np.median(truth.snr_db), sinr_db=np.median(sinr))
+        row = {"method": method, "diverged_frames": diverged}
+        row.update(statistics(results, truth, _seed(study, name)))
+        row.update(sir_db=np.median(sir), snr_db=np.median(truth.snr_db), sinr_db=np.median(sinr))
         rows.append(row)
     return rows
 

@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+"""The landing study: altitude error of every method over an approach, and error against SINR.
+
+    python flowgraphs/landing_eval.py                                   # the shipped study, under 3 minutes
+    python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
+    python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
+
+Writes rows.csv, report.json, report.md, PNG figures and the study as used into one folder; started again with
+the same study and folder, it goes on where it was stopped. No GNU Radio and no hardware is needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import multiprocessing
+import os
+import sys
+import time
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+# before NumPy: every process computes on one core
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "python"))
+
+try:
+    from gnuradio.radalt.core.mitigation import MitigationError
+    from gnuradio.radalt.core.terrain import TerrainError, TrajectoryError
+    from gnuradio.radalt.evaluation import (
+        landing,
+        landing_figures,
+        landing_points,
+        landing_report,
+        landing_rows,
+    )
+except ImportError:  # without GNU Radio the package is importable by its own name
+    from radalt.core.mitigation import MitigationError
+    from radalt.core.terrain import TerrainError, TrajectoryError
+    from radalt.evaluation import landing, landing_figures, landing_points, landing_report, landing_rows
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add = parser.add_argument
+    add("study", nargs="?", type=Path, default=HERE / "landing" / "study.yaml", help="YAML file")
+    add("--out", type=Path, default=Path("results/landing"), help="folder (default: %(default)s)")
+    add("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
+    add("--restart", action="store_true", help="measure again what the folder already holds")
+    add("--trajectory", type=Path, help="CSV: a track, or ADS-B state vectors")
+    add("--aircraft", help="icao24 or callsign to take from the trajectory file")
+    add("--altitude-offset-m", type=float, help="added to the trajectory's altitudes (datum)")
+    add("--max-gap-s", type=float, help="longest gap in the trajectory that is interpolated")
+    add("--terrain", type=Path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
+    add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
+    add("--flat-m", type=float, help="elevation of the flat earth")
+    add("--sir-db", type=float, help="SIR of the approach and the sensitivity table")
+    add("--methods", help="comma-separated, e.g. none,whitening,tcae")
+    add("--frames", type=int, help="frames of the approach; 0 leaves it out")
+    add("--trials", type=int, help="frames a point of the curves; 0 leaves them out")
+    add("--sensitivity-trials", type=int, help="frames a row of the sensitivity table; 0: no table")
+    add("--seed", type=int, help="of scatterers, noise and interference (default: the study's)")
+    return parser
+
+
+def _study(args: argparse.Namespace) -> landing.LandingStudy:
+    """The study file with the command line's changes; its file names are relative to where one is."""
+    study = landing.load_study(args.study)
+
+    def changed(part: object, **values: object) -> object:
+        return dataclasses.replace(part, **{k: v for k, v in values.items() if v is not None})
+
+    trajectory = changed(
+        study.trajectory,
+        file=str(args.trajectory.resolve()) if args.trajectory else None,
+        aircraft=args.aircraft,
+        altitude_offset_m=args.altitude_offset_m,
+        max_gap_s=args.max_gap_s,
+    )
+    files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)
+    try:
+        return changed(
+            study,
+            trajectory=trajectory,
+            terrain=changed(study.terrain, files=files, void=args.void, flat_m=args.flat_m),
+            approach=changed(study.approach, sir_db=args.sir_db, frames=args.frames),
+            curve=changed(study.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
+            methods=tuple(m.strip() for m in args.methods.split(",")) if args.methods else None,
+            seed=args.seed,
+        )
+    except ValueError as error:
+        raise landing.StudyError(str(error)) from None
+
+
+def _run(
+    study: landing.LandingStudy, todo: list[landing.Point], rows: landing_rows.RowFile, jobs: int
+) -> None:
+    """Measure points in several processes; whatever finishes is on disk at once."""
+    if jobs == 1:
+        for point in _progress(todo):
+            rows.append(landing_points.run_point(study, point))
+        return
+    # spawned, not forked: a fork would copy the threads of libraries that are loaded here in an unknown state
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
+        waiting: set[Future] = {pool.submit(landing_points.run_point, study, point) for point in todo}
+        bar = _progress(range(len(todo)))
+        try:
+            while waiting:
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in done:
+                    rows.append(future.result())
+                    next(bar, None)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+        for _ in bar:
+            pass
+
+
+def _progress(items: object) -> object:
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return iter(items)
+    return iter(tqdm(items, unit="point", disable=not sys.stderr.isatty()))
+
+
+def _prepare(folder: Path, study: landing.LandingStudy, restart: bool) -> None:
+    """Make the folder, or make sure that what it holds is of the same study."""
+    import yaml
+
+    folder.mkdir(parents=True, exist_ok=True)
+    used = folder / "study.yaml"
+    text = "# the study as used\n" + yaml.safe_dump(landing.study_dict(study), sort_keys=False)
+    text += f"# inputs: {landing_report.inputs_digest(study)}\n"
+    if restart:
+        (folder / "rows.csv").unlink(missing_ok=True)
+    elif (folder / "rows.csv").exists() and (not used.exists() or used.read_text(encoding="utf-8") != text):
+        raise landing.StudyError(
+            f"{folder} holds rows of another study; choose another --out or add --restart"
+        )
+    used.write_text(text, encoding="utf-8")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the study; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if args.jobs < 1:
+        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
+    started = time.monotonic()
+    try:
+        study = _study(args)
+        landing.check_study(study)
+        _prepare(args.out, study, args.restart)
+        rows = landing_rows.RowFile(args.out / "rows.csv")
+        points = study.points()
+        todo = [p for p in points if p.name not in rows.points]
+        if len(todo) < len(points):
+            print(f"going on: {len(points) - len(todo)} of {len(points)} points are there", file=sys.stderr)
+        if todo:
+            _run(study, todo, rows, args.jobs)
+        rows.sort([p.name for p in points])
+        figures = landing_figures.draw_figures(study, rows.rows, args.out)
+        landing_report.write_report(study, rows.rows, args.out, figures)
+    except (landing.StudyError, TerrainError, TrajectoryError, MitigationError, OSError) as error:
+        print(f"landing_eval: {error}", file=sys.stderr)
+        return 2
+    except BrokenProcessPool:
+        print(
+            f"landing_eval: a worker process was killed (memory?); the same command goes on from {args.out}, "
+            "with --jobs 1 it needs the least memory",
+            file=sys.stderr,
+        )
+        return 2
+    except KeyboardInterrupt:
+        print(f"landing_eval: stopped; the same command goes on from {args.out}", file=sys.stderr)
+        return 130
+    print(f"{args.out / 'report.md'}  ({len(rows.rows)} rows, {time.monotonic() - started:.0f} s)")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,229 @@
+"""The landing study end to end: rows by seed alone, resumable, any flight, physics that must hold."""
+
+import dataclasses
+import json
+
+import landing_eval
+import numpy as np
+import pytest
+
+from radalt.core.altimeter import AltimeterSettings
+from radalt.core.returns import point_return
+from radalt.evaluation import landing, landing_points, landing_report, landing_rows
+from radalt.evaluation.landing_variants import VARIANTS
+
+SMALL = """
+seed: 3
+methods: [none, blanking]
+approach: {frames: 8, sir_db: -15, overlap: 0.3, chunk: 4}
+curve: {overlap: [0, 1.0], sinr_db: [-40, 0], trials: 6, sensitivity_trials: 0}
+"""
+
+
+@pytest.fixture
+def small(tmp_path, root):
+    data = root / "flowgraphs" / "landing"
+    text = SMALL + (
+        f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"
+        f"terrain: {{files: [{data / 'hilly_n41w089.dt0'}, {data / 'hilly_n41w088.dt0'}]}}\n"
+    )
+    path = tmp_path / "small.yaml"
+    path.write_text(text)
+    return path
+
+
+def _study(root, **changes):
+    study = landing.parse_study({}, folder=str(root / "flowgraphs" / "landing"))
+    return dataclasses.replace(study, methods=("none",), **changes)
+
+
+def test_shipped_study_states_the_defaults(root):
+    shipped = landing.load_study(root / "flowgraphs" / "landing" / "study.yaml")
+    assert shipped == landing.parse_study({}, folder=shipped.folder)
+
+
+def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert landing_eval.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
+    assert landing_eval.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
+    assert (one / "rows.csv").read_bytes() == (two / "rows.csv").read_bytes()
+    report = json.loads((one / "report.json").read_text())
+    assert report["schema"] == landing_report.SCHEMA and report["seed"] == 3
+    assert {p.name for p in one.iterdir()} == {
+        "rows.csv",
+        "report.json",
+        "report.md",
+        "study.yaml",
+        *report["figures"],
+    }
+    assert len(report["figures"]) == 3
+    assert any("onnxruntime was not imported" in line for line in report["left_out"])
+    assert all(len(digest) == 64 for digest in report["inputs_sha256"].values())
+    # 8 frames: once without interference, once for each of two methods
+    rows = landing_rows.read_rows(one / "rows.csv")
+    assert sum(r["kind"] == "approach" for r in rows) == 24
+    assert sum(r["kind"] == "curve" for r in rows) == 2 * (1 + 4)
+
+
+def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
+    out = tmp_path / "run"
+    arguments = [str(small), "--out", str(out), "--jobs", "1"]
+    assert landing_eval.main(arguments) == 0
+    whole = (out / "rows.csv").read_text()
+    (out / "rows.csv").write_text(
+        whole[: int(0.6 * len(whole))]
+    )  # cut in the middle of a line, and of a point
+    assert landing_eval.main(arguments) == 0
+    assert "going on" in capsys.readouterr().err
+    assert (out / "rows.csv").read_text() == whole
+    assert landing_eval.main([*arguments, "--seed", "4"]) == 2
+    assert "another study" in capsys.readouterr().err
+    assert landing_eval.main([*arguments, "--seed", "4", "--restart", "--frames", "0"]) == 0
+    assert (out / "rows.csv").read_text() != whole
+
+
+def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
+    """ADS-B state vectors over the shipped ground: GNSS altitudes, 25 ft steps, a row on the ground."""
+    rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
+    for k in range(25):
+        altitude = round((560.0 - 13.3 * k) / 7.62) * 7.62 - 34.0
+        rows.append(
+            f"{1700000000 + 5 * k},abc123,41.9662,{-88.04 + 0.0043 * k:.4f},71,90,-3,false,,{altitude:.2f}"
+        )
+    rows.append("1700000125,abc123,41.9662,-87.93,60,90,0,true,,")
+    path = tmp_path / "adsb.csv"
+    path.write_text("\n".join(rows) + "\n")
+    files = [str(root / "flowgraphs" / "landing" / f"flat_n41w0{n}.dt0") for n in (89, 88)]
+    arguments = [str(small), "--out", str(tmp_path / "out"), "--jobs", "1", "--trajectory", str(path)]
+    arguments += ["--altitude-offset-m", "34", "--terrain", *files, "--trials", "0"]
+    assert landing_eval.main(arguments) == 0
+    heights = [r["height_m"] for r in landing_rows.read_rows(tmp_path / "out" / "rows.csv")]
+    assert max(heights) == pytest.approx(356.0, abs=4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--terrain", "{flat}/flat_n41w088.dt0"], "does not cover"),
+        (["--terrain", "missing.dt1"], "missing.dt1"),
+        (["--trajectory", "missing.csv"], "missing.csv"),
+        (["--altitude-offset-m", "-300"], "above ground"),
+        (["--altitude-offset-m", "2000"], "max_altitude_m"),
+        (["--methods", "magic"], "magic"),
+        (["--max-gap-s", "0.1"], "max_gap_s"),
+        (["--trials", "-1"], "curve.trials"),
+        (["{out}/none.yaml"], "none.yaml"),
+    ],
+)
+def test_what_does_not_fit_gets_one_line(small, tmp_path, root, capsys, arguments, message):
+    flat = root / "flowgraphs" / "landing"
+    arguments = [a.format(flat=flat, out=tmp_path) for a in arguments]
+    study = [] if arguments[0].endswith(".yaml") else [str(small)]
+    assert landing_eval.main([*study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"metods": ["none"]}, "methods"),
+        ({"ground": {"land": "moon"}}, "moon"),
+        ({"approach": {"overlap": 2}}, "overlap"),
+        ({"curve": {"trials": "many"}}, "curve.trials"),
+        ({"interference": {"laser": {}}}, "laser"),
+        ({"antenna": {"beamwidth_deg": True}}, "antenna.beamwidth_deg"),
+    ],
+)
+def test_study_files_are_checked(data, message):
+    with pytest.raises(landing.StudyError, match=message) as caught:
+        landing.parse_study(data, source="x.yaml")
+    assert str(caught.value).startswith("x.yaml: ")
+
+
+def test_accuracy_bands_in_feet():
+    limit = landing.accuracy_limit_m(np.array([20.0, 99.9, 100.1, 500.0, 501.0, 1000.0]) * 0.3048) / 0.3048
+    assert limit == pytest.approx([3.0, 3.0, 3.003, 15.0, 25.05, 50.0], rel=1e-3)
+
+
+def test_frames_have_the_sir_and_sinr_they_state(root):
+    study = _study(root, snr_db=12.0)
+    samples = study.waveform.samples_per_frame
+    silent = landing_points.Truth(np.zeros((40, 1, samples), np.complex64), *[np.full(40, 12.0)] * 5)
+    rng = np.random.default_rng(0)
+    frames, sir, sinr = landing_points.impaired(study, silent, rng, overlap=0.4, sir_db=-15.0)
+    power = np.mean(np.abs(frames) ** 2)
+    assert 10 * np.log10(power) == pytest.approx(-sinr[0], abs=0.02)
+    assert sir == pytest.approx(-15.0)
+    active = np.mean(np.abs(frames[0, 0]) ** 2 > 5.0)
+    assert active == pytest.approx(0.4, abs=0.01)
+    _, sir, sinr = landing_points.impaired(study, silent, rng, overlap=1.0, sinr_db=-20.0)
+    assert sinr == pytest.approx(-20.0) and sir[0] > -20.0
+    _, sir, sinr = landing_points.impaired(study, silent, rng, overlap=0.0, sinr_db=-20.0)
+    assert sinr == pytest.approx(-20.0) and np.isinf(sir).all()
+    _, _, sinr = landing_points.impaired(study, silent, rng, overlap=1.0, sinr_db=30.0)
+    assert sinr == pytest.approx(12.0)  # no SINR above the SNR
+
+
+def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
+    """A point descending at 3.8 m/s: same altitude as standing still, right vertical speed."""
+    study = _study(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
+    truth = landing_points.approach_frames(
+        dataclasses.replace(study, approach=landing.ApproachSpec(12)), 0, 12
+    )
+    results, _ = landing_points.measure(study, truth.frames, "none")
+    still = dataclasses.replace(study, doppler=False)
+    flat = landing_points.approach_frames(
+        dataclasses.replace(still, approach=landing.ApproachSpec(12)), 0, 12
+    )
+    at_rest, _ = landing_points.measure(still, flat.frames, "none")
+    assert results["valid"].all()
+    assert results["altitude_m"] == pytest.approx(at_rest["altitude_m"], abs=0.5)
+    # the flare apart, where the altitude is below a range cell, vertical speed follows the trajectory
+    assert results["vertical_speed_m_per_s"][:-1] == pytest.approx(truth.climb_m_per_s[:-1], abs=0.6)
+    assert np.abs(at_rest["vertical_speed_m_per_s"]).max() < 0.6
+
+
+def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
+    """The interference-free ceiling: a point is measured to a metre; ground is not, eight sweeps help."""
+    rms = {}
+    for name, changes in {"point": {"point_target": True}, "ground": {}, "looks": {"looks": 8}}.items():
+        study = _study(root, **changes)
+        truth = landing_points._trial_truth(study, 24)
+        frames, _, _ = landing_points.impaired(study, truth, np.random.default_rng(1))
+        results, _ = landing_points.measure(study, frames, "none")
+        assert results["valid"].all()
+        rms[name] = np.sqrt(np.mean((results["altitude_m"] - truth.height_m) ** 2))
+    assert rms["point"] < 1.5 < rms["looks"] < 0.7 * rms["ground"]
+
+
+def test_statistics_count_misses_against_pd(root):
+    study = _study(root, altimeter=AltimeterSettings())
+    heights = np.array([20.0, 100.0, 200.0, 300.0])
+    frames = point_return(study.waveform, heights)[:, None]
+    results, _ = landing_points.measure(study, frames, "none")
+    truth = landing_points.Truth(frames, heights + [0, 0, 0, 9.0], heights, 0 * heights, 0 * heights, heights)
+    results["valid"][0] = False
+    figures = landing_points.statistics(results, truth, [1])
+    assert figures["trials"] == 4 and figures["detections"] == 3 and figures["correct"] == 2
+    assert figures["pd"] == 0.5
+    # Wilson interval of 2 in 4
+    assert (figures["pd_low"], figures["pd_high"]) == pytest.approx((0.150, 0.850), abs=1e-3)
+    assert figures["rmse_m"] == pytest.approx(9.0 / np.sqrt(3), abs=0.7)
+    assert figures["forced_trials"] == 4
+
+
+def test_every_variant_changes_one_thing(root):
+    study = _study(
+        root, curve=landing.CurveSpec(trials=0, sensitivity_trials=2), approach=landing.ApproachSpec(0)
+    )
+    points = study.points()
+    assert [p.variant for p in points] == [v.name for v in VARIANTS]
+    assert len({v.name for v in VARIANTS}) == len(VARIANTS)
+    rows = [row for p in points[:3] + points[-3:] for row in landing_points.run_point(study, p)]
+    table = {r["variant"]: r for r in landing_report.sensitivity(rows)}
+    assert table["baseline"]["sir_db"] == -15.0
+    assert table["sir_minus_25"]["sir_db"] == -40.0
+    assert np.isinf(table["no_interference"]["sir_db"])
+    for variant in VARIANTS[1:]:
+        assert variant.shift_db or variant.change(study) != study, variant.name
