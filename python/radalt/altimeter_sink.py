@@ -46,7 +46,12 @@ class altimeter_sink(gr.sync_block):
     """
 
     def __init__(
-        self, scene: Scene, method: str = "none", endpoint: str = "", messages: bool = True, capacity: int = 100_000
+        self,
+        scene: Scene,
+        method: str = "none",
+        endpoint: str = "",
+        messages: bool = True,
+        capacity: int = 100_000,
     ) -> None:
         n = scene.waveform.samples_per_frame
         gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], None)
@@ -58,7 +63,9 @@ class altimeter_sink(gr.sync_block):
         self._count = 0
         self._port = pmt.intern("result")
         self.message_port_register_out(self._port)
-        self._keys = {name: pmt.intern(name) for name in (*RESULT_DTYPE.names, "truth_m", "method", "version")}
+        self._keys = {
+            name: pmt.intern(name) for name in (*RESULT_DTYPE.names, "truth_m", "method", "version")
+        }
         self._method_pmt = pmt.intern(method)
         self._socket = self._open(endpoint) if endpoint else None
 
@@ -66,13 +73,17 @@ class altimeter_sink(gr.sync_block):
         import zmq
 
         socket = zmq.Context.instance().socket(zmq.PUB)
-        socket.setsockopt(zmq.SNDHWM, 1000)  # a slow or dead subscriber loses messages, it never slows the radio
+        socket.setsockopt(
+            zmq.SNDHWM, 1000
+        )  # a slow or dead subscriber loses messages, it never slows the radio
         socket.setsockopt(zmq.LINGER, 0)
         try:
             socket.bind(endpoint)
         except zmq.ZMQError as error:
             socket.close()
-            raise ValueError(f"altimeter_sink.endpoint {endpoint!r} cannot be bound: {error}; use another port") from None
+            raise ValueError(
+                f"altimeter_sink.endpoint {endpoint!r} cannot be bound: {error}; use another port"
+            ) from None
         return socket
 
     @guarded
@@ -81,9 +92,7 @@ class altimeter_sink(gr.sync_block):
         frames = input_items[0]
         tags = read_frame_tags(self, len(frames))
         index = np.nan_to_num(tags[:, 0], nan=-1).astype(np.int64)
-        results = self.altimeter.process(
-            frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index
-        )
+        results = self.altimeter.process(frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
         self._count += len(results)

@@ -50,7 +50,9 @@ class fmcw_chirp_source(gr.sync_block):
         """Synthetic altitude from the next sweep on; below 0 follows the programme."""
         top = self.waveform.max_unambiguous_altitude_m
         if not (np.isfinite(altitude_m) and altitude_m <= top):
-            raise ValueError(f"altitude_m is {altitude_m!r}; it has to be at most {top:.6g} m (below 0: programme)")
+            raise ValueError(
+                f"altitude_m is {altitude_m!r}; it has to be at most {top:.6g} m (below 0: programme)"
+            )
         self._manual_m = float(altitude_m)
 
     def _table(self, index: int) -> np.ndarray:

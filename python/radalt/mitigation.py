@@ -30,6 +30,8 @@ class mitigation(MitigationBlock):
     ``clean = radalt.mitigation(scene, "whitening")``
     """
 
-    def __init__(self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None
+    ) -> None:
         parameters = {**scene.method_options.get(method, {}), **(options or {})}
         super().__init__("radalt_mitigation", create(method, scene.waveform, **parameters))

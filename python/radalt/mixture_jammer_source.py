@@ -30,7 +30,9 @@ class mixture_jammer_source(JammerSource):
 
     KEEP_SIR_DB = 999.0
 
-    def __init__(self, scene: Scene, overlap: float = -1.0, sir_db: float = KEEP_SIR_DB, frames: int = 0) -> None:
+    def __init__(
+        self, scene: Scene, overlap: float = -1.0, sir_db: float = KEEP_SIR_DB, frames: int = 0
+    ) -> None:
         super().__init__(
             "radalt_mixture_jammer_source",
             scene,

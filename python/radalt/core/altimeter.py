@@ -23,7 +23,9 @@ __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"
 
 STRATEGIES = ("strongest", "leading_edge", "centroid")
 _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
-_OVERSAMPLING = 2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
+_OVERSAMPLING = (
+    2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
+)
 
 
 class Reason:
@@ -176,7 +178,9 @@ class Altimeter:
         self.taps = self._lowpass(width)
         outputs = -(-(w.samples_per_half + self.taps.size - 1) // self.decimation)
         self.outputs = outputs
-        self.fft_size = fft.next_fast_len(max(outputs, int(np.ceil(_OVERSAMPLING * w.samples_per_half / self.decimation))))
+        self.fft_size = fft.next_fast_len(
+            max(outputs, int(np.ceil(_OVERSAMPLING * w.samples_per_half / self.decimation)))
+        )
         self.cell_hz = self.decimated_rate_hz / self.fft_size
         reach = min(int(width / 2 / self.cell_hz), (self.fft_size - 1) // 2)
         self._bins = np.arange(-reach, reach + 1)
@@ -452,10 +456,11 @@ def _edge_of(power: np.ndarray, cell: int) -> float:
     low, _ = _run(power > level, cell)
     if low == 0:
         return 0.0
-    below, above = float(power[low - 1]), float(power[low])
     # interpolate in decibels: the flank of a main lobe is close to a parabola there
-    fraction = (np.log(level) - np.log(max(below, 1e-37))) / (np.log(above) - np.log(max(below, 1e-37)))
-    return low - 1 + float(fraction)
+    below, above, crossing = np.log(np.maximum([power[low - 1], power[low], level], 1e-37))
+    if not above > below:  # a forced decision on a cell without power, or one that is not finite
+        return float(low)
+    return low - 1 + float((crossing - below) / (above - below))
 
 
 def _run(mask: np.ndarray, cell: int) -> tuple[int, int]:

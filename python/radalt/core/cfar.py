@@ -56,7 +56,9 @@ class Cfar:
         if not 1e-12 <= self.pfa <= 0.5:
             raise ValueError(f"cfar.pfa is {self.pfa!r}; it has to be within 1e-12..0.5")
         if self.train < 2 or self.guard < 0:
-            raise ValueError(f"cfar.train {self.train} has to be at least 2, cfar.guard {self.guard} at least 0")
+            raise ValueError(
+                f"cfar.train {self.train} has to be at least 2, cfar.guard {self.guard} at least 0"
+            )
         if self.kind not in ("ca", "os"):
             raise ValueError(f"cfar.kind is {self.kind!r}; allowed: ca, os")
         if not 0 < self.rank <= 1:
@@ -148,7 +150,9 @@ class Cfar:
             cells = power[..., (m + np.arange(inner))[:, None] + offsets]
             k = self._rank_index(offsets.size)
             return np.partition(cells, k, axis=-1)[..., k]
-        total = np.zeros(power.shape[:-1] + (power.shape[-1] + 1,))  # float64 sums: exact enough at 100 dB range
+        total = np.zeros(
+            power.shape[:-1] + (power.shape[-1] + 1,)
+        )  # float64 sums: exact enough at 100 dB range
         np.cumsum(power, axis=-1, out=total[..., 1:])
         low = total[..., t : t + inner] - total[..., :inner]
         start = m + g + 1

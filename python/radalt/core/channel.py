@@ -97,11 +97,15 @@ class ChannelSettings:
         if not self.full_scale > 0:
             raise ValueError(f"channel.full_scale is {self.full_scale:g}; it has to be above 0")
         if self.start_offset_samples is not None and self.start_offset_samples < 0:
-            raise ValueError(f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be 0 or above")
+            raise ValueError(
+                f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be 0 or above"
+            )
         if abs(self.jammer_clock_ppm) > 100:
             raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
         if self.jammer_delay_samples < 0:
-            raise ValueError(f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be 0 or above")
+            raise ValueError(
+                f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be 0 or above"
+            )
 
 
 class _DelayLine:
@@ -139,7 +143,9 @@ class _DelayLine:
                 self._kernels.clear()
             n = np.arange(2 * _HALF_TAPS + 1) - _HALF_TAPS
             taps = np.sinc(n - fraction) * np.interp(
-                n - fraction, np.linspace(-_HALF_TAPS - 1, _HALF_TAPS + 1, 4097), signal.windows.kaiser(4097, 5.0)
+                n - fraction,
+                np.linspace(-_HALF_TAPS - 1, _HALF_TAPS + 1, 4097),
+                signal.windows.kaiser(4097, 5.0),
             )
             self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
         return self._kernels[fraction]
@@ -193,7 +199,9 @@ class SimulatedChannel:
         if true_delay is not None:
             top_s = float(altitude_to_delay_s(max(true_delay.altitudes_m) + 200.0))
             if self.latency_samples < _HALF_TAPS:
-                raise ValueError(f"true delays need channel.start_offset_samples of at least {_HALF_TAPS}, or none")
+                raise ValueError(
+                    f"true delays need channel.start_offset_samples of at least {_HALF_TAPS}, or none"
+                )
         self._radar = _DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n)
         drift = abs(settings.jammer_clock_ppm) * 1e-6 * frames * n
         self._jammer_base = self.latency_samples + settings.jammer_delay_samples
@@ -254,7 +262,11 @@ class SimulatedChannel:
         index = self._block - int(np.ceil(self.latency_samples)) // n
         before = self._delayed(index - 1)[:boundary]
         after = self._delayed(index)[boundary:]
-        return np.concatenate([before, after]) if boundary else self._delayed(index)[:n] * w.reference.dtype.type(1)
+        return (
+            np.concatenate([before, after])
+            if boundary
+            else self._delayed(index)[:n] * w.reference.dtype.type(1)
+        )
 
     def _delayed(self, frame: int) -> np.ndarray:
         """This block as a return of frame ``frame``'s altitude: delay, carrier phase, Doppler, leakage."""
@@ -266,12 +278,16 @@ class SimulatedChannel:
         carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
         if speed:
             # time since the middle of the frame, in this block's samples
-            t = (np.arange(n) + self._block * n - self.latency_samples) / w.rate_hz - (frame + 0.5) * w.sweep_s
+            t = (np.arange(n) + self._block * n - self.latency_samples) / w.rate_hz - (
+                frame + 0.5
+            ) * w.sweep_s
             out = out * exp_cycles(carrier - float(w.vertical_speed_to_doppler_hz(speed)) * t)
         else:
             out = out * np.complex64(np.exp(2j * np.pi * carrier))
         if self.settings.leakage_db is not None:
-            out = out + np.float32(10.0 ** (self.settings.leakage_db / 20.0)) * self._radar.read(self.latency_samples)
+            out = out + np.float32(10.0 ** (self.settings.leakage_db / 20.0)) * self._radar.read(
+                self.latency_samples
+            )
         return out
 
     def _interference(self) -> np.ndarray:
@@ -305,7 +321,9 @@ class SimulatedChannel:
             step = np.float32(s.full_scale / 2 ** (s.adc_bits - 1))
             top = 2 ** (s.adc_bits - 1) - 1
             # mid-rise for one bit would lose zero; converters are mid-tread above that
-            levels = np.sign(rails) * 0.5 if s.adc_bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
+            levels = (
+                np.sign(rails) * 0.5 if s.adc_bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
+            )
             rails[:] = levels * step
 
     def _cut(self, first: int, out: np.ndarray) -> list[tuple[int, np.ndarray]]:

@@ -90,7 +90,11 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
     else:
         den = np.pi * t * (1 - (4 * b * t) ** 2)
         num = np.sin(np.pi * t * (1 - b)) + 4 * b * t * np.cos(np.pi * t * (1 + b))
-        edge = b / np.sqrt(2) * ((1 + 2 / np.pi) * np.sin(np.pi / 4 / b) + (1 - 2 / np.pi) * np.cos(np.pi / 4 / b))
+        edge = (
+            b
+            / np.sqrt(2)
+            * ((1 + 2 / np.pi) * np.sin(np.pi / 4 / b) + (1 - 2 / np.pi) * np.cos(np.pi / 4 / b))
+        )
         singular = np.isclose(den, 0.0)
         taps = np.where(singular, edge, num / np.where(singular, 1.0, den))
         taps[np.isclose(t, 0.0)] = 1 - b + 4 * b / np.pi
@@ -149,7 +153,9 @@ class QpskEmitter:
         else:
             baseband = self._shaped(count, rate, offset, rng)
         if self.carrier_hz:
-            return baseband * exp_cycles(np.arange(count) * (self.carrier_hz / rate_hz) + phase, np.complex128)
+            return baseband * exp_cycles(
+                np.arange(count) * (self.carrier_hz / rate_hz) + phase, np.complex128
+            )
         return baseband * np.exp(2j * np.pi * phase)
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
@@ -199,7 +205,9 @@ class Interferer:
         if not 0 <= self.overlap <= 1:
             raise ValueError(f"overlap is {self.overlap!r}; it has to be within 0..1")
         if not np.isfinite(self.sir_db):
-            raise ValueError(f"sir_db is {self.sir_db!r}; it has to be finite (leave the interferer out instead)")
+            raise ValueError(
+                f"sir_db is {self.sir_db!r}; it has to be finite (leave the interferer out instead)"
+            )
         if self.start is not None and not 0 <= self.start <= 1:
             raise ValueError(f"start is {self.start!r}; it has to be within 0..1, or none for random")
 

@@ -49,7 +49,9 @@ class Programme:
             raise ValueError("altitude.programme_m is empty; give at least one altitude in metres")
         bad = [a for a in self.altitudes_m if not (np.isfinite(a) and a >= 0)]
         if bad:
-            raise ValueError(f"altitude.programme_m holds {bad[0]!r}; altitudes have to be finite and 0 or above")
+            raise ValueError(
+                f"altitude.programme_m holds {bad[0]!r}; altitudes have to be finite and 0 or above"
+            )
         if self.frames_per_step < 1 or self.preamble_frames < 6:
             raise ValueError(
                 f"altitude.frames {self.frames_per_step} has to be at least 1 and preamble_frames "
@@ -111,7 +113,9 @@ class Programme:
         if frame_index >= trial.size or ahead.size == 0:
             return None
         first = max(0, frame_index) + int(ahead[0])
-        if first == frame_index and frame_index > 0 and not trial[frame_index - 1]:  # inside a section: the one after
+        if (
+            first == frame_index and frame_index > 0 and not trial[frame_index - 1]
+        ):  # inside a section: the one after
             rest = np.nonzero(trial[first:])[0]
             return None if rest.size == 0 else self.next_sync(first + int(rest[0]))
         length = np.nonzero(trial[first:])[0]

@@ -144,8 +144,14 @@ class RadioSpec:
         if self.enclosure not in ("none", "cabled", "shielded"):
             raise ValueError(f"radio.enclosure is {self.enclosure!r}; allowed: none, cabled, shielded")
         if self.clock_source not in ("internal", "external", "gpsdo"):
-            raise ValueError(f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo")
-        for name, top in (("radar_tx_gain_db", 89.75), ("jammer_tx_gain_db", 89.75), ("radar_rx_gain_db", 76.0)):
+            raise ValueError(
+                f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
+            )
+        for name, top in (
+            ("radar_tx_gain_db", 89.75),
+            ("jammer_tx_gain_db", 89.75),
+            ("radar_rx_gain_db", 76.0),
+        ):
             if not 0 <= getattr(self, name) <= top:
                 raise ValueError(f"radio.{name} is {getattr(self, name):g}; it has to be within 0..{top:g}")
         if self.attenuation_db < 0:
@@ -251,7 +257,9 @@ def load_scene(name: str | Path) -> Scene:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file"
-        raise SceneError(f"scene {path}: cannot be read ({reason}); give a YAML file or a shipped scene's name") from None
+        raise SceneError(
+            f"scene {path}: cannot be read ({reason}); give a YAML file or a shipped scene's name"
+        ) from None
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -352,7 +360,9 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
             try:
                 value = float(value)
             except ValueError:
-                raise ValueError(f"{where} is {value!r}; expected a number, in the unit its name states") from None
+                raise ValueError(
+                    f"{where} is {value!r}; expected a number, in the unit its name states"
+                ) from None
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise ValueError(f"{where} is {value!r}; expected a number, in the unit its name states")
         if not np.isfinite(value):

@@ -16,7 +16,13 @@ from .base import Mitigation, MitigationError
 __all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
 
 # metadata every model carries; DESIGN.md 5
-CONTRACT_KEYS = ("radalt_frame_samples", "radalt_layout", "radalt_normalisation", "radalt_rate_hz", "radalt_centered")
+CONTRACT_KEYS = (
+    "radalt_frame_samples",
+    "radalt_layout",
+    "radalt_normalisation",
+    "radalt_rate_hz",
+    "radalt_centered",
+)
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
@@ -84,7 +90,9 @@ class Tcae(Mitigation):
     def _check(self, waveform: Waveform) -> None:
         missing = [key for key in CONTRACT_KEYS if key not in self.metadata]
         if missing:
-            raise MitigationError(f"tcae model {self.model} lacks the metadata {', '.join(missing)}; export it with training/")
+            raise MitigationError(
+                f"tcae model {self.model} lacks the metadata {', '.join(missing)}; export it with training/"
+            )
         expected = {
             "radalt_frame_samples": str(waveform.samples_per_frame),
             "radalt_layout": LAYOUT,
@@ -121,9 +129,13 @@ class Tcae(Mitigation):
         try:
             cleaned = session.run(None, {session.get_inputs()[0].name: planes})[0]
         except Exception as error:  # see _load
-            raise MitigationError(f"tcae model {self.model} failed to run: {str(error).splitlines()[0]}") from None
+            raise MitigationError(
+                f"tcae model {self.model} failed to run: {str(error).splitlines()[0]}"
+            ) from None
         if cleaned.shape != planes.shape:
-            raise MitigationError(f"tcae model {self.model} gives shape {cleaned.shape}; expected {planes.shape}")
+            raise MitigationError(
+                f"tcae model {self.model} gives shape {cleaned.shape}; expected {planes.shape}"
+            )
         cleaned = cleaned * scale
         return np.ascontiguousarray(cleaned.transpose(0, 2, 1), dtype=np.float32).view(np.complex64)[..., 0]
 
@@ -132,7 +144,9 @@ class Tcae(Mitigation):
         if self.normalisation == "none":
             return np.ones((planes.shape[0], 1, 1), dtype=np.float32)
         if self.normalisation == "joint_rms":
-            peak = np.max(np.abs(planes), axis=(1, 2), keepdims=True)  # first, so that squares cannot overflow
+            peak = np.max(
+                np.abs(planes), axis=(1, 2), keepdims=True
+            )  # first, so that squares cannot overflow
             peak = np.where(peak > 0, peak, np.float32(1))
             return peak * np.sqrt(2 * np.mean((planes / peak) ** 2, axis=(1, 2), keepdims=True)).clip(1e-30)
         axes = (2,) if self.normalisation == "per_channel_peak" else (1, 2)

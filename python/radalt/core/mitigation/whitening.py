@@ -31,7 +31,9 @@ class Whitening(Mitigation):
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 1.0) -> None:
         if not 0 < smoothing_hz <= waveform.rate_hz:
-            raise MitigationError(f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}")
+            raise MitigationError(
+                f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}"
+            )
         if not 0 < exponent <= 1:
             raise MitigationError(f"whitening.exponent is {exponent!r}; it has to be within 0..1")
         self.smoothing_hz, self.exponent = smoothing_hz, exponent
