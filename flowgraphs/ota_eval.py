@@ -1,0 +1,255 @@
+#!/usr/bin/env python3
+"""Probability of correct altitude against temporal overlap, for every mitigation method, through GNU Radio.
+
+    python flowgraphs/ota_eval.py --sim                                    # the paper's case, about a minute
+    python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
+    python flowgraphs/ota_eval.py --sim --out results/mine --resume        # go on where it was killed
+
+Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
+and writes report.md, report.json, rows.csv, figures and the scene as used into one folder. Options change the scene;
+lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --sir-db=-10 with "=" before a minus.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+# before NumPy is imported, here and in the workers: every process computes on one core
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+HERE = Path(__file__).resolve().parent
+if (
+    HERE.parent / "python" / "radalt"
+).is_dir():  # in the source tree; installed, Python finds the package itself
+    sys.path.insert(0, str(HERE.parent / "python"))
+
+PROGRAM = "ota_eval"
+DEFAULT_SCENE = "paper_qpsk"
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors in one line, without the usage text."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    summary, _, details = __doc__.partition("\n\n")
+    parser = _Parser(
+        prog=PROGRAM,
+        description=summary,
+        epilog=details,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--sim", action="store_true", help="simulated channel in place of the two B210s")
+    add(
+        "--scene",
+        default=DEFAULT_SCENE,
+        help="YAML file, or the name of a shipped scene (default: %(default)s)",
+    )
+    add("--methods", help="mitigation methods with commas, e.g. none,whitening,tcae")
+    add("--overlap", metavar="LIST", help="overlaps, 0..1")
+    add("--sir-db", metavar="LIST", help="signal-to-interference ratios over the whole sweep")
+    add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
+    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
+    add("--frames", type=int, help="frames at each altitude")
+    add("--seed", type=int, help="everything random follows from it")
+    add("--model", type=Path, help="ONNX file of the method tcae")
+    add("--out", type=Path, help="result folder (default: results/SCENE-DATE-TIME)")
+    add("--resume", action="store_true", help="complete the run that --out holds")
+    add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
+    add("--time-limit-s", type=float, default=120.0, help="longest time for one point (default: %(default)g)")
+    add("--transmit", action="store_true", help="on the air: allow transmission into the scene's enclosure")
+    return parser
+
+
+def _check_python() -> str | None:
+    """What is wrong with this Python, in one line, or None."""
+    hint = "run 'make eval', or use the Python of GNU Radio, e.g. /usr/bin/python3"
+    try:
+        if importlib.util.find_spec("gnuradio.gr") is None:
+            return f"{sys.executable} has no GNU Radio; {hint}"
+        from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
+
+        from gnuradio.radalt.core import scene  # noqa: F401
+    except (ImportError, SystemError) as error:
+        return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {hint}"
+    return None
+
+
+def _scene(args: argparse.Namespace) -> Any:
+    """The scene with the command line's changes; raises SceneError."""
+    from gnuradio.radalt.core.scene import SceneError, load_scene
+    from gnuradio.radalt.evaluation.points import parse_axis
+
+    scene = load_scene(args.scene)
+
+    def change(option: str, where: str, value: Callable[[], dict[str, Any]]) -> None:
+        nonlocal scene
+        part = getattr(scene, where) if where else scene
+        try:
+            part = dataclasses.replace(part, **value())
+            scene = dataclasses.replace(scene, **{where: part}) if where else part
+            scene.altitude.programme  # noqa: B018 - checked when it is made
+        except ValueError as error:
+            text = str(error)
+            raise SceneError(text if option in text else f"{option}: {text}") from None
+
+    for option, where, key in (
+        ("--overlap", "sweep", "overlap"),
+        ("--sir-db", "sweep", "sir_db"),
+        ("--snr-db", "sweep", "snr_db"),
+        ("--altitudes", "altitude", "programme_m"),
+    ):
+        text = getattr(args, option[2:].replace("-", "_"))
+        if text is not None:
+            change(option, where, lambda k=key, t=text, o=option: {k: parse_axis(t, o)})
+    if args.frames is not None:
+        change("--frames", "altitude", lambda: {"frames": args.frames})
+    if args.seed is not None:
+        if args.seed < 0:
+            raise SceneError(f"--seed is {args.seed}; it has to be 0 or above")
+        change("--seed", "", lambda: {"seed": args.seed})
+    if args.methods is not None:
+        change("--methods", "", lambda: {"methods": tuple(m.strip() for m in args.methods.split(","))})
+    if args.model is not None:
+        options = dict(scene.method_options)
+        options["tcae"] = {**(options.get("tcae") or {}), "model": str(args.model)}
+        change("--model", "", lambda: {"method_options": options})
+    return scene
+
+
+def _require_radios(needed: int) -> None:
+    """Raise SceneError unless enough B210s are connected."""
+    from gnuradio import uhd
+
+    from gnuradio.radalt.core.scene import SceneError
+
+    found = len(uhd.find(uhd.device_addr("type=b200")))
+    if found < needed:
+        raise SceneError(
+            f"{found} of {needed} B210s found; connect them (uhd_find_devices lists what is there), "
+            "or add --sim for the simulated channel"
+        )
+
+
+class _Progress:
+    """A bar on a terminal, a line a point elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar = None
+
+    def __call__(self, done: int, total: int, rows: Sequence[dict[str, Any]]) -> None:
+        if sys.stderr.isatty():
+            self._show(done, total)
+            return
+        sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
+        pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
+        print(f"[{done}/{total}] overlap {rows[0]['overlap']:g}{sir}: Pd {pds}", flush=True)
+
+    def _show(self, done: int, total: int) -> None:
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=total, initial=done - 1, unit="point", dynamic_ncols=True)
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _print_pd(out: Path) -> None:
+    """The result in the terminal: Pd by overlap and method, a block a panel."""
+    from gnuradio.radalt.evaluation.figures import panels
+    from gnuradio.radalt.evaluation.folder import read_report
+
+    for title, rows in panels(read_report(out)["rows"]):
+        methods = list(dict.fromkeys(r["method"] for r in rows))
+        widths = [max(6, len(m)) for m in methods]
+        print(f"\nPd, {title}")
+        print("  overlap  " + "  ".join(f"{m:>{w}}" for m, w in zip(methods, widths, strict=True)))
+        for overlap in sorted({r["overlap"] for r in rows}):
+            at = {r["method"]: r["pd"] for r in rows if r["overlap"] == overlap}
+            cells = ("-" if at[m] is None else f"{at[m]:.3f}" for m in methods)
+            print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
+
+
+def _run(args: argparse.Namespace, progress: _Progress) -> Path:
+    from gnuradio.radalt.evaluation.points import sweep_points
+    from gnuradio.radalt.evaluation.runner import check_scene, evaluate
+
+    scene = _scene(args)
+    check_scene(scene)
+    if not args.sim:
+        _require_radios(2 if scene.has_jammer else 1)
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    out = args.out or Path("results") / f"{scene.name}-{stamp}"
+    points = len(sweep_points(scene))
+    print(
+        f"{PROGRAM}: {scene.name}, {points} points x {scene.altitude.programme.trial_frames} frames, "
+        f"{', '.join(scene.methods)}, seed {scene.seed} -> {out}",
+        flush=True,
+    )
+    report = evaluate(
+        scene,
+        out,
+        jobs=args.jobs if args.sim else 1,
+        resume=args.resume,
+        time_limit_s=args.time_limit_s,
+        progress=progress,
+        hardware=None if args.sim else {"transmit": args.transmit},
+    )
+    progress.close()
+    _print_pd(out)
+    return report
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if args.jobs < 1:
+        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
+    if not args.time_limit_s > 0:
+        parser.error(f"--time-limit-s is {args.time_limit_s:g}; it has to be above 0")
+    if args.resume and args.out is None:
+        parser.error("--resume needs --out with the folder of the run to complete")
+    problem = _check_python()
+    if problem:
+        print(f"{PROGRAM}: {problem}", file=sys.stderr)
+        return 2
+    from gnuradio.radalt.core.mitigation import MitigationError
+    from gnuradio.radalt.core.scene import SceneError
+    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+    from gnuradio.radalt.evaluation.workers import WorkerError
+
+    begin = time.monotonic()
+    progress = _Progress()
+    try:
+        report = _run(args, progress)
+    except (SceneError, MitigationError, FlowgraphError, WorkerError, OSError) as error:
+        progress.close()
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        progress.close()
+        print(f"{PROGRAM}: stopped; the rows so far are kept, --resume --out FOLDER goes on", file=sys.stderr)
+        return 130
+    print(f"\n{report}  ({time.monotonic() - begin:.0f} s)")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

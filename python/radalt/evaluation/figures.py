@@ -1,0 +1,214 @@
+"""Figures of over-the-air runs; matplotlib is imported when one is drawn.
+
+Colours are Okabe and Ito's, distinguishable with any colour vision; marker, filling and line style tell the
+methods apart in grey as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .metrics import CORRECT_LIMIT_M
+
+__all__ = ["draw_error", "draw_pd", "panels", "series_style"]
+
+# one style a method, the same in every figure whatever else is in it; others take from the reserve
+_STYLES: dict[str, tuple[str, str, Any]] = {
+    "none": ("#000000", "o", "-"),
+    "lms": ("#E69F00", "v", (0, (1, 1.2))),
+    "lms_reference_input": ("#CC79A7", "^", (0, (3, 1.2, 1, 1.2))),
+    "nlms": ("#56B4E9", "D", (0, (5, 1.5))),
+    "whitening": ("#009E73", "s", (0, (7, 1.5, 1, 1.5))),
+    "blanking": ("#D55E00", "P", (0, (4, 1.2, 1, 1.2, 1, 1.2))),
+    "tcae": ("#0072B2", "*", "-"),
+}
+_RESERVE = (("#666666", "X", "--"), ("#8C6D1F", "<", "-."), ("#5D3A9B", ">", ":"), ("#A0A0A0", "h", "-"))
+_TITLES = {
+    "none": "no mitigation",
+    "lms": "block LMS, ref. desired",
+    "lms_reference_input": "block LMS, ref. as input",
+    "nlms": "NLMS",
+    "whitening": "whitening",
+    "blanking": "blanking",
+    "tcae": "TCAE",
+}
+_WIDTH = 3.5  # inches a panel: two fill a two-column page
+
+
+def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
+    """Line style of one series (a method, or ``method, on the air``), the same in every figure."""
+    method = series.split(",")[0]
+    unknown = [s for s in dict.fromkeys(o.split(",")[0] for o in order) if s not in _STYLES]
+    if method in _STYLES:
+        colour, marker, line = _STYLES[method]
+    else:
+        colour, marker, line = _RESERVE[unknown.index(method) % len(_RESERVE)]
+    solid = series != method
+    return {
+        "color": colour,
+        "marker": marker,
+        "linestyle": line,
+        "markerfacecolor": colour if solid else "white",
+        "markeredgecolor": colour,
+        "label": _TITLES.get(method, method) + series[len(method) :],
+    }
+
+
+def panels(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Rows by interference, SIR and SNR, with a title that names only what differs between panels."""
+    keys = list(dict.fromkeys((r["interference"], r["sir_db"], r["snr_db"]) for r in rows))
+    many = [len({key[k] for key in keys}) > 1 for k in range(3)]
+    out = []
+    for interference, sir, snr in keys:
+        mine = [r for r in rows if (r["interference"], r["sir_db"], r["snr_db"]) == (interference, sir, snr)]
+        parts = [interference.replace("_", " ")] if many[0] or sir is None else []
+        parts += [] if sir is None else [f"SIR {sir:g} dB".replace("-", "\N{MINUS SIGN}")]
+        parts += [f"SNR {snr:g} dB" if snr is not None else "no noise"] if many[2] else []
+        out.append((", ".join(parts), mine))
+    return out
+
+
+def draw_pd(rows: Sequence[dict[str, Any]], path: Path, *, title: str, ceiling: float | None = None) -> Path:
+    """Pd against overlap with 95 % Wilson intervals, a panel for each SIR.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Rows of a report; ``series`` overrides ``method`` as the label where it is there.
+    path : Path
+        PNG to write.
+    title : str
+        What was measured.
+    ceiling : float, optional
+        Pd without interference and without mitigation, drawn as a line.
+    """
+    figure, axes = _grid(rows)
+    series = _series(rows)
+    for axis, (heading, mine) in zip(axes, panels(rows), strict=True):
+        if ceiling is not None:
+            axis.axhline(ceiling, color="#999999", lw=0.8, zorder=0, label="no interference")
+        for k, name in enumerate(series):
+            of = _sorted(mine, name)
+            pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
+            error = np.clip([pd - low, high - pd], 0, None)
+            x = _overlaps(of) + _dodge(mine, k, len(series))
+            _plot(axis, x, pd, error, k, series_style(name, series))
+        axis.set_title(heading, fontsize=10)
+        axis.set_ylim(-0.04, 1.04)
+    axes[0].set_ylabel(f"Pd: altitude within {CORRECT_LIMIT_M:g} m", fontsize=9)
+    trials = sorted({r["trials"] for r in rows})
+    count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}\N{EN DASH}{trials[-1]}"
+    return _finish(figure, axes, path, f"{title}\n{count} trials a point, bars: 95 % Wilson intervals")
+
+
+def draw_error(
+    rows: Sequence[dict[str, Any]], path: Path, *, title: str, bounds_m: dict[float | None, float]
+) -> Path:
+    """RMSE of the forced decision against overlap, logarithmic, with the Cramer-Rao bound by SNR."""
+    figure, axes = _grid(rows, sharey=True)
+    series = _series(rows)
+    for axis, (heading, mine) in zip(axes, panels(rows), strict=True):
+        bound = bounds_m.get(mine[0]["snr_db"])
+        if bound:
+            axis.axhline(
+                bound,
+                color="#999999",
+                lw=0.8,
+                zorder=0,
+                label="Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound",
+            )
+        axis.axhline(CORRECT_LIMIT_M, color="#999999", lw=0.8, ls=":", zorder=0, label="5 m, limit of Pd")
+        for k, name in enumerate(series):
+            of = _sorted(mine, name)
+            error = np.array([_number(r["rmse_forced_m"]) for r in of])
+            x = _overlaps(of) + _dodge(mine, k, len(series))
+            _plot(axis, x, error, None, k, series_style(name, series))
+        axis.set_title(heading, fontsize=10)
+        axis.set_yscale("log")
+    axes[0].set_ylabel("RMSE, forced decision / m", fontsize=9)
+    return _finish(figure, axes, path, f"{title}\nall trials, detected or not")
+
+
+def _series(rows: Sequence[dict[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(r.get("series", r["method"]) for r in rows))
+
+
+def _sorted(rows: Sequence[dict[str, Any]], series: str) -> list[dict[str, Any]]:
+    return sorted((r for r in rows if r.get("series", r["method"]) == series), key=lambda r: r["overlap"])
+
+
+def _overlaps(rows: Sequence[dict[str, Any]]) -> np.ndarray:
+    return np.array([r["overlap"] for r in rows])
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _dodge(rows: Sequence[dict[str, Any]], k: int, count: int) -> float:
+    """Sideways shift of one series, so that bars and markers at the same Pd stand beside each other."""
+    overlaps = sorted({r["overlap"] for r in rows})
+    spacing = min(np.diff(overlaps), default=0.1)
+    return (k - (count - 1) / 2) * 0.7 * spacing / max(count, 2)
+
+
+def _plot(axis: Any, x: np.ndarray, y: np.ndarray, error: Any, k: int, style: dict[str, Any]) -> None:
+    size = 6.5 if style["marker"] == "*" else 4.2
+    axis.errorbar(
+        x,
+        y,
+        yerr=error,
+        lw=1.1,
+        elinewidth=0.7,
+        capsize=1.5,
+        ms=size,
+        markeredgewidth=0.9,
+        zorder=3 + k,
+        **style,
+    )
+
+
+def _grid(rows: Sequence[dict[str, Any]], sharey: bool = True) -> tuple[Any, list[Any]]:
+    """An Agg figure with a panel for each of `panels`, at most three in a row."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    count = len(panels(rows))
+    columns = min(count, 3)
+    lines = -(-count // columns)
+    # the figure is made without pyplot: no window system is asked for, and no state is kept
+    figure = Figure(
+        figsize=(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5), layout="constrained", dpi=200
+    )
+    FigureCanvasAgg(figure)
+    axes = list(figure.subplots(lines, columns, sharex=True, sharey=sharey, squeeze=False).flat)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for axis in axes[:count]:
+        axis.grid(True, lw=0.4, color="#DDDDDD")
+        axis.set_axisbelow(True)
+        axis.tick_params(labelsize=8)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.set_xlabel("temporal overlap of the interference", fontsize=9)
+    return figure, axes[:count]
+
+
+def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str) -> Path:
+    """One legend below all panels, where it covers no data; write the file."""
+    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
+    figure.legend(
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=4,
+        fontsize=7.5,
+        frameon=False,
+        handlelength=3.4,
+    )
+    figure.suptitle(title, fontsize=9)
+    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    return path

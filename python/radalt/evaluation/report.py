@@ -1,0 +1,172 @@
+"""What the rows of a run say: report.json, report.md and the figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..core.bounds import altitude_crb_m
+from ..core.scene import Scene
+from .figures import draw_error, draw_pd, panels
+from .folder import ResultFolder
+from .markdown import report_markdown
+
+__all__ = ["BREAK_PD", "break_points", "build_report", "crb_by_snr", "interference_title", "write_report"]
+
+BREAK_PD = 0.9  # DESIGN.md 4: lowest SIR at which Pd is at least this
+
+
+def write_report(
+    folder: ResultFolder,
+    rows: Sequence[dict[str, Any]],
+    ceiling: Sequence[dict[str, Any]],
+    *,
+    run: dict[str, Any],
+) -> Any:
+    """Write the whole result folder from its rows; returns the path of ``report.md``.
+
+    Parameters
+    ----------
+    folder : ResultFolder
+    rows : sequence of dict
+        All rows, in canonical order.
+    ceiling : sequence of dict
+        Rows without interference, one a method and SNR (more are ignored).
+    run : dict
+        How the run went: ``jobs, points, points_resumed, wall_s, peak_memory_bytes``.
+    """
+    report = build_report(folder.head, folder.scene, rows, ceiling, run)
+    title = interference_title(folder.scene)
+    figures = [("pd_vs_overlap.png", "Probability of correct altitude against overlap")]
+    ceilings = [c["pd"] for c in report["ceiling"] if c["method"] == "none"]
+    draw_pd(rows, folder.path / figures[0][0], title=title, ceiling=min(ceilings, default=None))
+    figures.append(("rmse_vs_overlap.png", "Root mean square error of the forced decision against overlap"))
+    bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
+    draw_error(rows, folder.path / figures[1][0], title=title, bounds_m=bounds)
+    report["figures"] = [name for name, _ in figures]
+    text = report_markdown(report, figures)
+    (folder.path / "report.md").write_text(text, encoding="utf-8")
+    # last: a complete report.json says that everything else is there
+    folder.write(report)
+    return folder.path / "report.md"
+
+
+def build_report(
+    head: dict[str, Any],
+    scene: Scene,
+    rows: Sequence[dict[str, Any]],
+    ceiling: Sequence[dict[str, Any]],
+    run: dict[str, Any],
+) -> dict[str, Any]:
+    """Content of ``report.json``."""
+    factors = {(r["overlap"], r["sir_db"], r["snr_db"]): r["real_time_factor"] for r in rows}
+    return head | {
+        "complete": True,
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "title": interference_title(scene),
+        "trials_per_point": scene.altitude.programme.trial_frames,
+        "rows": list(rows),
+        "ceiling": _one_each(ceiling),
+        "bounds": crb_by_snr(scene, rows),
+        "break_points": break_points(rows),
+        "real_time_factor": float(np.median(list(factors.values()))),
+        "run": run,
+    }
+
+
+def _one_each(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The first row of each method and SNR: overlap 0 is the same measurement in every panel."""
+    first: dict[tuple, dict[str, Any]] = {}
+    for row in rows:
+        first.setdefault((row["method"], row["snr_db"]), row)
+    return list(first.values())
+
+
+def crb_by_snr(scene: Scene, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Cramer-Rao bound of the altitude, without interference, for every SNR measured; none without noise."""
+    return [
+        {
+            "snr_db": snr,
+            "altitude_crb_m": None if snr is None else float(f"{altitude_crb_m(scene.waveform, snr):.6g}"),
+        }
+        for snr in dict.fromkeys(r["snr_db"] for r in rows)
+    ]
+
+
+def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Lowest SIR from which on Pd is at least 0.9, by method, interference, overlap and SNR, and the protection gain.
+
+    Only what was measured counts: ``sir_db`` is None where even the highest SIR fails; ``at_most`` says that no
+    lower SIR was measured, so that the method may reach further. ``protection_gain_db`` is the distance to no
+    mitigation's break point, None where either is unknown or that of no mitigation is only a limit.
+    Empty with fewer than three SIRs: two say too little about where something breaks.
+    """
+    if len({r["sir_db"] for r in rows} - {None}) < 3:
+        return []
+    groups: dict[tuple, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["overlap"] > 0:
+            key = (row["interference"], row["overlap"], row["snr_db"], row["method"])
+            groups.setdefault(key, []).append(row)
+    out = []
+    for (interference, overlap, snr, method), mine in groups.items():
+        mine = sorted(mine, key=lambda r: -r["sir_db"])
+        holds = [r["pd"] is not None and r["pd"] >= BREAK_PD for r in mine]
+        count = holds.index(False) if False in holds else len(holds)
+        out.append(
+            {
+                "method": method,
+                "interference": interference,
+                "overlap": overlap,
+                "snr_db": snr,
+                "sir_db": mine[count - 1]["sir_db"] if count else None,
+                "at_most": count == len(mine),
+            }
+        )
+    for entry in out:
+        entry["protection_gain_db"] = _gain(entry, out)
+    return out
+
+
+def _gain(entry: dict[str, Any], entries: Sequence[dict[str, Any]]) -> float | None:
+    same = ("interference", "overlap", "snr_db")
+    none = next((e for e in entries if e["method"] == "none" and all(e[k] == entry[k] for k in same)), None)
+    if none is None or none["sir_db"] is None or none["at_most"] or entry["sir_db"] is None:
+        return None
+    return none["sir_db"] - entry["sir_db"]
+
+
+def interference_title(scene: Scene) -> str:
+    """What was measured, for figures and headings."""
+    parts = []
+    for interferer in scene.interference:
+        emitter = interferer.emitter
+        name = scene_label(emitter)
+        if hasattr(emitter, "bandwidth_hz"):
+            name += f", {100 * emitter.bandwidth_hz / scene.waveform.bandwidth_hz:.3g} % of the band"
+        parts.append(name)
+    snrs = scene.sweep.snr_db or (scene.channel.snr_db,)
+    text = " + ".join(parts) or "no interference"
+    if len(snrs) == 1:
+        text += ", no noise" if snrs[0] is None else f", SNR {snrs[0]:g} dB"
+    return text
+
+
+def scene_label(emitter: object) -> str:
+    """An emitter in words."""
+    kind = type(emitter).__name__.removesuffix("Emitter")
+    if kind == "Qpsk":
+        pulse = "root-raised-cosine" if emitter.pulse == "rrc" else emitter.pulse
+        return f"QPSK, {pulse} pulses"
+    if kind == "Tone":
+        count = len(emitter.frequencies_hz) or emitter.count
+        return "one tone" if count == 1 else f"{count} tones"
+    return kind
+
+
+def panel_titles(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Headings of the panels, in order."""
+    return [title for title, _ in panels(rows)]
