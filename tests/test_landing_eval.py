@@ -2,13 +2,18 @@
 
 import dataclasses
 import json
+import os
+import subprocess
+import sys
 
 import landing_eval
 import numpy as np
 import pytest
 
 from radalt.core.altimeter import AltimeterSettings
+from radalt.core.landing import LandingSpec
 from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
 from radalt.evaluation import landing, landing_points, landing_report, landing_rows
 from radalt.evaluation.landing_variants import VARIANTS
 
@@ -70,12 +75,12 @@ def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
     arguments = [str(small), "--out", str(out), "--jobs", "1"]
     assert landing_eval.main(arguments) == 0
     whole = (out / "rows.csv").read_text()
-    (out / "rows.csv").write_text(
-        whole[: int(0.6 * len(whole))]
-    )  # cut in the middle of a line, and of a point
-    assert landing_eval.main(arguments) == 0
-    assert "going on" in capsys.readouterr().err
-    assert (out / "rows.csv").read_text() == whole
+    # cut in the middle of a line and of a point, and inside the very last number
+    for cut in (int(0.6 * len(whole)), len(whole) - 1):
+        (out / "rows.csv").write_text(whole[:cut])
+        assert landing_eval.main(arguments) == 0
+        assert "going on" in capsys.readouterr().err
+        assert (out / "rows.csv").read_text() == whole
     assert landing_eval.main([*arguments, "--seed", "4"]) == 2
     assert "another study" in capsys.readouterr().err
     assert landing_eval.main([*arguments, "--seed", "4", "--restart", "--frames", "0"]) == 0
@@ -227,3 +232,23 @@ def test_every_variant_changes_one_thing(root):
     assert np.isinf(table["no_interference"]["sir_db"])
     for variant in VARIANTS[1:]:
         assert variant.shift_db or variant.change(study) != study, variant.name
+
+
+def test_live_profile_plays_the_same_echoes(root):
+    """What flowgraphs are given by frame index is what the study measures: heights, rates, echoes of unit power."""
+    profile = LandingSpec().profile(Waveform(), frames=60, seed=5)
+    assert profile.altitude_m[0] > 500 > 2.5 > profile.altitude_m[-1] > 1.9
+    result = profile.ground_return(17)
+    assert profile.altitude_m[17] == pytest.approx(result.height_m, abs=1e-6)
+    assert profile.vertical_speed_m_per_s[17] == pytest.approx(result.climb_m_per_s)
+    powers = [np.mean(np.abs(profile.frame(k)) ** 2) for k in range(60)]
+    assert np.mean(powers) == pytest.approx(1.0, abs=0.35)
+    with pytest.raises(ValueError, match="at least 2"):
+        LandingSpec().profile(Waveform(), frames=1)
+
+
+def test_describing_a_landing_loads_no_terrain_code(root):
+    code = "import sys; from radalt.core import landing; landing.LandingSpec(); "
+    code += "sys.exit(any('terrain' in m or m.startswith('dted') for m in sys.modules))"
+    environment = {**os.environ, "PYTHONPATH": str(root / "python")}
+    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0

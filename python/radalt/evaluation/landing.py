@@ -16,25 +16,11 @@ import numpy as np
 
 from ..core.altimeter import AltimeterSettings
 from ..core.interference import Interferer, QpskEmitter
+from ..core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
 from ..core.mitigation import create
 from ..core.scene import _build as build_dataclass
 from ..core.scene import _interference as build_interference
-from ..core.terrain import (
-    MIN_HEIGHT_M,
-    AircraftState,
-    Antenna,
-    FlatTerrain,
-    GaussianAntenna,
-    GroundGrid,
-    RadarLink,
-    TabulatedAntenna,
-    Terrain,
-    TerrainError,
-    TerrainModel,
-    TerrainReturn,
-    Trajectory,
-    reflectivity,
-)
+from ..core.terrain import MIN_HEIGHT_M, AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
 from ..core.waveform import Waveform
 
 __all__ = [
@@ -55,49 +41,6 @@ FOOT_M = 0.3048
 
 class StudyError(ValueError):
     """A study that cannot be used; the message is one line for the user."""
-
-
-@dataclass(frozen=True)
-class TrajectorySpec:
-    """Which flight; see `Trajectory.load`. ``start_s`` and ``end_s`` cut it (0: as it is)."""
-
-    file: str = "approach_kord_10c.csv"
-    aircraft: str | None = None
-    altitude: str = "geo"
-    altitude_offset_m: float = 0.0
-    angle_of_attack_deg: float = 5.0
-    max_gap_s: float = 15.0
-    start_s: float | None = None
-    end_s: float | None = None
-
-
-@dataclass(frozen=True)
-class TerrainSpec:
-    """Which ground: DTED files, or with none a flat earth at ``flat_m`` above mean sea level."""
-
-    files: tuple[str, ...] = ("hilly_n41w089.dt0", "hilly_n41w088.dt0")
-    void: str = "error"
-    flat_m: float = 204.0
-
-
-@dataclass(frozen=True)
-class AntennaSpec:
-    """A Gaussian beam, or a pattern file; see `GaussianAntenna`, `TabulatedAntenna.load`, `TerrainReturn`."""
-
-    beamwidth_deg: float = 40.0
-    gain_dbi: float = 10.0
-    two_way: bool = False
-    pattern: str | None = None
-    tilt_deg: float = 0.0
-
-
-@dataclass(frozen=True)
-class GroundSpec:
-    """Reflectivity by model and land type, shifted by ``level_db``; see `reflectivity`."""
-
-    model: str = "morchin"
-    land: str = "urban_low_relief"
-    level_db: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -162,7 +105,7 @@ class LandingStudy:
     terrain: TerrainSpec = TerrainSpec()
     antenna: AntennaSpec = AntennaSpec()
     ground: GroundSpec = GroundSpec()
-    link: RadarLink = RadarLink()
+    link: LinkSpec = LinkSpec()
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
@@ -184,62 +127,23 @@ class LandingStudy:
         if not 0 <= self.seed < 2**31:
             raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
 
-    def path(self, name: str) -> Path:
-        """A file of the study."""
-        return Path(self.folder) / name if self.folder else Path(name)
-
-    def flight(self) -> Trajectory:
-        """The trajectory."""
-        spec = self.trajectory
-        return Trajectory.load(
-            self.path(spec.file),
-            aircraft=spec.aircraft,
-            altitude=spec.altitude,
-            altitude_offset_m=spec.altitude_offset_m,
-            angle_of_attack_deg=spec.angle_of_attack_deg,
-            max_gap_s=spec.max_gap_s,
-        )
-
-    def ground_model(self) -> TerrainModel:
-        """The terrain."""
-        if not self.terrain.files:
-            return FlatTerrain(self.terrain.flat_m)
-        return Terrain.load([self.path(name) for name in self.terrain.files], void=self.terrain.void)
-
-    def antenna_model(self) -> Antenna:
-        """The antenna."""
-        spec = self.antenna
-        if spec.pattern:
-            return TabulatedAntenna.load(self.path(spec.pattern))
-        return GaussianAntenna(spec.beamwidth_deg, spec.gain_dbi, spec.two_way)
+    @property
+    def spec(self) -> LandingSpec:
+        """The landing itself."""
+        return LandingSpec(self.trajectory, self.terrain, self.antenna, self.ground, self.link, self.folder)
 
     def radar(self) -> TerrainReturn:
         """The return of the ground."""
-        return TerrainReturn(
-            self.ground_model(),
-            self.waveform,
-            self.antenna_model(),
-            reflectivity(self.ground.model, self.ground.land, level_db=self.ground.level_db),
-            self.link,
-            GroundGrid(self.seed),
-            tilt_deg=self.antenna.tilt_deg,
-        )
+        return self.spec.radar(self.waveform, self.seed)
 
     def window_s(self) -> tuple[float, float]:
         """First and last instant of a frame's middle."""
-        flight, margin = _flight(self), 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
-        start = flight.start_s if self.trajectory.start_s is None else self.trajectory.start_s
-        end = flight.end_s if self.trajectory.end_s is None else self.trajectory.end_s
-        if not flight.start_s <= start < end <= flight.end_s:
-            raise StudyError(
-                f"trajectory.start_s..end_s is {start:g}..{end:g} s; the flight lasts {flight.start_s:g}.."
-                f"{flight.end_s:g} s"
-            )
-        return start + margin, end - margin
+        margin_s = 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
+        return self.spec.window_s(_flight(self.spec), margin_s)
 
     def states(self, times_s: np.ndarray) -> list[AircraftState]:
         """Aircraft states; without Doppler they stand still."""
-        states = _flight(self).states(times_s)
+        states = _flight(self.spec).states(times_s)
         if self.doppler:
             return states
         return [dataclasses.replace(s, velocity_m_per_s=(0.0, 0.0, 0.0)) for s in states]
@@ -275,12 +179,8 @@ class LandingStudy:
 
 
 @lru_cache(maxsize=4)
-def _load_flight(spec: TrajectorySpec, folder: str) -> Trajectory:
-    return LandingStudy(trajectory=spec, folder=folder).flight()
-
-
-def _flight(study: LandingStudy) -> Trajectory:
-    return _load_flight(study.trajectory, study.folder)
+def _flight(spec: LandingSpec) -> Trajectory:
+    return spec.flight()
 
 
 @dataclass(frozen=True)
@@ -340,7 +240,7 @@ def check_study(study: LandingStudy) -> None:
         raise StudyError(str(error)) from None
     states = study.states(np.linspace(*study.window_s(), 400))
     lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
-    height = altitude - study.ground_model().height_m(lat, lon)
+    height = altitude - study.spec.ground_model().height_m(lat, lon)
     low, high = int(np.argmin(height)), int(np.argmax(height))
     if height[low] < MIN_HEIGHT_M:
         raise TerrainError(

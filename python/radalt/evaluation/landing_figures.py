@@ -11,8 +11,9 @@ import numpy as np
 from ..core.altimeter import Altimeter
 from ..core.mitigation import create
 from .landing import LandingStudy, accuracy_limit_m
-from .landing_points import CORRECT_M, _seed, approach_frames, impaired
+from .landing_points import _seed, approach_frames, impaired
 from .landing_report import asked_db, clean_rows, condition, curve
+from .metrics import CORRECT_LIMIT_M
 
 __all__ = ["draw_figures"]
 
@@ -64,7 +65,7 @@ def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path)
         limit = accuracy_limit_m(height)
         bottom.fill_between(t, -limit, limit, color="#56B4E9", alpha=0.3, label="accuracy band")
         for sign in (-1, 1):
-            bottom.axhline(sign * CORRECT_M, color="#999999", lw=0.8, ls="--")
+            bottom.axhline(sign * CORRECT_LIMIT_M, color="#999999", lw=0.8, ls="--")
         bottom.plot(t, measured - height, ".", ms=2.5, color=style["color"])
         bottom.set_yscale("symlog", linthresh=10.0)
         bottom.set_xlabel("time / s")

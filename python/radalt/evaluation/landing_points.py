@@ -17,6 +17,7 @@ from ..core.returns import point_return
 from ..core.terrain import GroundReturn
 from .landing import LandingStudy, Point, accuracy_limit_m
 from .landing_variants import VARIANTS
+from .metrics import CORRECT_LIMIT_M, wilson_interval
 
 __all__ = ["COLUMNS", "Truth", "approach_frames", "impaired", "measure", "run_point", "statistics"]
 
@@ -31,7 +32,6 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of rows.csv; a row of one kind leaves those of the other empty."""
 
-CORRECT_M = 5.0  # the paper's criterion
 RESAMPLES = 400
 
 
@@ -183,16 +183,6 @@ def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
     return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
 
 
-def _wilson(hits: int, trials: int) -> tuple[float, float]:
-    """95 % score interval of a proportion (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    if trials == 0:
-        return 0.0, 1.0
-    z, p = 1.959964, hits / trials
-    centre = (p + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z / (1 + z * z / trials) * np.sqrt(p * (1 - p) / trials + z * z / (4 * trials**2))
-    return float(max(0.0, centre - half)), float(min(1.0, centre + half))
-
-
 def _rmse(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float, float]:
     """Root mean square with a 95 % bootstrap interval over trials."""
     if errors.size == 0:
@@ -212,13 +202,13 @@ def statistics(results: np.ndarray, truth: Truth, seed: Sequence[int]) -> dict[s
     valid = results["valid"]
     error = results["altitude_m"] - truth.height_m
     with np.errstate(invalid="ignore"):
-        correct = valid & (np.abs(error) < CORRECT_M)
+        correct = valid & (np.abs(error) < CORRECT_LIMIT_M)
         in_band = valid & (np.abs(error) <= accuracy_limit_m(truth.height_m))
     forced = (results["forced_altitude_m"] - truth.height_m)[np.isfinite(results["forced_altitude_m"])]
     speed = (results["vertical_speed_m_per_s"] - truth.climb_m_per_s)[valid]
     found = error[valid]
     rmse, forced_rmse = _rmse(found, seed), _rmse(forced, seed)
-    pd_low, pd_high = _wilson(int(correct.sum()), valid.size)
+    pd_low, pd_high = wilson_interval(int(correct.sum()), valid.size)
     return {
         "trials": valid.size,
         "detections": int(valid.sum()),
@@ -321,7 +311,7 @@ def _variant_rows(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
     truth = _trial_truth(changed, study.curve.sensitivity_trials)
     level = {"overlap": study.approach.overlap, "sir_db": study.approach.sir_db + variant.shift_db}
     # one random stream for the whole table: variants differ by their assumption, not by their draws
-    methods = [m for m in ("none", "whitening") if m == "none" or m in study.methods]
+    methods = [m for m in ("none", "whitening", "tcae") if m == "none" or m in study.methods]
     rows = _summary_rows(changed, "variant", truth, methods, level)
     for row in rows:
         row.update(variant=variant.name, overlap=study.approach.overlap if changed.interference else 0.0)

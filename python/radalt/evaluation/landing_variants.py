@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+from scipy import signal
+
 from ..core.interference import Interferer, QpskEmitter, ToneEmitter
 from ..core.nr import NrEmitter
+from ..core.receiver_filter import check_receiver, receiver_taps
 from .landing import LandingStudy
 
 __all__ = ["VARIANTS", "Variant"]
@@ -31,6 +35,23 @@ class Variant:
     text: str
     change: Callable[[LandingStudy], LandingStudy] = lambda study: study
     shift_db: float = 0.0
+
+
+@dataclass(frozen=True)
+class ReceivedQpsk:
+    """QPSK with rectangular pulses as a receiver gives it: built at four times the rate, filtered, decimated.
+
+    Sampled straight at the radar's rate, such pulses do not change between symbol edges, so that a method can
+    take them away exactly, at any level; no receiver delivers that.
+    """
+
+    emitter: QpskEmitter = QpskEmitter()
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `Emitter`."""
+        taps = receiver_taps(4 * rate_hz, rate_hz / 2, check_receiver(rate_hz, None))
+        wide = self.emitter.samples(4 * count + taps.size, 4 * rate_hz, rng)
+        return signal.upfirdn(taps, wide, 1, 4)[taps.size // 4 :][:count]
 
 
 def _snr(snr_db: float) -> Variant:
@@ -98,6 +119,13 @@ VARIANTS: tuple[Variant, ...] = (
     _snr(-20.0),
     _snr(-30.0),
     _emitter("qpsk_shaped", "QPSK, root-raised-cosine", QpskEmitter(pulse="rrc")),
+    _emitter("qpsk_received", "QPSK behind a receiver's filter", ReceivedQpsk()),
+    replace(
+        _emitter(
+            "qpsk_received_minus_25", "QPSK behind a receiver's filter, SIR 25 dB lower", ReceivedQpsk()
+        ),
+        shift_db=-25.0,
+    ),
     _emitter("tones", "5 tones", ToneEmitter(count=5)),
     _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6)),
     _emitter("nr_5", "5G NR downlink, 5 MHz", NrEmitter(channel_bandwidth_hz=5e6)),

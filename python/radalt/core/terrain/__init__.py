@@ -10,6 +10,7 @@ from .dted_write import VOID_M, cell_posts, encode_dted, write_dted
 from .errors import TerrainError, TrajectoryError
 from .facets import MIN_HEIGHT_M, Facets, GroundGrid
 from .ground import LAND_TYPES, ConstantGamma, Morchin, Reflectivity, UlabyDobson, reflectivity
+from .live import LandingProfile
 from .radar_return import GroundReturn, RadarLink, TerrainReturn, ground_return, ground_returns
 from .synthesis import synthesise, synthesise_directly
 from .terrain import DtedCell, FlatTerrain, Terrain, TerrainModel
@@ -30,6 +31,7 @@ __all__ = [
     "GaussianAntenna",
     "GroundGrid",
     "GroundReturn",
+    "LandingProfile",
     "Morchin",
     "RadarLink",
     "Reflectivity",
