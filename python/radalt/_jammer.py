@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from gnuradio import gr
@@ -44,6 +45,14 @@ class JammerSource(gr.sync_block):
         self._frame = np.zeros(0, dtype=np.complex64)
         self._at = 0
         self.set_min_output_buffer(8 * self._n)
+
+    def set_overlap(self, overlap: float) -> None:
+        """Active fraction from the next sweep on."""
+        self.stream.interferers = tuple(replace(i, overlap=overlap) for i in self.stream.interferers)
+
+    def set_sir_db(self, sir_db: float) -> None:
+        """Window SIR from the next sweep on."""
+        self.stream.interferers = tuple(replace(i, sir_db=sir_db) for i in self.stream.interferers)
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ._jammer import JammerSource
 from .core.interference import Interferer, QpskEmitter
 from .core.scene import Scene
@@ -65,11 +63,3 @@ class qpsk_jammer_source(JammerSource):
         super().__init__(
             "radalt_qpsk_jammer_source", scene, [interferer], free_running=free_running, frames=frames
         )
-
-    def set_overlap(self, overlap: float) -> None:
-        """Active fraction from the next sweep on."""
-        self.stream.interferers = tuple(replace(i, overlap=overlap) for i in self.stream.interferers)
-
-    def set_sir_db(self, sir_db: float) -> None:
-        """Window SIR from the next sweep on."""
-        self.stream.interferers = tuple(replace(i, sir_db=sir_db) for i in self.stream.interferers)

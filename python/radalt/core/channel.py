@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, signal
 
+from .fading import FadingChannel
 from .programme import Programme
 from .waveform import Waveform, altitude_to_delay_s, exp_cycles
 
@@ -75,6 +76,8 @@ class ChannelSettings:
         Direct transmitter leakage at zero delay, relative to the return; only with true delays.
     drops : DropSettings
         Lost samples.
+    return_multipath : FadingChannel or None
+        Tapped delay line of the return; with Doppler its gains move from frame to frame (below 500 Hz for 1 ms).
     """
 
     snr_db: float | None = 10.0
@@ -90,6 +93,7 @@ class ChannelSettings:
     full_scale: float = 4.0
     leakage_db: float | None = None
     drops: DropSettings = DropSettings()
+    return_multipath: FadingChannel | None = None
 
     def __post_init__(self) -> None:
         if self.adc_bits and not 1 <= self.adc_bits <= 16:
@@ -183,6 +187,7 @@ class SimulatedChannel:
         frames: int = 1000,
     ) -> None:
         self.waveform, self.settings, self.true_delay = waveform, settings, true_delay
+        self.seed = seed
         self.rng = np.random.default_rng([seed, 0xC4A])
         n = waveform.samples_per_frame
         self._n = n
@@ -202,6 +207,8 @@ class SimulatedChannel:
                 raise ValueError(
                     f"true delays need channel.start_offset_samples of at least {_HALF_TAPS}, or none"
                 )
+        if settings.return_multipath is not None:
+            top_s += float(settings.return_multipath.delays_s.max())
         self._radar = _DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n)
         drift = abs(settings.jammer_clock_ppm) * 1e-6 * frames * n
         self._jammer_base = self.latency_samples + settings.jammer_delay_samples
@@ -209,7 +216,22 @@ class SimulatedChannel:
             self._jammer_base += drift
         self._jammer = _DelayLine(n, self._jammer_base + drift + 2)
         self._gaps = self._draw_gaps(frames)
+        self._gains = self._draw_multipath(frames)
         self._block = 0
+
+    def _draw_multipath(self, frames: int) -> np.ndarray | None:
+        """(taps, frames) gains of the return's paths, or None; drawn from a generator of their own."""
+        channel = self.settings.return_multipath
+        if channel is None:
+            return None
+        limit_hz = 0.5 / self.waveform.sweep_s
+        if channel.doppler_hz > limit_hz:
+            raise ValueError(
+                f"channel.return_multipath.doppler_hz is {channel.doppler_hz:g}; gains move once a frame, at most "
+                f"{limit_hz:g} Hz"
+            )
+        rng = np.random.default_rng([self.seed, 0xFAD])
+        return channel.gains((), frames + 8, 1.0 / self.waveform.sweep_s, rng)
 
     def _draw_gaps(self, frames: int) -> list[tuple[int, int]]:
         """Sorted (first sample, length) of lost samples, clear of the first 20 frames and of each other."""
@@ -255,7 +277,7 @@ class SimulatedChannel:
     def _return(self) -> np.ndarray:
         """The radar's own signal at the receiver."""
         if self.true_delay is None:
-            return self._radar.read(self.latency_samples)
+            return self._paths(self.latency_samples)
         n, w = self._n, self.waveform
         # the altitude belongs to the frame at the receiver: the latency shifts frame boundaries inside this block
         boundary = int(np.ceil(self.latency_samples)) % n
@@ -268,13 +290,21 @@ class SimulatedChannel:
             else self._delayed(index)[:n] * w.reference.dtype.type(1)
         )
 
+    def _paths(self, delay_samples: float) -> np.ndarray:
+        """The transmitted stream at a delay, through the return's multipath if there is any."""
+        if self._gains is None:
+            return self._radar.read(delay_samples)
+        delays = delay_samples + self.settings.return_multipath.delays_s * self.waveform.rate_hz
+        gains = self._gains[:, min(self._block, self._gains.shape[1] - 1)]
+        return sum(np.complex64(g) * self._radar.read(d) for g, d in zip(gains, delays, strict=True))
+
     def _delayed(self, frame: int) -> np.ndarray:
         """This block as a return of frame ``frame``'s altitude: delay, carrier phase, Doppler, leakage."""
         n, w = self._n, self.waveform
         altitude = float(self.true_delay.altitude_m(frame))
         speed = float(self.true_delay.speed_m_per_s(frame))
         delay_s = float(altitude_to_delay_s(altitude))
-        out = self._radar.read(self.latency_samples + delay_s * w.rate_hz)
+        out = self._paths(self.latency_samples + delay_s * w.rate_hz)
         carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
         if speed:
             # time since the middle of the frame, in this block's samples

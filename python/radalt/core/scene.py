@@ -6,18 +6,16 @@ A wrong key, unit, range or type gives one line that names file, key, value and 
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import types
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .altimeter import AltimeterSettings
 from .channel import ChannelSettings
-from .interference import Interferer, QpskEmitter, ToneEmitter
+from .emitters import EMITTER_NAMES, emitter_class, emitter_label, emitter_name, faded, unfaded
+from .interference import Interferer
+from .parsing import build, convert, plain
 from .paths import scene_path
 from .programme import Programme
 from .timing import SegmenterSettings
@@ -25,7 +23,6 @@ from .waveform import Waveform
 
 __all__ = [
     "AltitudeSpec",
-    "EMITTERS",
     "RadioSpec",
     "Scene",
     "SceneError",
@@ -35,8 +32,6 @@ __all__ = [
     "scene_to_mapping",
 ]
 
-# emitter by its name in a scene
-EMITTERS: dict[str, type] = {"qpsk": QpskEmitter, "tones": ToneEmitter}
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
 
@@ -233,13 +228,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(_emitter_label(i.emitter) for i in self.interference)
-
-
-def _emitter_label(emitter: object) -> str:
-    names = {cls: name for name, cls in EMITTERS.items()}
-    label = names.get(type(emitter), type(emitter).__name__)
-    return f"{label}_{emitter.pulse}" if isinstance(emitter, QpskEmitter) else label
+        return "+".join(emitter_label(i.emitter) for i in self.interference)
 
 
 def load_scene(name: str | Path) -> Scene:
@@ -272,32 +261,9 @@ def load_scene(name: str | Path) -> Scene:
 def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
     """A validated `Scene` from nested mappings as YAML gives them."""
     try:
-        return _build(Scene, data, "")
+        return build(Scene, data, "", {"interference": _interference})
     except ValueError as error:
         raise SceneError(f"{source}: {error}") from None
-
-
-def _build(cls: type, data: Any, where: str) -> Any:
-    """Dataclass from a mapping: unknown keys, types and ranges are checked, `__post_init__` has the last word."""
-    if not isinstance(data, dict):
-        raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
-    hints = typing.get_type_hints(cls)
-    fields = {f.name for f in dataclasses.fields(cls) if f.init}
-    values = {}
-    for key, value in data.items():
-        path = f"{where}.{key}" if where else str(key)
-        if key not in fields:
-            close = difflib.get_close_matches(str(key), fields, 1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
-            raise ValueError(f"unknown key {path!r}; {hint}allowed: {', '.join(sorted(fields))}")
-        if cls is Scene and key == "interference":
-            values[key] = _interference(value, path)
-        else:
-            values[key] = _convert(hints[key], value, path)
-    try:
-        return cls(**values)
-    except TypeError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def _interference(value: Any, where: str) -> tuple[Interferer, ...]:
@@ -308,84 +274,32 @@ def _interference(value: Any, where: str) -> tuple[Interferer, ...]:
         value = [{kind: params} for kind, params in value.items()]
     if not isinstance(value, list):
         raise ValueError(f"{where} is {value!r}; expected a mapping 'kind: {{...}}' or a list of them")
-    out = []
-    for item in value:
-        if not (isinstance(item, dict) and len(item) == 1):
-            raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
-        kind, params = next(iter(item.items()))
-        path = f"{where}.{kind}"
-        if kind not in EMITTERS:
-            raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(sorted(EMITTERS))}")
-        params = {} if params is None else params
-        if not isinstance(params, dict):
-            raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
-        hints = typing.get_type_hints(Interferer)
-        placement = {k: _convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-        emitter_params = {k: v for k, v in params.items() if k not in _PLACEMENT}
-        try:
-            emitter = _build(EMITTERS[kind], emitter_params, path)
-            out.append(Interferer(emitter, **placement))
-        except ValueError as error:
-            text = str(error)
-            raise ValueError(text if path in text else f"{path}: {text}") from None
-    return tuple(out)
+    return tuple(_interferer(item, where) for item in value)
 
 
-def _convert(hint: Any, value: Any, where: str) -> Any:
-    """A YAML value as the annotated type, or one line about what is allowed."""
-    origin = typing.get_origin(hint)
-    if origin in (typing.Union, types.UnionType):
-        options = typing.get_args(hint)
-        if value is None and type(None) in options:
-            return None
-        return _convert(next(o for o in options if o is not type(None)), value, where)
-    if dataclasses.is_dataclass(hint):
-        return _build(hint, {} if value is None else value, where)
-    if origin is tuple:
-        if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
-            value = [value]
-        inner = typing.get_args(hint)[0]
-        return tuple(_convert(inner, v, f"{where}[{i}]") for i, v in enumerate(value))
-    if origin is dict or hint is dict:
-        if not isinstance(value, dict):
-            raise ValueError(f"{where} is {value!r}; expected a mapping")
-        return value
-    return _scalar(hint, value, where)
-
-
-def _scalar(hint: Any, value: Any, where: str) -> Any:
-    if hint is float:
-        # YAML 1.1 reads 7.5e6 (no sign in the exponent) as text; users mean the number
-        if isinstance(value, str):
-            try:
-                value = float(value)
-            except ValueError:
-                raise ValueError(
-                    f"{where} is {value!r}; expected a number, in the unit its name states"
-                ) from None
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-            raise ValueError(f"{where} is {value!r}; expected a number, in the unit its name states")
-        if not np.isfinite(value):
-            raise ValueError(f"{where} is {value!r}; expected a finite number")
-        return float(value)
-    if hint is int:
-        if isinstance(value, str):
-            try:
-                value = float(value)
-            except ValueError:
-                raise ValueError(f"{where} is {value!r}; expected a whole number") from None
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value):
-            raise ValueError(f"{where} is {value!r}; expected a whole number")
-        return int(value)
-    if hint is bool:
-        if not isinstance(value, bool):
-            raise ValueError(f"{where} is {value!r}; expected true or false")
-        return value
-    if hint is str:
-        if not isinstance(value, str):
-            raise ValueError(f"{where} is {value!r}; expected text")
-        return value
-    return value
+def _interferer(item: Any, where: str) -> Interferer:
+    """One ``{kind: {emitter and placement keys}}``."""
+    if not (isinstance(item, dict) and len(item) == 1):
+        raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
+    kind, params = next(iter(item.items()))
+    path = f"{where}.{kind}"
+    if kind not in EMITTER_NAMES:
+        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(EMITTER_NAMES)}")
+    params = {} if params is None else params
+    if not isinstance(params, dict):
+        raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
+    hints = typing.get_type_hints(Interferer)
+    placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
+    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}
+    emitter = build(emitter_class(kind), own, path)
+    if params.get("multipath") is not None:
+        emitter = faded(emitter, params["multipath"], f"{path}.multipath")
+    if "sir_db" not in placement and hasattr(emitter, "report"):
+        placement["sir_db"] = float(emitter.report().sir_db)  # its level is given by a standard
+    try:
+        return Interferer(emitter, **placement)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def scene_from_parameters(
@@ -401,26 +315,12 @@ def scene_from_parameters(
 
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:
     """A scene as plain mappings, lists and numbers; `parse_scene` gives the same scene back."""
-    mapping = {f.name: _plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
-    names = {cls: name for name, cls in EMITTERS.items()}
-    mapping["interference"] = [
-        {
-            names[type(i.emitter)]: {
-                **{key: _plain(getattr(i, key)) for key in _PLACEMENT},
-                **{f.name: _plain(getattr(i.emitter, f.name)) for f in dataclasses.fields(i.emitter)},
-            }
-        }
-        for i in scene.interference
-    ]
+    mapping = {f.name: plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
+    mapping["interference"] = [_interferer_to_mapping(i) for i in scene.interference]
     return mapping
 
 
-def _plain(value: Any) -> Any:
-    """Dataclasses as mappings, tuples as lists."""
-    if dataclasses.is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, (tuple, list)):
-        return [_plain(v) for v in value]
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    return value
+def _interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
+    emitter, channel = unfaded(interferer.emitter)
+    keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
+    return {emitter_name(emitter): keys if channel is None else keys | {"multipath": plain(channel)}}

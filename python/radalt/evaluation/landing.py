@@ -286,6 +286,6 @@ def study_dict(study: LandingStudy) -> dict[str, Any]:
 
 
 def _emitter_name(interferer: Interferer) -> str:
-    from ..core.scene import EMITTERS
+    from ..core.emitters import emitter_label
 
-    return next((k for k, cls in EMITTERS.items() if type(interferer.emitter) is cls), "other")
+    return emitter_label(interferer.emitter)
