@@ -148,8 +148,8 @@ class Altimeter:
         limit_m = waveform.max_unambiguous_altitude_m
         if settings.max_altitude_m > limit_m:
             raise ValueError(
-                f"altimeter.max_altitude_m {settings.max_altitude_m:g} exceeds {limit_m:.6g} m, where the delay is half "
-                "a half sweep; lengthen sweep_s or lower max_altitude_m"
+                f"altimeter.max_altitude_m {settings.max_altitude_m:g} exceeds {limit_m:.6g} m, where the delay is "
+                "half a half sweep; lengthen sweep_s or lower max_altitude_m"
             )
         self.waveform = waveform
         self.settings = settings
@@ -213,6 +213,7 @@ class Altimeter:
         taps[: self.taps.size] = self.taps
         # y[m] = sum_s sum_d taps[s D + d] x[(m - s) D - d ...]: one matrix product over blocks of D samples
         self._polyphase = np.ascontiguousarray(self._polyphase_matrix(taps, phases))
+        self._interleaved = np.kron(self._polyphase, np.eye(2, dtype=np.float32))
         response = signal.freqz(self.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[1]
         self._equaliser = (1.0 / np.abs(response)).astype(np.float32)
         lags = int(np.ceil((2 * s.train_cells + 2 * s.guard_cells + 2) / (self.cell_hz * w.half_sweep_s))) + 1
@@ -280,13 +281,13 @@ class Altimeter:
         if self.decimation == 1:
             low = mixed[:, :, : self.outputs]
         else:
-            # a complex sample is two float32 columns, so that the product with real taps stays a real matrix product
-            blocks = mixed.view(np.float32).reshape(n * 2 * self._blocks, self.decimation, 2)
-            partial = np.matmul(blocks.transpose(0, 2, 1), self._polyphase)
-            partial = partial.reshape(n, 2, self._blocks, 2, -1)
+            # a complex sample is two float32 columns, so that real taps stay a real matrix product: one a frame, which
+            # keeps a frame's result the same in every batch
+            blocks = mixed.view(np.float32).reshape(n, 2 * self._blocks, 2 * self.decimation)
+            partial = np.matmul(blocks, self._interleaved).reshape(n, 2, self._blocks, -1, 2)
             low = np.zeros((n, 2, self.outputs, 2), dtype=np.float32)
             for s in range(self._polyphase.shape[1]):
-                low[:, :, s:] += partial[:, :, : self.outputs - s, :, s]
+                low[:, :, s:] += partial[:, :, : self.outputs - s, s]
             low = low.view(np.complex64)[..., 0]
         spectrum = fft.fft(low, self.fft_size, axis=-1)
         cells = np.empty((n, 2, self._bins.size), dtype=np.complex64)

@@ -37,8 +37,8 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
         )
     if radio.enclosure == "cabled" and radio.attenuation_db < 30:
         raise InterlockError(
-            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 receiver is "
-            "damaged above -15 dBm and transmits up to +20 dBm: use at least 30 dB (40 dB is usual)"
+            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 receiver "
+            "is damaged above -15 dBm and transmits up to +20 dBm: use at least 30 dB (40 dB is usual)"
         )
     if not transmit:
         raise InterlockError(

@@ -87,8 +87,8 @@ class FrameSegmenter:
     ----------
     waveform : Waveform
     programme : Programme or None
-        What was transmitted when. None (a person moves the altitude): frames are only checked to hold a sweep within the
-        altitude span, and a lost lock waits for `reacquire`.
+        What was transmitted when. None (a person moves the altitude): frames are only checked to hold a sweep within
+        the altitude span, and a lost lock waits for `reacquire`.
     max_altitude_m : float
         Highest altitude, for the check without a programme.
     true_delay : bool

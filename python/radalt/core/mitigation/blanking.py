@@ -84,8 +84,8 @@ class Blanking(Mitigation):
         plane = self._stft(batch / scale)
         power = plane.real**2 + plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
-        # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median of
-        # an exponential population is 2.41 times its lower quartile
+        # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median
+        # of an exponential population is 2.41 times its lower quartile
         off = _lower_quartile(power[:, ~self._ridge]) * np.float32(2.41)
         # on it: the return is as strong as the strongest ridge cell of an undisturbed instant
         on = _lower_quartile(np.where(self._ridge, power, 0).max(axis=2))
