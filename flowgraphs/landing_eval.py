@@ -5,20 +5,17 @@
     python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
     python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
 
-Writes rows.csv, report.json, report.md, PNG figures and the study as used into one folder; started again with
-the same study and folder, it goes on where it was stopped. No GNU Radio and no hardware is needed.
+Writes rows.csv, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
+stopped run goes on. No GNU Radio and no hardware is needed.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-import multiprocessing
 import os
 import sys
 import time
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 # before NumPy: every process computes on one core
@@ -28,20 +25,35 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "python"))
 
+from tqdm import tqdm  # noqa: E402
+
 try:
-    from gnuradio.radalt.core.mitigation import MitigationError
-    from gnuradio.radalt.core.terrain import TerrainError, TrajectoryError
     from gnuradio.radalt.evaluation import (
         landing,
         landing_figures,
         landing_points,
         landing_report,
         landing_rows,
+        workers,
     )
 except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.core.mitigation import MitigationError
-    from radalt.core.terrain import TerrainError, TrajectoryError
-    from radalt.evaluation import landing, landing_figures, landing_points, landing_report, landing_rows
+    from radalt.evaluation import (
+        landing,
+        landing_figures,
+        landing_points,
+        landing_report,
+        landing_rows,
+        workers,
+    )
+
+EXPECTED = (
+    landing.StudyError,
+    landing.SceneError,
+    landing.TerrainError,
+    landing.TrajectoryError,
+    landing.MitigationError,
+)
+POINT_LIMIT_S = 1800.0  # a point takes seconds; on a slow machine with a slow network, minutes
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -50,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     add("study", nargs="?", type=Path, default=HERE / "landing" / "study.yaml", help="YAML file")
     add("--out", type=Path, default=Path("results/landing"), help="folder (default: %(default)s)")
     add("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
-    add("--restart", action="store_true", help="measure again what the folder already holds")
+    add("--resume", action="store_true", help="go on with the run that --out holds a part of")
     add("--trajectory", type=Path, help="CSV: a track, or ADS-B state vectors")
     add("--aircraft", help="icao24 or callsign to take from the trajectory file")
     add("--altitude-offset-m", type=float, help="added to the trajectory's altitudes (datum)")
@@ -96,55 +108,23 @@ def _study(args: argparse.Namespace) -> landing.LandingStudy:
         raise landing.StudyError(str(error)) from None
 
 
+def _measure(task: tuple[landing.LandingStudy, landing.Point]) -> list[dict]:
+    return landing_points.run_point(*task)
+
+
 def _run(
     study: landing.LandingStudy, todo: list[landing.Point], rows: landing_rows.RowFile, jobs: int
 ) -> None:
-    """Measure points in several processes; whatever finishes is on disk at once."""
+    """Measure points, in several processes; whatever finishes is on disk at once."""
+    tasks = [(study, point) for point in todo]
     if jobs == 1:
-        for point in _progress(todo):
-            rows.append(landing_points.run_point(study, point))
-        return
-    # spawned, not forked: a fork would copy the threads of libraries that are loaded here in an unknown state
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
-        waiting: set[Future] = {pool.submit(landing_points.run_point, study, point) for point in todo}
-        bar = _progress(range(len(todo)))
-        try:
-            while waiting:
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    rows.append(future.result())
-                    next(bar, None)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-        for _ in bar:
-            pass
-
-
-def _progress(items: object) -> object:
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return iter(items)
-    return iter(tqdm(items, unit="point", disable=not sys.stderr.isatty()))
-
-
-def _prepare(folder: Path, study: landing.LandingStudy, restart: bool) -> None:
-    """Make the folder, or make sure that what it holds is of the same study."""
-    import yaml
-
-    folder.mkdir(parents=True, exist_ok=True)
-    used = folder / "study.yaml"
-    text = "# the study as used\n" + yaml.safe_dump(landing.study_dict(study), sort_keys=False)
-    text += f"# inputs: {landing_report.inputs_digest(study)}\n"
-    if restart:
-        (folder / "rows.csv").unlink(missing_ok=True)
-    elif (folder / "rows.csv").exists() and (not used.exists() or used.read_text(encoding="utf-8") != text):
-        raise landing.StudyError(
-            f"{folder} holds rows of another study; choose another --out or add --restart"
+        results = ((k, _measure(task)) for k, task in enumerate(tasks))
+    else:
+        results = workers.run_tasks(
+            _measure, tasks, jobs=jobs, time_limit_s=POINT_LIMIT_S, label=lambda task: task[1].name
         )
-    used.write_text(text, encoding="utf-8")
+    for _, measured in tqdm(results, total=len(tasks), unit="point", disable=not sys.stderr.isatty()):
+        rows.append(measured)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -157,29 +137,23 @@ def main(argv: list[str] | None = None) -> int:
     try:
         study = _study(args)
         landing.check_study(study)
-        _prepare(args.out, study, args.restart)
+        head = landing_report.open_folder(args.out, study, resume=args.resume)
         rows = landing_rows.RowFile(args.out / "rows.csv")
         points = study.points()
         todo = [p for p in points if p.name not in rows.points]
-        if len(todo) < len(points):
-            print(f"going on: {len(points) - len(todo)} of {len(points)} points are there", file=sys.stderr)
-        if todo:
-            _run(study, todo, rows, args.jobs)
+        _run(study, todo, rows, args.jobs)
         rows.sort([p.name for p in points])
         figures = landing_figures.draw_figures(study, rows.rows, args.out)
-        landing_report.write_report(study, rows.rows, args.out, figures)
-    except (landing.StudyError, TerrainError, TrajectoryError, MitigationError, OSError) as error:
+        run = {"jobs": args.jobs, "points": len(points), "points_resumed": len(points) - len(todo)}
+        run["wall_s"] = time.monotonic() - started
+        landing_report.write_report(study, rows.rows, args.out, figures, head=head, run=run)
+    except (*EXPECTED, workers.WorkerError, OSError) as error:
         print(f"landing_eval: {error}", file=sys.stderr)
         return 2
-    except BrokenProcessPool:
-        print(
-            f"landing_eval: a worker process was killed (memory?); the same command goes on from {args.out}, "
-            "with --jobs 1 it needs the least memory",
-            file=sys.stderr,
-        )
-        return 2
     except KeyboardInterrupt:
-        print(f"landing_eval: stopped; the same command goes on from {args.out}", file=sys.stderr)
+        print(
+            f"landing_eval: stopped; the same command with --resume goes on from {args.out}", file=sys.stderr
+        )
         return 130
     print(f"{args.out / 'report.md'}  ({len(rows.rows)} rows, {time.monotonic() - started:.0f} s)")
     return 0

@@ -45,6 +45,8 @@ def _study(root, **changes):
 def test_shipped_study_states_the_defaults(root):
     shipped = landing.load_study(root / "flowgraphs" / "landing" / "study.yaml")
     assert shipped == landing.parse_study({}, folder=shipped.folder)
+    # what is written beside the results is a study file again
+    assert landing.parse_study(landing.study_dict(shipped), folder=shipped.folder) == shipped
 
 
 def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
@@ -78,13 +80,13 @@ def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
     # cut in the middle of a line and of a point, and inside the very last number
     for cut in (int(0.6 * len(whole)), len(whole) - 1):
         (out / "rows.csv").write_text(whole[:cut])
-        assert landing_eval.main(arguments) == 0
-        assert "going on" in capsys.readouterr().err
+        assert landing_eval.main([*arguments, "--resume"]) == 0
+        assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] > 0
         assert (out / "rows.csv").read_text() == whole
-    assert landing_eval.main([*arguments, "--seed", "4"]) == 2
-    assert "another study" in capsys.readouterr().err
-    assert landing_eval.main([*arguments, "--seed", "4", "--restart", "--frames", "0"]) == 0
-    assert (out / "rows.csv").read_text() != whole
+    assert landing_eval.main(arguments) == 2
+    assert "--resume" in capsys.readouterr().err
+    assert landing_eval.main([*arguments, "--resume", "--seed", "4"]) == 2
+    assert "holds another run: seed is 3 there and 4 here" in capsys.readouterr().err
 
 
 def test_somebody_elses_flight_works_without_code(small, tmp_path, root):

@@ -18,8 +18,9 @@ from ..core.altimeter import AltimeterSettings
 from ..core.interference import Interferer, QpskEmitter
 from ..core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
 from ..core.mitigation import create
-from ..core.scene import _build as build_dataclass
+from ..core.parsing import build, plain
 from ..core.scene import _interference as build_interference
+from ..core.scene import _interferer_to_mapping as interferer_to_mapping
 from ..core.terrain import MIN_HEIGHT_M, AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
 from ..core.waveform import Waveform
 
@@ -210,12 +211,8 @@ def parse_study(data: dict[str, Any], *, source: str = "study", folder: str = ""
     StudyError
         One line: source, key, value, what is allowed.
     """
-    data = dict(data)
-    interference = data.pop("interference", None)
     try:
-        study = build_dataclass(LandingStudy, {"folder": folder, **data}, "")
-        if interference is not None or "interference" in data:
-            study = dataclasses.replace(study, interference=build_interference(interference, "interference"))
+        study = build(LandingStudy, {"folder": folder, **data}, "", {"interference": build_interference})
         reflectivity(study.ground.model, study.ground.land)
     except ValueError as error:
         raise StudyError(f"{source}: {error}") from None
@@ -275,17 +272,6 @@ def load_study(path: Path | str) -> LandingStudy:
 
 
 def study_dict(study: LandingStudy) -> dict[str, Any]:
-    """The study as plain mappings, as it is written beside the results (without the folder)."""
-    plain = dataclasses.asdict(study)
-    plain.pop("folder")
-    plain["interference"] = [
-        {_emitter_name(i): {k: v for k, v in dataclasses.asdict(i.emitter).items()}}
-        for i in study.interference
-    ]
-    return plain
-
-
-def _emitter_name(interferer: Interferer) -> str:
-    from ..core.emitters import emitter_label
-
-    return emitter_label(interferer.emitter)
+    """The study as plain mappings, as it is written beside the results; `parse_study` reads it back."""
+    mapping = {f.name: plain(getattr(study, f.name)) for f in dataclasses.fields(study) if f.name != "folder"}
+    return mapping | {"interference": [interferer_to_mapping(i) for i in study.interference]}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.altimeter import Altimeter
 from ..core.mitigation import create
+from .figures import series_style
 from .landing import LandingStudy, accuracy_limit_m
 from .landing_points import _seed, approach_frames, impaired
 from .landing_report import asked_db, clean_rows, condition, curve
@@ -17,16 +18,7 @@ from .metrics import CORRECT_LIMIT_M
 
 __all__ = ["draw_figures"]
 
-# Okabe and Ito's palette, distinguishable with any colour vision and in grey by line and marker
-COLOURS = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#D55E00", "#0072B2", "#CC79A7", "#999999")
-MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*")
-LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 IMAGE_FRAMES = 300
-
-
-def _style(study: LandingStudy, method: str) -> dict[str, Any]:
-    k = study.methods.index(method) % len(COLOURS) if method in study.methods else len(COLOURS) - 1
-    return {"color": COLOURS[k], "marker": MARKERS[k], "linestyle": LINES[k]}
 
 
 def draw_figures(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> list[str]:
@@ -58,7 +50,7 @@ def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path)
         height = np.array([r["height_m"] for r in mine])
         measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
         top, bottom = axes[0, column], axes[1, column]
-        style = _style(study, mine[0]["method"])
+        style = series_style(mine[0]["method"], study.methods)
         top.plot(t, height, color="#999999", lw=2, label="height above ground")
         top.plot(t, measured, ".", ms=2.5, color=style["color"], label="measured")
         top.set_title(label)
@@ -144,8 +136,8 @@ def _error_against_sinr(study: LandingStudy, rows: Sequence[dict[str, Any]], fol
                     np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
                     for c in (value, low, high)
                 )
-                style = _style(study, method)
-                axis.plot(x, y, ms=4, label=method, **style)
+                style = series_style(method, study.methods)
+                axis.plot(x, y, ms=4, **style)
                 axis.fill_between(x, bottom, top, color=style["color"], alpha=0.15)
             if line < 2:
                 axis.set_yscale("log")

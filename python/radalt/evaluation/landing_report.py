@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
+import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from ..core.altimeter import Reason
 from ..core.bounds import altitude_crb_m
 from ..core.mitigation import create
-from .landing import LandingStudy, accuracy_limit_m, study_dict
+from .folder import flatten, read_report, versions
+from .landing import LandingStudy, StudyError, accuracy_limit_m, study_dict
 from .landing_variants import VARIANTS
 from .metrics import CORRECT_LIMIT_M
 
-__all__ = ["SCHEMA", "approach_table", "break_points", "comparison", "inputs_digest", "write_report"]
+__all__ = ["SCHEMA", "approach_table", "break_points", "comparison", "open_folder", "write_report"]
 
-SCHEMA = "radalt-landing/1"
+SCHEMA = "landing-1"
 BANDS = (("flare, below 30 m", 0.0, 30.0), ("30..150 m", 30.0, 150.0), ("above 150 m", 150.0, np.inf))
 PAPER_RMSE_M = 400.0  # "over 400 m without mitigation", paper, at -15 dB
 PAPER_SINR_DB = -15.0
@@ -237,19 +239,72 @@ def _plain(value: Any) -> Any:
 
 
 def _inputs(study: LandingStudy) -> dict[str, str]:
-    """SHA-256 of every file the study reads."""
-    models = []
-    if "tcae" in study.methods:
-        models.append(str(create("tcae", study.waveform, **study.method_options.get("tcae", {})).model))
+    """SHA-256 of every file of the landing."""
     names = [study.trajectory.file, *study.terrain.files, *filter(None, [study.antenna.pattern])]
-    return {
-        Path(n).name: hashlib.sha256(study.spec.path(n).read_bytes()).hexdigest() for n in [*names, *models]
-    }
+    return {Path(n).name: hashlib.sha256(study.spec.path(n).read_bytes()).hexdigest() for n in names}
 
 
-def inputs_digest(study: LandingStudy) -> str:
-    """One short digest of all input files, to tell whether a folder's rows still belong to them."""
-    return hashlib.sha256(json.dumps(_inputs(study), sort_keys=True).encode()).hexdigest()[:16]
+def _methods(study: LandingStudy) -> dict[str, dict[str, Any]]:
+    """What is known of each method; of a network its file, hash, and whether it says it is a placeholder."""
+    known = {}
+    for method in study.methods:
+        stage = create(method, study.waveform, **study.method_options.get(method, {}))
+        known[method] = {}
+        if hasattr(stage, "sha256"):
+            known[method] = {
+                "model": stage.model.name,
+                "sha256": stage.sha256,
+                "placeholder": stage.placeholder,
+            }
+    return known
+
+
+def open_folder(folder: Path, study: LandingStudy, *, resume: bool) -> dict[str, Any]:
+    """Make a result folder, or make sure that it holds a part of this very run; returns the head of the report.
+
+    Raises
+    ------
+    StudyError
+        If it holds a run and ``resume`` is off, or another run than this one; names the first difference.
+    """
+    head = _plain(
+        {
+            "schema": SCHEMA,
+            "complete": False,
+            "name": study.name,
+            "seed": study.seed,
+            "study": study_dict(study),
+            "inputs_sha256": _inputs(study),
+            "methods": _methods(study),
+        }
+    )
+    if (folder / "rows.csv").exists() or (folder / "report.json").exists():
+        if not resume:
+            raise StudyError(
+                f"{folder} holds a run already; add --resume to complete it, or name another --out"
+            )
+        held = read_report(folder)
+        mine, have = (flatten({k: d.get(k) for k in head if k != "complete"}) for d in (head, held))
+        for key in [*mine, *(k for k in have if k not in mine)]:
+            if mine.get(key) != have.get(key):
+                raise StudyError(
+                    f"{folder} holds another run: {key} is {have.get(key)!r} there and {mine.get(key)!r} here; "
+                    "repeat that run's options, or name another --out"
+                )
+    folder.mkdir(parents=True, exist_ok=True)
+    head |= {"left_out": _left_out(study), "versions": versions("tcae" in study.methods)}
+    text = "# the study as used, with all defaults and what the command line changed\n"
+    (folder / "study.yaml").write_text(
+        text + yaml.safe_dump(head["study"], sort_keys=False), encoding="utf-8"
+    )
+    _write_json(folder, head)
+    return head
+
+
+def _write_json(folder: Path, report: dict[str, Any]) -> None:
+    fresh = folder / "report.tmp"
+    fresh.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    fresh.replace(folder / "report.json")
 
 
 def _left_out(study: LandingStudy) -> list[str]:
@@ -268,42 +323,37 @@ def _left_out(study: LandingStudy) -> list[str]:
 
 
 def write_report(
-    study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path, figures: Sequence[str]
-) -> dict:
-    """Write ``report.json`` and ``report.md`` into a folder and return what the former holds."""
-    import scipy
+    study: LandingStudy,
+    rows: Sequence[dict[str, Any]],
+    folder: Path,
+    figures: Sequence[str],
+    *,
+    head: dict[str, Any],
+    run: dict[str, Any],
+) -> dict[str, Any]:
+    """Write ``report.md`` and ``report.json`` into a folder and return what the latter holds.
 
-    report = _plain(
+    ``head`` is what `open_folder` gave; ``run`` says how the run went (``jobs, points, points_resumed, wall_s``).
+    """
+    bounds = {f"{snr:g} dB": float(altitude_crb_m(study.waveform, snr)) for snr in (-30, -20, -10, 0, 20)}
+    report = head | _plain(
         {
-            "schema": SCHEMA,
-            "name": study.name,
-            "seed": study.seed,
-            "study": study_dict(study),
-            "inputs_sha256": _inputs(study),
-            "versions": {
-                "python": platform.python_version(),
-                "numpy": np.__version__,
-                "scipy": scipy.__version__,
-            },
-            "points": len({r["point"] for r in rows}),
+            "complete": True,
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "rows": len(rows),
-            "left_out": _left_out(study),
             "approach": approach_table(rows),
             "ceiling": list(clean_rows(rows).values()),
-            "cramer_rao_point_target_m": {
-                f"{snr:g} dB": float(altitude_crb_m(study.waveform, snr)) for snr in (-30, -20, -10, 0, 20)
-            },
+            "cramer_rao_point_target_m": bounds,
             "doppler": doppler(rows),
             "break_points": break_points(study, rows),
             "paper": {"comparison": comparison(study, rows), "differences": DIFFERENCES},
             "sensitivity": sensitivity(rows),
             "figures": list(figures),
+            "run": run,
         }
     )
-    (folder / "report.json").write_text(
-        json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
     (folder / "report.md").write_text(_markdown(study, report), encoding="utf-8")
+    _write_json(folder, report)  # last: a complete report.json says that everything else is there
     return report
 
 
@@ -387,8 +437,21 @@ def _markdown(study: LandingStudy, report: dict[str, Any]) -> str:
         )
     text += _paper_section(report)
     text += _sensitivity_section(study, report)
+    text += _run_section(report)
     text += [f"![{name}]({name})" for name in report["figures"]]
     return "\n".join(text) + "\n"
+
+
+def _run_section(report: dict[str, Any]) -> list[str]:
+    run = report["run"]
+    resumed = f", {run['points_resumed']} of them from an earlier start" if run["points_resumed"] else ""
+    lines = [f"{run['points']} points in {run['wall_s']:.0f} s with {run['jobs']} processes{resumed}"]
+    lines.append(", ".join(f"{name} {version}" for name, version in report["versions"].items()))
+    for method, known in report["methods"].items():
+        if known:
+            placeholder = ", a placeholder: it was not trained" if known["placeholder"] else ""
+            lines.append(f"{method}: {known['model']} `{known['sha256'][:12]}`{placeholder}")
+    return ["## Run", "", *(f"- {line}" for line in lines), ""]
 
 
 def _between(row: dict[str, Any], name: str) -> str:
