@@ -25,6 +25,8 @@ from typing import Any, NoReturn
 # before NumPy is imported, here and in the workers: every process computes on one core
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+# GNU Radio tells of every buffer size that is asked for
+os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")
 
 HERE = Path(__file__).resolve().parent
 if (

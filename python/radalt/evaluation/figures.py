@@ -65,7 +65,8 @@ def panels(rows: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any
     out = []
     for interference, sir, snr in keys:
         mine = [r for r in rows if (r["interference"], r["sir_db"], r["snr_db"]) == (interference, sir, snr)]
-        parts = [interference.replace("_", " ")] if many[0] or sir is None else []
+        name = "no interference" if interference == "none" else interference.replace("_", " ")
+        parts = [name] if many[0] or sir is None else []
         parts += [] if sir is None else [f"SIR {sir:g} dB".replace("-", "\N{MINUS SIGN}")]
         parts += [f"SNR {snr:g} dB" if snr is not None else "no noise"] if many[2] else []
         out.append((", ".join(parts), mine))
@@ -102,7 +103,12 @@ def draw_pd(rows: Sequence[dict[str, Any]], path: Path, *, title: str, ceiling: 
     axes[0].set_ylabel(f"Pd: altitude within {CORRECT_LIMIT_M:g} m", fontsize=9)
     trials = sorted({r["trials"] for r in rows})
     count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}\N{EN DASH}{trials[-1]}"
-    return _finish(figure, axes, path, f"{title}\n{count} trials a point, bars: 95 % Wilson intervals")
+    return _finish(
+        figure,
+        axes,
+        path,
+        f"{title}\n{count} trials a point, bars: 95 % Wilson intervals; series set side by side at each overlap",
+    )
 
 
 def draw_error(

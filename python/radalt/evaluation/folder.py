@@ -97,6 +97,7 @@ class ResultFolder:
         self.path, self.scene = path, scene
         self.head: dict[str, Any] = {
             "schema": SCHEMA,
+            "kind": "run",
             "complete": False,
             "source": source,
             "name": scene.name,

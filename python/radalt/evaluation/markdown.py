@@ -22,7 +22,7 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
     scene, rows = report["scene"], report["rows"]
     parts = [f"# {report['name']}: Pd against overlap", _summary(report), *_warnings(report)]
     parts += [f"![{caption}]({name})" for name, caption in figures]
-    parts += ["## Probability of correct altitude", _what_pd_is(report), *pd_tables(rows)]
+    parts += ["## Probability of correct altitude", _what_pd_is(), *pd_tables(rows)]
     parts += ["## Error", _what_rmse_is(), *_error_tables(rows)]
     parts += ["## Without interference", _ceiling(report)]
     if report["break_points"]:
@@ -40,9 +40,9 @@ def _summary(report: dict[str, Any]) -> str:
     return (
         f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
         f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
-        f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m ({altitude['mode'].replace('_', ' ')}), "
-        f"{altitude['frames']} frames at each: {report['trials_per_point']} trials a point and method. "
-        f"Source: {report['source']}. Seed {report['seed']}."
+        f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m "
+        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each: "
+        f"{report['trials_per_point']} trials a point and method. Source: {report['source']}. Seed {report['seed']}."
     )
 
 
@@ -68,11 +68,11 @@ def _one_method(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return [r for r in rows if r["method"] == rows[0]["method"]]
 
 
-def _what_pd_is(report: dict[str, Any]) -> str:
+def _what_pd_is() -> str:
     return (
-        "Correct: the CFAR declares it, both half sweeps agree, and the altitude is within 5 m of the truth; no detection "
-        "counts against it. In brackets the 95 % Wilson interval. SIR is averaged over the whole sweep, so a shorter "
-        "burst at the same SIR is stronger while it lasts."
+        "Correct: the CFAR declares it, both half sweeps agree, and the altitude is within 5 m of the truth; no "
+        "detection counts against it. In brackets the 95 % Wilson interval. SIR is averaged over the whole sweep, "
+        "so a shorter burst at the same SIR is stronger while it lasts."
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.bounds import altitude_crb_m
 from ..core.scene import Scene
-from .figures import draw_error, draw_pd, panels
+from .figures import draw_error, draw_pd
 from .folder import ResultFolder
 from .markdown import report_markdown
 
@@ -165,8 +165,3 @@ def scene_label(emitter: object) -> str:
         count = len(emitter.frequencies_hz) or emitter.count
         return "one tone" if count == 1 else f"{count} tones"
     return kind
-
-
-def panel_titles(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Headings of the panels, in order."""
-    return [title for title, _ in panels(rows)]

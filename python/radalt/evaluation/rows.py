@@ -16,7 +16,7 @@ import numpy as np
 from .metrics import Score
 from .points import Point
 
-__all__ = ["COLUMNS", "TIMING_COLUMNS", "RowFile", "make_row", "read_rows"]
+__all__ = ["COLUMNS", "TIMING_COLUMNS", "RowFile", "make_row", "read_rows", "rows_as_csv"]
 
 COLUMNS = (
     "method",
@@ -45,9 +45,9 @@ COLUMNS = (
 )
 # everything else is a function of scene and seed
 TIMING_COLUMNS = ("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor")
-_TEXT = ("method", "interference")
+_TEXT = ("source", "method", "interference")
 _WHOLE = ("trials", "detections", "correct", "forced", "frames_lost", "diverged_frames")
-_WHOLE += ("discontinuities", "lock_losses", "seed")
+_WHOLE += ("discontinuities", "lock_losses", "seed", "runs")
 
 
 def make_row(
@@ -167,7 +167,7 @@ class RowFile:
         """Add a point's rows and push them to the disk."""
         new = not self.path.exists()
         with self.path.open("a", encoding="utf-8", newline="") as file:
-            file.write(_text(rows, header=new))
+            file.write(rows_as_csv(rows, header=new))
             file.flush()
             os.fsync(file.fileno())
         self.rows += rows
@@ -179,7 +179,7 @@ class RowFile:
 
     def _rewrite(self) -> None:
         fresh = self.path.with_suffix(".tmp")
-        fresh.write_text(_text(self.rows, header=True), encoding="utf-8", newline="")
+        fresh.write_text(rows_as_csv(self.rows), encoding="utf-8", newline="")
         fresh.replace(self.path)
 
 
@@ -187,10 +187,13 @@ def _key(*values: float | None) -> tuple[str, ...]:
     return tuple("" if v is None else f"{v:.9g}" for v in values)
 
 
-def _text(rows: Sequence[dict[str, Any]], header: bool = False) -> str:
+def rows_as_csv(
+    rows: Sequence[dict[str, Any]], *, columns: Sequence[str] = COLUMNS, header: bool = True
+) -> str:
+    """Rows as comma-separated text; what does not exist is an empty field, floats have nine digits."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     if header:
-        writer.writerow(COLUMNS)
-    writer.writerows([_format(c, row[c]) for c in COLUMNS] for row in rows)
+        writer.writerow(columns)
+    writer.writerows([_format(c, row[c]) for c in columns] for row in rows)
     return out.getvalue()

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""Several result folders of ota_eval as one report: Pd against overlap of all runs together.
+
+    python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
+
+Counts of runs that measured the same thing are added and the intervals taken anew; simulated runs and runs on the air
+stay apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused, saying why; a run that
+occurs twice counts once. Needs no GNU Radio.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+HERE = Path(__file__).resolve().parent
+if (
+    HERE.parent / "python" / "radalt"
+).is_dir():  # in the source tree; installed, Python finds the package itself
+    sys.path.insert(0, str(HERE.parent / "python"))
+
+_NO_PACKAGE = (
+    f"collect: {sys.executable} cannot run gr-radalt ({{}}); use .venv/bin/python, as 'make eval' does"
+)
+
+try:
+    from gnuradio.radalt.core.scene import SceneError
+    from gnuradio.radalt.evaluation.pooling import PoolError, collect
+except ImportError as _error:
+    print(_NO_PACKAGE.format(_error), file=sys.stderr)
+    raise SystemExit(2) from None
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors in one line, without the usage text."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
+    summary, _, details = __doc__.partition("\n\n")
+    parser = _Parser(
+        prog="collect",
+        description=summary,
+        epilog=details,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
+    parser.add_argument(
+        "--out", type=Path, help="folder of the report (default: results/collected-DATE-TIME)"
+    )
+    args = parser.parse_args(argv)
+    out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
+    try:
+        report, notes = collect(args.folders, out)
+    except (SceneError, PoolError, OSError) as error:
+        print(f"collect: {error}", file=sys.stderr)
+        return 2
+    except ImportError as error:  # matplotlib, which only figures need
+        print(_NO_PACKAGE.format(error), file=sys.stderr)
+        return 2
+    for note in notes:
+        print(f"collect: {note}")
+    print(report)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
