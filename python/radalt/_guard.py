@@ -7,6 +7,8 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from threadpoolctl import threadpool_limits
+
 __all__ = ["WORK_DONE", "guarded", "raise_stored"]
 
 WORK_DONE = -1
@@ -15,6 +17,9 @@ WORK_DONE = -1
 # block that returns from NumPy waits that long behind a busy one: a flowgraph of five methods then took three times as
 # long, most of it waiting.
 sys.setswitchinterval(1e-4)
+
+# Every block is a thread already: BLAS threads of its own only spin beside it (five times the CPU time, measured).
+threadpool_limits(1, user_api="blas")
 
 
 def guarded(work: Callable) -> Callable:

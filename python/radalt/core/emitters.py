@@ -76,6 +76,7 @@ def interference_notes(interferers: tuple[Interferer, ...]) -> list[str]:
             notes.append(
                 f"{emitter_name(emitter)}: interference {r.total_dbm:.1f} dBm (in band {r.in_band_dbm:.1f}, "
                 f"out of band {r.out_of_band_dbm:.1f} after the receiver's filter), noise {r.noise_dbm:.1f} dBm, "
-                f"return {r.return_dbm:.1f} dBm: I/N {r.i_over_n_db:+.1f} dB, SIR {r.sir_db:+.1f} dB, SNR {r.snr_db:+.1f} dB"
+                f"return {r.return_dbm:.1f} dBm: I/N {r.i_over_n_db:+.1f} dB, SIR {r.sir_db:+.1f} dB, "
+                f"SNR {r.snr_db:+.1f} dB"
             )
     return notes
