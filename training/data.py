@@ -78,6 +78,19 @@ class SceneConfig:
 
 CONFIGS: dict[str, SceneConfig] = {
     "fresh": SceneConfig(),
+    # second part of `compact`: down to where the classical methods break, more mixtures and more 10 MHz NR
+    "deep": SceneConfig(
+        sir_db=(-62.0, 2.0),
+        kinds=(
+            ("tones", 1.0),
+            ("qpsk_rectangular", 1.2),
+            ("qpsk_shaped", 1.2),
+            ("nr5", 1.2),
+            ("nr10", 0.8),
+        ),
+        counts=(0.05, 0.6, 0.18, 0.17),
+        seed=2,
+    ),
     # the paper: QPSK bursts and tones at -20..0 dB, 50,000 + 10,000 examples
     "paper": SceneConfig(
         sir_db=(-20.0, 0.0),

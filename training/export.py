@@ -63,6 +63,7 @@ def metadata(recipe_name: str, state: dict | None, network: torch.nn.Module) -> 
         "radalt_centered": "1" if waveform.centered else "0",
         "radalt_network": recipe.network,
         "radalt_recipe": recipe_name,
+        "radalt_weights": ",".join(name for name, _ in network.named_parameters()),
         "radalt_parameters": str(sum(p.numel() for p in network.parameters())),
         "radalt_training_steps": str(step),
         "radalt_training_examples": str(step * recipe.batch),
@@ -193,7 +194,7 @@ def main() -> int:
     state = None
     if not args.untrained:
         state = torch.load(RUNS / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
-        network.load_state_dict(state.get("average") or state["network"])
+        network.load_state_dict(state["network"])
     args.out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
         plain = Path(scratch) / "float32.onnx"

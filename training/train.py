@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import multiprocessing
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -69,6 +70,12 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.seconds = state["step"], state["seconds"]
+        elif self.recipe.start_from:
+            start = RUNS / self.recipe.start_from / "checkpoint.pt"
+            if not start.is_file():
+                sys.exit(f"train: {start} is missing; train {self.recipe.start_from} first")
+            state = torch.load(start, map_location=self.device, weights_only=True)
+            self.network.load_state_dict(state["network"])
 
     def _save(self) -> None:
         state = {

@@ -1,4 +1,4 @@
-"""Networks of the comparison: `build(name, waveform)` makes one; each has `normalisation` and `loss_kind`."""
+"""Networks of the comparison: `build(name, waveform)` makes one; each states its `normalisation`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from torch import nn
 
 from radalt.core.waveform import Waveform
 
+from .alternatives import Mask, Residual
 from .compact import Compact, CompactSettings
+from .paper import Convolutional, FullyConnected, Paper
 
 __all__ = ["NETWORKS", "build"]
 
@@ -16,6 +18,11 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "compact": Compact,
     "beat_only": lambda w: Compact(w, CompactSettings(modulus=False, spectrum=False)),
     "beat_spectrum": lambda w: Compact(w, CompactSettings(modulus=False)),
+    "mask": Mask,
+    "residual": Residual,
+    "paper": Paper,
+    "fc": FullyConnected,
+    "cnn": Convolutional,
 }
 
 

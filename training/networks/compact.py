@@ -1,18 +1,19 @@
 """`compact`: our temporal convolutional autoencoder, and the variants it was compared with.
 
-Four stages, all inside one feed-forward graph of an IQ frame:
+Three stages, all inside one feed-forward graph of an IQ frame:
 
 1. *Modulus*. An interferer of constant envelope (rectangular QPSK, FMCW, a tone) moves only the phase of
-   what is received: ``x - A x/|x|`` with ``A`` the local mean of ``|x|`` takes it away and leaves half of the return
-   and its image, whatever the SIR (the locally optimum zero-memory nonlinearity). A small gated network
-   decides where, from the spread of the envelope and from how much of the power lies on the sweep. It also
-   levels bursts in time.
+   what is received: ``x - A x/|x|`` with ``A`` the local mean of ``|x|`` takes it away and leaves half of the
+   return and its image, whatever the SIR (the locally optimum zero-memory nonlinearity). A small gated
+   network decides where, from the spread of the envelope and from how much of the power lies on the sweep.
+   It also levels bursts in time.
 2. *Spectrum*. A DFT of the frame, a learned soft limit on the smoothed power spectrum, the inverse DFT:
    stationary interference narrower than the sweep.
 3. *Beat-domain autoencoder*. Multiplication by the conjugate sweep, a strided filterbank over the beat band
    (encoder), gated dilated residual blocks on log powers and phases (bottleneck), a gain for each
    time-frequency cell, transposed convolution and the sweep again (decoder).
-4. Everything starts as the identity over the beat band and learns what to take away.
+
+Everything starts as the identity over the beat band and learns what to take away.
 """
 
 from __future__ import annotations

@@ -1,0 +1,91 @@
+"""Pictures for docs/tcae.md: an interferer on 26.7 % of the band, before and after; training curves.
+
+PYTHONPATH=python .venv/bin/python training/figures.py --out docs/figures
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import numpy as np
+from evaluate_report import before_after
+from matplotlib import pyplot as plt
+
+from radalt.core.interference import Interferer, QpskEmitter, interference_frame
+from radalt.core.mitigation import create
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+ROOT = Path(__file__).resolve().parent.parent
+ALTITUDE_M = 300.0
+
+
+def interfered(waveform: Waveform, pulse: str, sir_db: float, overlap: float) -> np.ndarray:
+    """(N,) complex64: a return at 300 m, SNR 10 dB, under QPSK on 26.7 % of the band."""
+    rng = np.random.default_rng(2026)
+    clean = point_return(waveform, np.array([ALTITUDE_M]))[0]
+    noise = np.sqrt(0.05) * rng.standard_normal((clean.size, 2)).view(np.complex128)[:, 0]
+    emitter = QpskEmitter(bandwidth_hz=0.267 * waveform.bandwidth_hz, pulse=pulse)
+    extra = interference_frame(Interferer(emitter, sir_db, overlap), clean.size, waveform.rate_hz, rng)
+    return (clean + noise + extra).astype(np.complex64)
+
+
+def draw_before_after(path: Path, pulse: str, sir_db: float, overlap: float) -> None:
+    """Received, whitened, blanked, paper and compact."""
+    waveform = Waveform()
+    received = interfered(waveform, pulse, sir_db, overlap)
+    frames = {"received": received}
+    for name in ("whitening", "blanking"):
+        frames[name] = create(name, waveform).process(received)
+    for label, file in (("TCAE paper", "paper.onnx"), ("TCAE compact", "tcae.onnx")):
+        if (ROOT / "models" / file).is_file():
+            frames[label] = create("tcae", waveform, model=ROOT / "models" / file).process(received)
+    name = {"rectangular": "rectangular", "rrc": "root-raised-cosine"}[pulse]
+    title = f"QPSK ({name}) on 26.7 % of the band, SIR {sir_db:g} dB, overlap {overlap:g}"
+    before_after(path, waveform, frames, title)
+
+
+def draw_training(path: Path, logs: list[Path]) -> None:
+    """Validation loss of several runs over examples."""
+    colours = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+    figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
+    for log, colour, dash in zip(logs, colours, ("-", "--", "-.", ":", "-", "--", ":"), strict=False):
+        with log.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        axis.plot(
+            [int(row["examples"]) for row in rows],
+            [float(row["validation_loss"]) for row in rows],
+            dash,
+            color=colour,
+            label=log.stem,
+        )
+    axis.set(xlabel="examples", ylabel="validation loss")
+    axis.legend()
+    axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures")
+    out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    draw_before_after(out / "tcae_before_after_shaped.png", "rrc", -20.0, 1.0)
+    draw_before_after(out / "tcae_before_after_burst.png", "rectangular", -20.0, 0.4)
+    logs = ROOT / "training" / "logs"
+    draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
+    draw_training(out / "tcae_compact.png", [logs / "compact_first.csv", logs / "compact.csv"])
+    draw_training(out / "tcae_paper.png", [logs / "paper.csv"])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Architectures that `compact` was compared with on the same data and budget."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from radalt.core.waveform import Waveform
+
+from .layers import FourierBank, GatedBlock, log_power
+
+__all__ = ["Mask", "Residual"]
+
+
+class Mask(nn.Module):
+    """Masks on a Fourier-initialised filterbank of the received band: 75 bins, kernel 75, stride 15.
+
+    The prototype that is known to work: log-power and normalised features, learned position bias, eight
+    gated blocks of 48 channels, one sigmoid gain a bin, transposed convolution.
+    """
+
+    normalisation = "joint_rms"
+
+    def __init__(self, waveform: Waveform, channels: int = 48) -> None:
+        super().__init__()
+        self.bank = FourierBank(waveform.samples_per_frame, 75, 15, range(-37, 38))
+        b = self.bank.bins
+        self.enter = nn.Conv1d(3 * b, channels, 1)
+        self.position = nn.Parameter(torch.zeros(1, channels, self.bank.steps))
+        self.blocks = nn.Sequential(*(GatedBlock(channels, d) for d in (1, 2, 4, 8, 1, 2, 4, 8)))
+        self.leave = nn.Conv1d(channels, b, 1)
+        with torch.no_grad():
+            self.leave.weight.mul_(0.1)
+            self.leave.bias.fill_(2.0)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, N) -> (B, 2, N)."""
+        cells = self.bank(x)
+        power = self.bank.power(cells)
+        total = power.sum(1, keepdim=True)
+        features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
+        gain = torch.sigmoid(self.leave(self.blocks(self.enter(features) + self.position)))
+        return self.bank.back(cells * torch.cat([gain, gain], 1))
+
+
+class Residual(nn.Module):
+    """WaveNet-like stack at a tenth of the rate that estimates the interference and subtracts it."""
+
+    normalisation = "joint_rms"
+
+    def __init__(self, waveform: Waveform, channels: int = 48) -> None:
+        super().__init__()
+        if waveform.samples_per_frame % 10:
+            raise ValueError(
+                f"frames of a multiple of 10 samples are needed, not {waveform.samples_per_frame}"
+            )
+        self.enter = nn.Conv1d(2, channels, 30, stride=10, padding=10)
+        self.blocks = nn.Sequential(*(GatedBlock(channels, d) for d in (1, 2, 4, 8, 16, 32, 64)))
+        self.leave = nn.ConvTranspose1d(channels, 2, 30, stride=10, padding=10)
+        with torch.no_grad():
+            self.leave.weight.mul_(0.01)
+            self.leave.bias.zero_()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, N) -> (B, 2, N)."""
+        return x - self.leave(self.blocks(self.enter(x)))

@@ -1,0 +1,111 @@
+"""The paper's model to the digit, and the fully connected and convolutional autoencoders it is compared with.
+
+C. E. Thornton et al., "Temporal Convolutional Autoencoder for Interference Mitigation in FMCW Radar
+Altimeters".
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from radalt.core.waveform import Waveform
+
+__all__ = ["Convolutional", "FullyConnected", "Paper"]
+
+
+class _Gated(nn.Module):
+    """``relu(F x) sigmoid(G x)`` with dilated kernels of 3 and padding 2, then dropout."""
+
+    def __init__(self, entering: int, leaving: int, dilation: int, dropout: float) -> None:
+        super().__init__()
+        self.feature = nn.Conv1d(entering, leaving, 3, padding=2, dilation=dilation)
+        self.gate = nn.Conv1d(entering, leaving, 3, padding=2, dilation=dilation)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, entering, L) -> (B, leaving, L + 4 - 2 dilation)."""
+        return self.dropout(torch.relu(self.feature(x)) * torch.sigmoid(self.gate(x)))
+
+
+class Paper(nn.Module):
+    """17,290,282 parameters: encoder 4,336, dense 15,356,160 and 1,926,472, decoder 3,314.
+
+    The paper gives no dropout probability; 0.05 is ours. A frame has to hold 7500 samples.
+    """
+
+    normalisation = "per_channel_peak"
+
+    def __init__(self, waveform: Waveform, dropout: float = 0.05) -> None:
+        super().__init__()
+        samples = waveform.samples_per_frame
+        if samples != 7500:
+            raise ValueError(f"the paper's model takes frames of 7500 samples, not {samples}")
+        self.encoder = nn.Sequential(
+            _Gated(2, 32, 1, dropout), _Gated(32, 16, 2, dropout), _Gated(16, 8, 4, dropout)
+        )
+        self.compress = nn.Linear(8 * (samples - 2), 256)
+        self.expand = nn.Linear(256, 8 * 937)
+        self.decoder = nn.Sequential(
+            nn.ConvTranspose1d(8, 16, 3, stride=2),
+            nn.ReLU(),
+            nn.Dropout(dropout),
+            nn.ConvTranspose1d(16, 32, 5, stride=2, padding=2, output_padding=1),
+            nn.ReLU(),
+            nn.Dropout(dropout),
+            nn.ConvTranspose1d(32, 2, 5, stride=2, padding=2, output_padding=1),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, 7500) -> (B, 2, 7500)."""
+        code = torch.relu(self.compress(self.encoder(x).flatten(1)))
+        return self.decoder(torch.relu(self.expand(code)).reshape(-1, 8, 937))
+
+
+class FullyConnected(nn.Module):
+    """Dense autoencoder, 15,000 -> 256 -> 256 -> 15,000."""
+
+    normalisation = "joint_rms"
+
+    def __init__(self, waveform: Waveform, width: int = 256) -> None:
+        super().__init__()
+        size = 2 * waveform.samples_per_frame
+        self.layers = nn.Sequential(
+            nn.Linear(size, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, size)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, N) -> (B, 2, N)."""
+        return self.layers(x.flatten(1)).reshape(x.shape)
+
+
+class Convolutional(nn.Module):
+    """Strided convolutional autoencoder without gates or dilation; strides 5, 5, 3 (75 in all)."""
+
+    normalisation = "joint_rms"
+
+    def __init__(self, waveform: Waveform) -> None:
+        super().__init__()
+        if waveform.samples_per_frame % 75:
+            raise ValueError(
+                f"the CNN takes frames of a multiple of 75 samples, not {waveform.samples_per_frame}"
+            )
+        self.encoder = nn.Sequential(
+            nn.Conv1d(2, 32, 15, stride=5, padding=5),
+            nn.ReLU(),
+            nn.Conv1d(32, 64, 15, stride=5, padding=5),
+            nn.ReLU(),
+            nn.Conv1d(64, 96, 9, stride=3, padding=3),
+            nn.ReLU(),
+        )
+        self.decoder = nn.Sequential(
+            nn.ConvTranspose1d(96, 64, 9, stride=3, padding=3),
+            nn.ReLU(),
+            nn.ConvTranspose1d(64, 32, 15, stride=5, padding=5),
+            nn.ReLU(),
+            nn.ConvTranspose1d(32, 2, 15, stride=5, padding=5),
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, N) -> (B, 2, N)."""
+        return self.decoder(self.encoder(x))
