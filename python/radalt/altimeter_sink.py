@@ -25,7 +25,7 @@ class altimeter_sink(gr.sync_block):
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary a frame:
     version, method, frame_index, valid, reason, altitude_m, vertical_speed_m_per_s, beat_up_hz, beat_down_hz, snr_db,
-    forced_altitude_m, truth_m).
+    forced_altitude_m, truth_m), ``altitude: float`` (optional, in metres, NaN where there is none).
 
     Parameters
     ----------
@@ -39,6 +39,8 @@ class altimeter_sink(gr.sync_block):
         Whether the message port is used; a PDU costs 100 us and more a frame.
     capacity : int
         Results kept for `results`; older ones are overwritten.
+    stream : bool
+        Whether the block has the output ``altitude``, one value a frame, for displays.
 
     Example
     -------
@@ -52,9 +54,11 @@ class altimeter_sink(gr.sync_block):
         endpoint: str = "",
         messages: bool = True,
         capacity: int = 100_000,
+        stream: bool = False,
     ) -> None:
         n = scene.waveform.samples_per_frame
-        gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], None)
+        outputs = [np.float32] if stream else None
+        gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], outputs)
         self.method = method
         self.altimeter = Altimeter(scene.waveform, scene.altimeter)
         self._programme = scene.altitude.programme
@@ -96,6 +100,8 @@ class altimeter_sink(gr.sync_block):
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
         self._count += len(results)
+        if output_items:
+            output_items[0][:] = results["altitude_m"]
         if self._messages or self._socket is not None:
             truth = self._programme.altitude_m(index)
             for result, true in zip(results, truth, strict=True):

@@ -24,7 +24,8 @@ class fmcw_chirp_source(gr.sync_block):
     scene : Scene
         Waveform and altitude programme.
     altitude_m : float
-        Synthetic altitude in metres set by hand; below 0 the scene's programme is followed, frame by frame.
+        Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is taken at
+        altitude zero); below 0 the scene's programme is followed, frame by frame.
     frames : int
         Sweeps to send before the stream ends; 0 for endless.
 
@@ -58,7 +59,7 @@ class fmcw_chirp_source(gr.sync_block):
     def _table(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``."""
         altitude = self._manual_m if self._manual_m >= 0 else float(self._programme.altitude_m(index))
-        if not self._shifting:
+        if not self._shifting or index < self._programme.preamble_frames:
             altitude = 0.0
         if altitude not in self._tables:
             if len(self._tables) >= 64:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from ._mitigation import MitigationBlock
-from .core.mitigation import create
+from .core.mitigation import Mitigation, create
 from .core.scene import Scene
 
 __all__ = ["mitigation"]
 
 
 class mitigation(MitigationBlock):
-    """One registered method (``none``, ``lms``, ``lms_reference_input``, ``nlms``, ``whitening``, ``blanking``).
+    """One method by its name: any of `METHODS`, or ``custom``, one of your own.
 
     Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N > frames: complex vector of N``.
 
@@ -21,7 +21,7 @@ class mitigation(MitigationBlock):
     scene : Scene
         Waveform; ``method_options`` of the scene give the method's parameters.
     method : str
-        Registry name, see `gnuradio.radalt.core.mitigation.METHODS`.
+        Name as in `gnuradio.radalt.core.mitigation.create`. Live.
     options : dict, optional
         Parameters that override the scene's.
 
@@ -33,5 +33,14 @@ class mitigation(MitigationBlock):
     def __init__(
         self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None
     ) -> None:
-        parameters = {**scene.method_options.get(method, {}), **(options or {})}
-        super().__init__("radalt_mitigation", create(method, scene.waveform, **parameters))
+        self._scene, self._name, self._options = scene, method, options or {}
+        super().__init__("radalt_mitigation", self._create(method))
+
+    def _create(self, method: str) -> Mitigation:
+        parameters = {**self._scene.method_options.get(method, {}), **self._options}
+        return create(method, self._scene.waveform, **parameters)
+
+    def set_method(self, method: str) -> None:
+        """Another method from the next frames on, without what was learnt before."""
+        if method != self._name:
+            self.method, self._name = self._create(method), method

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 
 import numpy as np
@@ -31,13 +32,15 @@ class simulated_channel(gr.basic_block):
         Channel settings, waveform, true-delay programme and seed.
     jammer : bool
         Whether the second input exists.
+    realtime : bool
+        Never faster than the sample rate, as radios are; for live views.
 
     Example
     -------
     ``chan = radalt.simulated_channel(scene, jammer=True)``
     """
 
-    def __init__(self, scene: Scene, jammer: bool = True) -> None:
+    def __init__(self, scene: Scene, jammer: bool = True, realtime: bool = False) -> None:
         gr.basic_block.__init__(
             self, "radalt_simulated_channel", [np.complex64] * (2 if jammer else 1), [np.complex64]
         )
@@ -54,6 +57,8 @@ class simulated_channel(gr.basic_block):
         self._tagged = scene.channel.drops.tagged
         self._pieces: deque[tuple[int, np.ndarray]] = deque()
         self._expected: int | None = None
+        self._realtime = bool(realtime)
+        self._start_s = 0.0  # of sample 0, by the monotonic clock
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self.set_min_output_buffer(8 * self._n)
 
@@ -65,6 +70,8 @@ class simulated_channel(gr.basic_block):
     def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
         """One frame in when nothing waits; as much out as fits."""
         out = output_items[0]
+        if self._realtime:
+            self._wait()
         done = self._flush(out, 0)
         frames = min(len(items) for items in input_items) // self._n
         used = 0
@@ -77,6 +84,12 @@ class simulated_channel(gr.basic_block):
         for port in range(len(input_items)):
             self.consume(port, used * self._n)
         return done
+
+    def _wait(self) -> None:
+        """Sleep off what is ahead of the clock; a backlog is forgiven, not caught up with."""
+        now, sent_s = time.monotonic(), (self._expected or 0) / self._rate
+        self._start_s = max(self._start_s, now - sent_s)
+        time.sleep(max(0.0, self._start_s + sent_s - now))
 
     def _flush(self, out: np.ndarray, done: int) -> int:
         """Copy waiting pieces, tagging the first sample after a gap."""

@@ -31,10 +31,8 @@ class Programme:
         Length of such a section.
     vertical_speed_m_per_s : float
         Range rate during trials; only a true delay has one (a beat shift has no Doppler).
-
-    Notes
-    -----
-    Past the last trial the programme returns to altitude zero.
+    hold_last : bool
+        What comes after the last trial: altitude zero and no trials, or (True) more frames like the last, for ever.
     """
 
     altitudes_m: tuple[float, ...] = (200.0,)
@@ -43,6 +41,7 @@ class Programme:
     sync_every_frames: int = 0
     sync_frames: int = 8
     vertical_speed_m_per_s: float = 0.0
+    hold_last: bool = False
 
     def __post_init__(self) -> None:
         if not self.altitudes_m:
@@ -103,7 +102,7 @@ class Programme:
 
     def _look_up(self, table: np.ndarray, frame_index: np.ndarray | int) -> np.ndarray:
         index = np.asarray(frame_index)
-        inside = (index >= 0) & (index < table.size)
+        inside = (index >= 0) & (self.hold_last | (index < table.size))
         return np.where(inside, table[np.clip(index, 0, table.size - 1)], np.zeros(1, table.dtype)[0])
 
     def next_sync(self, frame_index: int) -> tuple[int, int] | None:

@@ -56,6 +56,8 @@ class AltitudeSpec:
         Range rate, for true delays.
     preamble_frames, sync_every_frames, sync_frames : int
         See `Programme`.
+    hold_last : bool
+        Stay at the last altitude for ever; for altitudes set by hand.
     """
 
     programme_m: tuple[float, ...] = (1500.0, 1200.0, 900.0, 600.0, 400.0, 250.0, 150.0, 75.0, 30.0, 10.0)
@@ -65,6 +67,7 @@ class AltitudeSpec:
     preamble_frames: int = 8
     sync_every_frames: int = 0
     sync_frames: int = 8
+    hold_last: bool = False
 
     def __post_init__(self) -> None:
         if self.mode not in ("synthetic", "true_delay"):
@@ -85,6 +88,7 @@ class AltitudeSpec:
             sync_every_frames=self.sync_every_frames,
             sync_frames=self.sync_frames,
             vertical_speed_m_per_s=self.vertical_speed_m_per_s,
+            hold_last=self.hold_last,
         )
 
 

@@ -1,0 +1,63 @@
+"""Altitude strip: streams of altitudes in, rolling charts of the last seconds out."""
+
+from __future__ import annotations
+
+import numpy as np
+from gnuradio import gr
+
+from ._guard import guarded
+from .core.live import AltitudeStrip
+
+__all__ = ["altitude_strip"]
+
+
+class altitude_strip(gr.decim_block):
+    """The last ``points * every`` frames of the true altitude and of every input, for a vector sink.
+
+    Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one a frame, NaN for no detection)
+    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last).
+
+    Parameters
+    ----------
+    altitude_m : float
+        True altitude in metres, from now on. Live.
+    inputs : int
+        Number of altimeters.
+    points : int
+        Values across the chart.
+    every : int
+        Frames between two values.
+
+    Example
+    -------
+    ``strip = radalt.altitude_strip(altitude_m=300.0, inputs=2)``
+    """
+
+    def __init__(self, altitude_m: float = 0.0, inputs: int = 2, points: int = 500, every: int = 20) -> None:
+        self.strip = AltitudeStrip(1 + inputs, points, every)
+        gr.decim_block.__init__(
+            self,
+            "radalt_altitude_strip",
+            [np.float32] * inputs,
+            [(np.float32, points)] * (1 + inputs),
+            decim=every,
+        )
+        self._every = every
+        self.set_altitude(altitude_m)
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+
+    def set_altitude(self, altitude_m: float) -> None:
+        """True altitude in metres from the next frame on."""
+        self._true_m = float(altitude_m)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """A chart for every step."""
+        count = len(output_items[0])
+        for step in range(count):
+            span = slice(step * self._every, (step + 1) * self._every)
+            altitudes = [np.full(self._every, self._true_m), *(items[span] for items in input_items)]
+            self.strip.push(np.stack(altitudes))
+            for output, row in zip(output_items, self.strip.rows, strict=True):
+                output[step] = row
+        return count
