@@ -46,13 +46,6 @@ except ImportError:  # without GNU Radio the package is importable by its own na
         workers,
     )
 
-EXPECTED = (
-    landing.StudyError,
-    landing.SceneError,
-    landing.TerrainError,
-    landing.TrajectoryError,
-    landing.MitigationError,
-)
 POINT_LIMIT_S = 1800.0  # a point takes seconds; on a slow machine with a slow network, minutes
 
 
@@ -147,7 +140,7 @@ def main(argv: list[str] | None = None) -> int:
         run = {"jobs": args.jobs, "points": len(points), "points_resumed": len(points) - len(todo)}
         run["wall_s"] = time.monotonic() - started
         landing_report.write_report(study, rows.rows, args.out, figures, head=head, run=run)
-    except (*EXPECTED, workers.WorkerError, OSError) as error:
+    except (*landing.EXPECTED_ERRORS, workers.WorkerError, OSError) as error:
         print(f"landing_eval: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

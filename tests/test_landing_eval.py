@@ -119,10 +119,12 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
         (["--methods", "magic"], "magic"),
         (["--max-gap-s", "0.1"], "max_gap_s"),
         (["--trials", "-1"], "curve.trials"),
+        (["{out}/wide.yaml"], "does not fit the rate"),
         (["{out}/none.yaml"], "none.yaml"),
     ],
 )
 def test_what_does_not_fit_gets_one_line(small, tmp_path, root, capsys, arguments, message):
+    (tmp_path / "wide.yaml").write_text(small.read_text() + "interference: {qpsk: {bandwidth_hz: 9.0e+6}}\n")
     flat = root / "flowgraphs" / "landing"
     arguments = [a.format(flat=flat, out=tmp_path) for a in arguments]
     study = [] if arguments[0].endswith(".yaml") else [str(small)]

@@ -15,18 +15,28 @@ from typing import Any
 import numpy as np
 
 from ..core.altimeter import AltimeterSettings
-from ..core.interference import Interferer, QpskEmitter
+from ..core.interference import Interferer, QpskEmitter, interference_frames
 from ..core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
-from ..core.mitigation import create
+from ..core.mitigation import MitigationError, create
 from ..core.parsing import build, plain
+from ..core.scene import SceneError
 from ..core.scene import _interference as build_interference
 from ..core.scene import _interferer_to_mapping as interferer_to_mapping
-from ..core.terrain import MIN_HEIGHT_M, AircraftState, TerrainError, TerrainReturn, Trajectory, reflectivity
+from ..core.terrain import (
+    MIN_HEIGHT_M,
+    AircraftState,
+    TerrainError,
+    TerrainReturn,
+    Trajectory,
+    TrajectoryError,
+    reflectivity,
+)
 from ..core.waveform import Waveform
 
 __all__ = [
     "ApproachSpec",
     "CurveSpec",
+    "EXPECTED_ERRORS",
     "LandingStudy",
     "Point",
     "StudyError",
@@ -42,6 +52,10 @@ FOOT_M = 0.3048
 
 class StudyError(ValueError):
     """A study that cannot be used; the message is one line for the user."""
+
+
+# what a study can run into that its user can mend; each message is one line
+EXPECTED_ERRORS = (StudyError, SceneError, TerrainError, TrajectoryError, MitigationError)
 
 
 @dataclass(frozen=True)
@@ -229,8 +243,10 @@ def check_study(study: LandingStudy) -> None:
     """
     for method in study.methods:
         create(method, study.waveform, **study.method_options.get(method, {}))
+    rng, samples = np.random.default_rng(0), study.waveform.samples_per_frame
     try:
         study.radar()
+        interference_frames(study.interference, 1, samples, study.waveform.rate_hz, rng)
     except TerrainError:
         raise
     except ValueError as error:
