@@ -19,6 +19,7 @@ from .metrics import CORRECT_LIMIT_M
 __all__ = ["draw_figures"]
 
 IMAGE_FRAMES = 300
+FEWEST_DETECTIONS = 5
 
 
 def draw_figures(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> list[str]:
@@ -131,6 +132,8 @@ def _error_against_sinr(study: LandingStudy, rows: Sequence[dict[str, Any]], fol
                 axis.axhspan(ceiling[low], ceiling[high], color="#999999", alpha=0.25)
             for method in study.methods:
                 mine = curve(rows, overlap, method)
+                if value == "rmse_m":  # the error of a handful of detections says nothing
+                    mine = [r for r in mine if r["detections"] >= FEWEST_DETECTIONS]
                 x = [asked_db(r) for r in mine]
                 y, bottom, top = (
                     np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
