@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from .markdown import report_markdown
 
 __all__ = ["BREAK_PD", "break_points", "build_report", "crb_by_snr", "interference_title", "write_report"]
 
+_NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
 BREAK_PD = 0.9  # DESIGN.md 4: lowest SIR at which Pd is at least this
 
 
@@ -25,7 +27,7 @@ def write_report(
     ceiling: Sequence[dict[str, Any]],
     *,
     run: dict[str, Any],
-) -> Any:
+) -> Path:
     """Write the whole result folder from its rows; returns the path of ``report.md``.
 
     Parameters
@@ -39,19 +41,34 @@ def write_report(
         How the run went: ``jobs, points, points_resumed, wall_s, peak_memory_bytes``.
     """
     report = build_report(folder.head, folder.scene, rows, ceiling, run)
-    title = interference_title(folder.scene)
-    figures = [("pd_vs_overlap.png", "Probability of correct altitude against overlap")]
-    ceilings = [c["pd"] for c in report["ceiling"] if c["method"] == "none"]
-    draw_pd(rows, folder.path / figures[0][0], title=title, ceiling=min(ceilings, default=None))
-    figures.append(("rmse_vs_overlap.png", "Root mean square error of the forced decision against overlap"))
-    bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
-    draw_error(rows, folder.path / figures[1][0], title=title, bounds_m=bounds)
+    figures = _draw(report, folder.path)
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures)
     (folder.path / "report.md").write_text(text, encoding="utf-8")
     # last: a complete report.json says that everything else is there
     folder.write(report)
     return folder.path / "report.md"
+
+
+def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
+    """Draw against overlap, and against SIR where there are at least three; returns (file, caption)."""
+    rows, title = report["rows"], report["title"]
+    ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none"), default=None)
+    bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
+    figures = []
+    for against, name in (("overlap", "overlap"), ("sir_db", "sir")):
+        if against == "sir_db" and not report["break_points"]:
+            continue
+        figures += [
+            (f"pd_vs_{name}.png", f"Probability of correct altitude against {_NAMES[against]}"),
+            (
+                f"rmse_vs_{name}.png",
+                f"Root mean square error of the forced decision against {_NAMES[against]}",
+            ),
+        ]
+        draw_pd(rows, path / figures[-2][0], title=title, ceiling=ceiling, against=against)
+        draw_error(rows, path / figures[-1][0], title=title, bounds_m=bounds, against=against)
+    return figures
 
 
 def build_report(
