@@ -1,0 +1,242 @@
+"""Interference: exact window SIR and overlap, and spectra that are those of the textbook."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from radalt.core.interference import (
+    Interferer,
+    QpskEmitter,
+    ToneEmitter,
+    interference_frame,
+    interference_frames,
+    rrc_taps,
+)
+from radalt.core.jamming import JammerStream
+from radalt.core.programme import Programme
+from radalt.core.waveform import Waveform
+
+RATE_HZ = 7.5e6
+N = 7500
+EMITTERS = [
+    QpskEmitter(),
+    QpskEmitter(pulse="rrc", carrier_hz=1e6),
+    ToneEmitter(3),
+    ToneEmitter(frequencies_hz=(1e6,)),
+]
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def db(ratio: float) -> float:
+    return 10 * np.log10(ratio)
+
+
+# -- placement: SIR and overlap ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("emitter", EMITTERS)
+@pytest.mark.parametrize(("sir_db", "overlap"), [(-10.0, 1.0), (-28.0, 0.3), (5.0, 0.1), (-40.0, 1 / N)])
+def test_sir_is_exact_over_the_whole_window_whatever_the_overlap(emitter, sir_db, overlap):
+    for seed in range(5):
+        frame = interference_frame(Interferer(emitter, sir_db, overlap), N, RATE_HZ, rng(seed))
+        assert -db(np.sum(np.abs(frame) ** 2) / N) == pytest.approx(sir_db, abs=0.01)
+
+
+@pytest.mark.parametrize("emitter", EMITTERS[:2] + EMITTERS[3:])
+@pytest.mark.parametrize("overlap", [0.0, 1 / N, 0.1, 0.25, 0.333, 0.9, 1.0])
+def test_overlap_is_the_active_fraction_of_the_window(emitter, overlap):
+    frame = interference_frame(Interferer(emitter, -10.0, overlap), N, RATE_HZ, rng())
+    active = np.flatnonzero(frame)
+    assert active.size == round(overlap * N)
+    if active.size:
+        assert active[-1] - active[0] + 1 == active.size  # one burst, no holes
+
+
+def test_shorter_burst_of_the_same_sir_is_stronger_while_it_lasts():
+    long, short = (
+        interference_frame(Interferer(QpskEmitter(), -10.0, rho), N, RATE_HZ, rng()) for rho in (1.0, 0.1)
+    )
+    assert db(np.max(np.abs(short)) ** 2 / np.max(np.abs(long)) ** 2) == pytest.approx(10.0, abs=0.01)
+
+
+def test_sir_refers_to_the_power_of_the_return():
+    frame = interference_frame(Interferer(QpskEmitter(), -10.0), N, RATE_HZ, rng(), return_power=0.25)
+    assert db(0.25 / np.mean(np.abs(frame) ** 2)) == pytest.approx(-10.0, abs=0.01)
+
+
+def test_burst_starts_anywhere_it_fits_or_where_it_is_told():
+    first = [
+        np.flatnonzero(interference_frame(Interferer(QpskEmitter(), 0.0, 0.4), N, RATE_HZ, rng(s)))[0]
+        for s in range(400)
+    ]
+    assert 0 <= min(first) < 100 and 4400 < max(first) <= 4500
+    assert np.mean(first) == pytest.approx(2250, abs=4 * 4500 / np.sqrt(12 * 400))
+    for start, expected in ((0.0, 0), (0.25, 1875), (1.0, 4500)):
+        frame = interference_frame(Interferer(QpskEmitter(), 0.0, 0.4, start=start), N, RATE_HZ, rng())
+        assert np.flatnonzero(frame)[0] == expected
+
+
+def test_sum_of_interferers_has_the_sum_of_their_powers_or_the_total_that_is_asked_for():
+    parts = [
+        Interferer(QpskEmitter(pulse="rrc", carrier_hz=-2e6, bandwidth_hz=1e6), -10.0),
+        Interferer(ToneEmitter(frequencies_hz=(2e6,)), -13.0),
+    ]
+    power = np.mean(np.abs(interference_frames(parts, 20, N, RATE_HZ, rng())) ** 2)
+    assert power == pytest.approx(
+        10**1.0 + 10**1.3, rel=0.01
+    )  # disjoint bands: orthogonal but for their skirts
+    total = interference_frames(parts, 5, N, RATE_HZ, rng(), total_sir_db=-20.0)
+    np.testing.assert_allclose(db(np.mean(np.abs(total) ** 2, axis=1)), 20.0, atol=0.01)
+    assert not interference_frames([], 2, N, RATE_HZ, rng(), total_sir_db=-20.0).any()
+
+
+# -- spectra ----------------------------------------------------------------------------------------------------------
+
+
+def spectrum(samples: np.ndarray, cells: int = 1024) -> tuple[np.ndarray, np.ndarray]:
+    frequency, density = signal.welch(samples, RATE_HZ, "hann", cells, return_onesided=False, detrend=False)
+    order = np.argsort(frequency)
+    return frequency[order], density[order]
+
+
+@pytest.mark.parametrize("rolloff", [0.2, 0.25, 1.0])
+def test_shaped_qpsk_has_the_raised_cosine_power_spectrum(rolloff):
+    """PSD of white symbols through a root-raised-cosine is the raised cosine itself (Nyquist's first criterion)."""
+    emitter = QpskEmitter(bandwidth_hz=3e6, pulse="rrc", rolloff=rolloff, carrier_hz=0.5e6)
+    frequency, density = spectrum(emitter.samples(1_500_000, RATE_HZ, rng()))
+    symbol_rate = 3e6 / (1 + rolloff)
+    offset = np.abs(frequency - 0.5e6)
+    edge = np.clip((offset - (1 - rolloff) * symbol_rate / 2) / (rolloff * symbol_rate), 0, 1)
+    expected = 0.5 * (1 + np.cos(np.pi * edge)) / symbol_rate
+    assert (
+        np.max(np.abs(density - expected)) < 0.12 * expected.max()
+    )  # 2900 averages: 2 %; filter cut at 12 symbols
+    passband = expected > 0.5 * expected.max()
+    assert np.mean(density[passband] / expected[passband]) == pytest.approx(1.0, abs=0.02)
+    outside = offset > 0.6 * 3e6
+    assert db(density[outside].max() / expected.max()) < -30  # twelve symbols of pulse
+
+
+def test_root_raised_cosine_is_the_root_in_the_frequency_domain():
+    """Reference: inverse transform of the square root of the raised cosine."""
+    rolloff, up = 0.35, 8
+    taps = rrc_taps(rolloff, up, span_symbols=40)
+    size = 4096
+    f = np.abs(np.fft.fftfreq(size, 1 / up))  # in symbol rates
+    edge = np.clip((f - (1 - rolloff) / 2) / rolloff, 0, 1)
+    reference = np.fft.ifft(np.sqrt(0.5 * (1 + np.cos(np.pi * edge)))).real
+    reference = np.roll(reference, taps.size // 2)[: taps.size]
+    reference /= np.sqrt(np.sum(reference**2))
+    np.testing.assert_allclose(taps, reference, atol=2e-5)
+
+
+@pytest.mark.parametrize("rolloff", [0.2, 0.25, 0.5, 1.0])
+def test_pulse_and_matched_filter_leave_no_intersymbol_interference(rolloff):
+    """Includes roll-offs where a tap falls on the closed form's removable singularity t = 1/(4 rolloff)."""
+    up = 10
+    taps = rrc_taps(rolloff, up, span_symbols=48)
+    response = np.convolve(taps, taps)[taps.size - 1 :: up]
+    assert response[0] == pytest.approx(1.0)
+    assert np.abs(response[1:25]).max() < 3e-3
+
+
+def test_rectangular_qpsk_has_the_sinc_squared_spectrum_whose_side_lobes_fill_the_band():
+    emitter = QpskEmitter()
+    frequency, density = spectrum(emitter.samples(1_500_000, RATE_HZ, rng()))
+    assert emitter.symbol_rate_hz == pytest.approx(0.267 * 7.5e6)
+    # aliases of the unfiltered pulse fold in: sum the sinc over the zones
+    zones = frequency[:, None] + RATE_HZ * np.arange(-200, 201)
+    expected = np.sum(np.sinc(zones / emitter.symbol_rate_hz) ** 2, axis=1) / emitter.symbol_rate_hz
+    inside = np.abs(frequency) < 3.7e6
+    assert np.max(np.abs(density - expected)[inside]) < 0.12 * expected.max()
+    side = np.abs(np.abs(frequency) - 1.5 * emitter.symbol_rate_hz) < 0.1e6
+    assert db(density[side].mean() / density.max()) == pytest.approx(-13.3, abs=1.0)
+
+
+@pytest.mark.parametrize("pulse", ["rectangular", "rrc"])
+def test_qpsk_has_unit_mean_power_and_four_equal_phases(pulse):
+    emitter = QpskEmitter(pulse=pulse, bandwidth_hz=1.875e6)  # rectangular: four samples a symbol
+    samples = emitter.samples(200_000, RATE_HZ, rng())
+    assert np.mean(np.abs(samples) ** 2) == pytest.approx(1.0, rel=0.02)
+    if pulse == "rectangular":
+        turned = samples**4 / np.mean(samples**4)
+        np.testing.assert_allclose(turned, 1.0, atol=1e-9)  # the fourth power strips the modulation
+        quadrant = np.round(np.angle(samples / samples[0]) / (np.pi / 2)) % 4
+        np.testing.assert_allclose(np.bincount(quadrant.astype(int)) / samples.size, 0.25, atol=0.01)
+
+
+def test_tones_are_lines_of_equal_power_at_their_frequencies():
+    wanted = (-3.0e6, 0.0, 1.234e6)
+    samples = ToneEmitter(frequencies_hz=wanted).samples(N, RATE_HZ, rng())
+    lines = np.abs(np.fft.fft(samples)) ** 2 / N**2
+    bins = np.round(np.array(wanted) / 1000).astype(int) % N
+    np.testing.assert_allclose(lines[bins], 1 / 3, rtol=1e-9)
+    lines[bins] = 0
+    assert lines.max() < 1e-20
+
+
+def test_random_tones_stay_in_their_span():
+    samples = ToneEmitter(40, span_hz=1e6).samples(N, RATE_HZ, rng())
+    frequency, density = spectrum(samples, 2048)
+    assert density[np.abs(frequency) < 0.52e6].sum() / density.sum() > 0.999
+    assert density[np.abs(frequency) > 0.4e6].max() > 0  # and reach its edges
+    assert np.unique(ToneEmitter(2).samples(10, RATE_HZ, rng(1))).size == 10
+
+
+def test_bursts_of_one_seed_are_the_same_and_of_another_are_not():
+    for emitter in EMITTERS:
+        first, same, other = (emitter.samples(500, RATE_HZ, rng(seed)) for seed in (1, 1, 2))
+        np.testing.assert_array_equal(first, same)
+        assert not np.allclose(first, other)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Interferer(QpskEmitter(), overlap=1.2), "overlap is 1.2; it has to be within 0..1"),
+        (lambda: Interferer(QpskEmitter(), sir_db=float("inf")), "sir_db is inf"),
+        (lambda: Interferer(QpskEmitter(), start=2.0), "start is 2.0"),
+        (lambda: QpskEmitter(bandwidth_hz=0.0), "qpsk.bandwidth_hz is 0.0"),
+        (lambda: QpskEmitter(pulse="gauss"), "qpsk.pulse is 'gauss'; allowed: rectangular, rrc"),
+        (lambda: QpskEmitter(rolloff=1.1), "qpsk.rolloff is 1.1"),
+        (lambda: ToneEmitter(0), "tones.count is 0"),
+        (
+            lambda: QpskEmitter(bandwidth_hz=9e6).samples(10, RATE_HZ, rng()),
+            "does not fit the rate of 7.5e\\+06",
+        ),
+        (lambda: ToneEmitter(frequencies_hz=(4e6,)).samples(10, RATE_HZ, rng()), "leave \\+/- 3.75e\\+06 Hz"),
+    ],
+)
+def test_impossible_interference_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+# -- streams ----------------------------------------------------------------------------------------------------------
+
+
+def test_stream_is_silent_until_the_first_trial_and_on_synchronisation():
+    programme = Programme((100.0,), 20, preamble_frames=8, sync_every_frames=10, sync_frames=8)
+    stream = JammerStream(Waveform(), [Interferer(QpskEmitter(), -10.0, 0.5)], programme=programme, seed=3)
+    power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(programme.total_frames)]
+    expected = np.where(programme.is_trial(np.arange(programme.total_frames)), 10.0, 0.0)
+    np.testing.assert_allclose(power, expected, rtol=2e-3)
+
+
+def test_free_running_stream_ignores_the_sweep():
+    """Its bursts, tied to the start of its own windows, lie anywhere against ours, and keep their rate and power."""
+    interferer = Interferer(QpskEmitter(), -10.0, 0.2, start=0.0)
+    tied = JammerStream(Waveform(), [interferer], seed=1)
+    assert all(np.flatnonzero(tied.next_frame())[0] == 0 for _ in range(3))
+    starts = set()
+    for seed in range(6):
+        stream = JammerStream(Waveform(), [interferer], seed=seed, free_running=True)
+        samples = np.concatenate([stream.next_frame() for _ in range(4)])
+        edges = np.flatnonzero(np.diff(np.abs(samples) > 0, prepend=False) == 1)[::2]
+        assert set(np.diff(edges)) == {N}
+        starts.add(edges[0] % N)
+        assert np.mean(np.abs(samples[edges[0] : edges[0] + 2 * N]) ** 2) == pytest.approx(10.0, rel=1e-3)
+    assert len(starts) == 6
