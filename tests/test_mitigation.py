@@ -1,0 +1,259 @@
+"""Mitigation methods: what each can do, where it must break, and that none harms where there is nothing to mend."""
+
+import numpy as np
+import pytest
+
+from radalt.core.altimeter import Altimeter, Reason
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.mitigation import METHODS, MitigationError, create
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+ALTIMETER = Altimeter(W)
+SNR_DB = 10.0
+CLASSICAL = [name for name in METHODS if name != "tcae"]
+
+
+def scene(count: int, interferer: Interferer | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, N) received frames and their altitudes, the SNR being 10 dB before dechirping."""
+    rng = np.random.default_rng(seed)
+    altitudes = rng.uniform(3, 1500, count)
+    frames = point_return(W, altitudes, dtype=np.complex128)
+    sigma = 10 ** (-SNR_DB / 20) / np.sqrt(2)
+    frames += sigma * (rng.standard_normal(frames.shape) + 1j * rng.standard_normal(frames.shape))
+    if interferer is not None:
+        frames += interference_frames([interferer], count, 7500, 7.5e6, rng)
+    return frames.astype(np.complex64), altitudes
+
+
+def correct(frames: np.ndarray, altitudes: np.ndarray) -> np.ndarray:
+    """DESIGN.md 6.4: detected, both sweeps agree, |error| < 5 m."""
+    result = ALTIMETER.process(frames)
+    return result["valid"] & (np.abs(np.nan_to_num(result["altitude_m"], nan=1e9) - altitudes) < 5.0)
+
+
+def pd(name: str, interferer: Interferer | None, count: int = 200, seed: int = 1) -> float:
+    frames, altitudes = scene(count, interferer, seed)
+    return float(correct(create(name, W).process(frames), altitudes).mean())
+
+
+# -- what each method reaches -----------------------------------------------------------------------------------------
+
+
+def test_no_mitigation_still_measures_at_15_db():
+    """Dechirping alone compresses by some 36 dB."""
+    assert pd("none", Interferer(QpskEmitter(), -15.0)) >= 0.98
+
+
+def test_no_mitigation_breaks_between_22_and_30_db():
+    rates = {sir: pd("none", Interferer(QpskEmitter(), sir)) for sir in (-22.0, -30.0)}
+    assert rates[-30.0] < 0.9 <= rates[-22.0]
+
+
+def test_whitening_holds_at_40_db_against_band_limited_qpsk():
+    interferer = Interferer(QpskEmitter(pulse="rrc"), -40.0)
+    assert pd("whitening", interferer) >= 0.95
+    assert pd("none", interferer) < 0.3
+
+
+def test_whitening_holds_at_40_db_against_tones():
+    assert pd("whitening", Interferer(ToneEmitter(5), -40.0)) >= 0.95
+
+
+def test_blanking_gains_on_a_strong_short_burst():
+    interferer = Interferer(QpskEmitter(), -35.0, 0.1)
+    assert pd("blanking", interferer) > pd("none", interferer) + 0.3
+
+
+@pytest.mark.parametrize("name", ["none", "whitening", "blanking", "lms", "nlms"])
+def test_method_is_harmless_where_nothing_is_wrong(name):
+    """The clean frame's altitude stays: every detection kept, the error not half as large again."""
+    frames, altitudes = scene(150, None, 2)
+    cleaned = create(name, W).process(frames)
+    assert correct(cleaned, altitudes).all()
+    rms = [np.sqrt(np.mean((ALTIMETER.process(f)["altitude_m"] - altitudes) ** 2)) for f in (frames, cleaned)]
+    assert rms[1] < 1.5 * rms[0] + 0.05
+
+
+def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
+    frames, _ = scene(4, Interferer(QpskEmitter(), -30.0, 0.1, start=0.5), 3)
+    cleaned = create("blanking", W).process(frames)
+    burst, quiet = slice(3800, 4450), slice(200, 3000)
+    assert np.mean(np.abs(cleaned[:, burst]) ** 2) < 0.02 * np.mean(np.abs(frames[:, burst]) ** 2)
+    difference = np.mean(np.abs(cleaned[:, quiet] - frames[:, quiet]) ** 2)
+    assert difference < 0.1  # of a return of power 1
+
+
+def test_whitening_levels_a_tone_to_the_sweep():
+    frames, _ = scene(4, Interferer(ToneEmitter(frequencies_hz=(1e6,)), -30.0), 4)
+    spectrum = np.abs(np.fft.fft(create("whitening", W).process(frames))) ** 2
+    assert spectrum[:, 1000].max() / np.median(spectrum) < 10
+    assert (np.abs(np.fft.fft(frames)) ** 2)[:, 1000].min() / np.median(np.abs(np.fft.fft(frames)) ** 2) > 1e4
+
+
+# -- block LMS: stability as theory has it ----------------------------------------------------------------------------
+
+
+def lms_reference(
+    received: np.ndarray, desired: np.ndarray, length: int, block: int, mu: float
+) -> np.ndarray:
+    """Textbook block LMS in float64: y = w^T x, w += mu sum_n conj(x_n) e_n, weights of one frame from zero."""
+    padded = np.concatenate([np.zeros(length - 1), received]).astype(complex)
+    weights = np.zeros(length, complex)
+    out = np.zeros(received.size, complex)
+    for first in range(0, received.size, block):
+        rows = range(first, min(first + block, received.size))
+        x = np.array([padded[n : n + length] for n in rows])
+        out[first : first + len(rows)] = x @ weights
+        error = desired[first : first + len(rows)] - x @ weights
+        weights = weights + mu * x.conj().T @ error
+    return out
+
+
+@pytest.mark.parametrize("name", ["lms", "lms_reference_input"])
+def test_block_lms_is_the_textbook_recursion(name):
+    frames, _ = scene(1, Interferer(QpskEmitter(), 0.0), 5)
+    method = create(name, W)
+    cleaned = method.process(frames)[0]
+    pair = (frames[0], W.reference) if name == "lms" else (W.reference, frames[0])
+    np.testing.assert_allclose(cleaned, lms_reference(*pair, 32, 100, 1e-4), atol=1e-4)
+    assert method.diverged_frames == 0
+
+
+@pytest.mark.parametrize("power", [1.0, 4.0, 8.0, 20.0, 100.0])
+def test_block_lms_diverges_where_theory_says(power):
+    """Explicit Euler: stable for mu * lambda_max(X^H X) < 2, where lambda_max is at most L * block * P.
+
+    The bound is reached by a signal of one direction (a tone): at P = 6.25 with the paper's L = 32, block = 100,
+    mu = 1e-4. The method has to stay below it, and to diverge above it and say so.
+    """
+    tone = np.sqrt(power) * np.exp(2j * np.pi * 0.11 * np.arange(7500))
+    method = create("lms", W)
+    out = method.process(np.tile(tone.astype(np.complex64), (3, 1)))
+    stable = 1e-4 * 32 * 100 * power < 2
+    assert method.diverged_frames == (0 if stable else 3)
+    assert method.status()["diverged_frames"] == method.diverged_frames
+    assert np.isfinite(out.view(np.float32)).all()
+
+
+def test_block_lms_diverges_on_narrow_band_interference_above_its_power():
+    """SIR -15 dB: power 32 in a quarter of the band. The paper's step cannot follow; the rows have to say so."""
+    frames, _ = scene(20, Interferer(QpskEmitter(), -15.0), 6)
+    method = create("lms", W)
+    method.process(frames)
+    assert method.diverged_frames == 20
+    weak, _ = scene(20, Interferer(QpskEmitter(), 0.0), 6)
+    calm = create("lms", W)
+    calm.process(weak)
+    assert calm.diverged_frames == 0
+
+
+@pytest.mark.parametrize("name", ["lms_reference_input", "nlms"])
+@pytest.mark.parametrize("sir_db", [-15.0, -40.0])
+def test_lms_with_the_reference_as_input_and_nlms_never_diverge(name, sir_db):
+    """The reference's power is one, whatever is received; NLMS divides by the power."""
+    frames, _ = scene(10, Interferer(QpskEmitter(), sir_db), 7)
+    method = create(name, W)
+    out = method.process(frames)
+    assert method.diverged_frames == 0
+    assert np.isfinite(out.view(np.float32)).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", CLASSICAL)
+@pytest.mark.parametrize("scale", [0.0, 1e-30, 1e12, 1e30])
+def test_no_level_of_input_overflows_or_warns(name, scale):
+    frames, _ = scene(3, Interferer(QpskEmitter(), -10.0), 8)
+    out = create(name, W).process(frames * np.float32(scale))
+    assert np.isfinite(out.view(np.float32)).all()
+
+
+# -- the common contract ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_frame_that_is_not_finite_does_not_touch_the_next(name):
+    """That frame is invalid with its reason; the others are what they are without it."""
+    frames, altitudes = scene(5, None, 9)
+    spoilt = frames.copy()
+    spoilt[2, 4321] = np.nan
+    result = ALTIMETER.process(create(name, W).process(spoilt))
+    assert Reason.NAMES[result["reason"][2]] == "not_finite"
+    assert not result["valid"][2] and np.isnan(result["altitude_m"][2])
+    others = [0, 1, 3, 4]
+    without = ALTIMETER.process(create(name, W).process(frames[others]))
+    np.testing.assert_array_equal(result["altitude_m"][others], without["altitude_m"])
+    if name not in (
+        "tcae",
+        "lms_reference_input",
+    ):  # the latter returns the reference, filtered: no altitude beyond L
+        assert (np.abs(result["altitude_m"][others] - altitudes[others]) < 5).all()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_splitting_a_batch_changes_nothing_and_the_input_is_left_alone(name):
+    frames, _ = scene(6, Interferer(QpskEmitter(), -3.0, 0.5), 10)
+    before = frames.copy()
+    whole = create(name, W)
+    split = create(name, W)
+    expected = whole.process(frames)
+    got = np.concatenate(
+        [
+            split.process(frames[:1]),
+            split.process(frames[1:4]),
+            split.process(frames[4])[None],
+            split.process(frames[5:]),
+        ]
+    )
+    assert expected.shape == frames.shape and expected.dtype == np.complex64
+    if name == "tcae":  # the runtime picks its kernels by batch
+        np.testing.assert_allclose(got, expected, atol=1e-4)
+    else:
+        np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(frames, before)
+    assert whole.frames == split.frames == 6
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_reset_forgets_everything(name):
+    frames, _ = scene(3, Interferer(QpskEmitter(), -3.0), 11)
+    method = create(name, W)
+    first = method.process(frames)
+    method.reset()
+    assert (method.frames, method.diverged_frames) == (0, 0)
+    np.testing.assert_array_equal(method.process(frames), first)
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_methods_work_for_other_sweeps(name):
+    w = Waveform(bandwidth_hz=4e6, rate_hz=5e6, sweep_s=0.8e-3, centered=False)
+    out = create(name, w).process(point_return(w, np.array([100.0, 700.0])))
+    assert out.shape == (2, 4000) and np.isfinite(out.view(np.float32)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("median", {}, "unknown mitigation method 'median'; known: none, lms,"),
+        ("whitening", {"width": 3}, "mitigation 'whitening': .*unexpected keyword argument 'width'"),
+        ("whitening", {"smoothing_hz": -1.0}, "whitening.smoothing_hz is -1.0; within 0..7.5e\\+06"),
+        ("whitening", {"exponent": 2.0}, "whitening.exponent is 2.0"),
+        ("lms", {"step": 0.0}, "lms.step is 0.0"),
+        ("lms", {"block": 0}, "lms.length 32 and lms.block 0 have to be within 1..7500"),
+        ("lms", {"wiring": "both"}, "lms.wiring is 'both'; allowed: reference_desired, reference_input"),
+        ("blanking", {"window": 30}, "blanking.window is 30; a multiple of 4 within 8..7500"),
+        ("blanking", {"threshold_db": -3.0}, "blanking.threshold_db is -3.0"),
+    ],
+)
+def test_impossible_methods_are_refused_in_one_line(name, options, said):
+    with pytest.raises(MitigationError, match=said) as raised:
+        create(name, W, **options)
+    assert "\n" not in str(raised.value)
+
+
+def test_frames_of_another_length_are_refused():
+    with pytest.raises(
+        MitigationError, match=r"whitening: frames have shape \(2, 100\); expected \(n, 7500\)"
+    ):
+        create("whitening", W).process(np.zeros((2, 100), np.complex64))
