@@ -10,13 +10,15 @@ Both half sweeps are turned so that an altitude shows as a *positive* beat: cell
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft, ndimage, signal
 
 from .cfar import Cfar, cell_correlation
+from .clusters import centroid_of, edge_of
+from .decimator import Decimator
 from .waveform import Waveform, delay_to_altitude_m
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"]
@@ -26,6 +28,7 @@ _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for
 _OVERSAMPLING = (
     2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
 )
+_CLIMB = int(_OVERSAMPLING)  # cells from the best ratio to the peak of power beside it
 
 
 class Reason:
@@ -72,7 +75,7 @@ class AltimeterSettings:
         lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
         5.6 dB against one there, and a factor 1.6 in error.
     pfa : float
-        False-alarm probability of one cell.
+        False-alarm probability of one cell of the up sweep with all partners that Doppler allows.
     cfar : str
         ``"ca"`` or ``"os"``.
     train_cells, guard_cells : float
@@ -156,7 +159,10 @@ class Altimeter:
         self._plan_band()
         self._build_tables()
         self.cfar_scale = self.cfar.scale()
-        self.joint_scale = self.cfar.joint_scale(_FLOOR)
+        self.joint_scale = self.cfar.joint_scale(_FLOOR)  # of one pair of cells
+        # a cell is tested with every partner that Doppler allows: their union keeps to pfa
+        each = max(1e-12, settings.pfa / (2 * self._doppler_reach + 1))
+        self.pair_scale = replace(self.cfar, pfa=each).joint_scale(_FLOOR)
 
     # -- construction ---------------------------------------------------------------------------------------------
 
@@ -172,12 +178,9 @@ class Altimeter:
         low, high = self.search_hz[0] - margin_hz, self.search_hz[1] + margin_hz
         width = min(high - low, w.rate_hz)
         self.centre_hz = 0.5 * (low + high)
-        # transition band as wide as the pass band keeps the filter near 4 taps a phase
-        self.decimation = max(1, int(w.rate_hz / (2.0 * width)))
-        self.decimated_rate_hz = w.rate_hz / self.decimation
-        self.taps = self._lowpass(width)
-        outputs = -(-(w.samples_per_half + self.taps.size - 1) // self.decimation)
-        self.outputs = outputs
+        self.decimator = Decimator(w.samples_per_half, w.rate_hz, width)
+        self.decimation, self.decimated_rate_hz = self.decimator.factor, self.decimator.rate_out_hz
+        self.outputs = outputs = self.decimator.outputs
         self.fft_size = fft.next_fast_len(
             max(outputs, int(np.ceil(_OVERSAMPLING * w.samples_per_half / self.decimation)))
         )
@@ -185,15 +188,6 @@ class Altimeter:
         reach = min(int(width / 2 / self.cell_hz), (self.fft_size - 1) // 2)
         self._bins = np.arange(-reach, reach + 1)
         self.beat_hz = self.centre_hz + self._bins * self.cell_hz
-
-    def _lowpass(self, width_hz: float) -> np.ndarray:
-        """Decimation filter: flat over the beat band, aliases 80 dB down."""
-        if self.decimation == 1:
-            return np.ones(1)
-        nyquist = self.waveform.rate_hz / 2
-        stop = self.decimated_rate_hz - width_hz / 2
-        count, beta = signal.kaiserord(80.0, (stop - width_hz / 2) / nyquist)
-        return signal.firwin(count | 1, 0.5 * (stop + width_hz / 2) / nyquist, window=("kaiser", beta))
 
     def _build_tables(self) -> None:
         w, s = self.waveform, self.settings
@@ -205,16 +199,10 @@ class Altimeter:
         table = np.conj(w.reference.astype(np.complex128)).reshape(2, half)
         turn = np.exp(2j * np.pi * self.centre_hz * t)
         table = table * np.stack([turn, np.conj(turn)]) * (window / window.sum())
-        phases = -(-self.taps.size // self.decimation)
-        self._blocks = self.outputs + phases
-        self._table = np.zeros((2, half), dtype=np.complex64)
-        self._table[:] = table
-        taps = np.zeros(phases * self.decimation)
-        taps[: self.taps.size] = self.taps
-        # y[m] = sum_s sum_d taps[s D + d] x[(m - s) D - d ...]: one matrix product over blocks of D samples
-        self._polyphase = np.ascontiguousarray(self._polyphase_matrix(taps, phases))
-        self._interleaved = np.kron(self._polyphase, np.eye(2, dtype=np.float32))
-        response = signal.freqz(self.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[1]
+        self._table = table.astype(np.complex64)
+        response = signal.freqz(self.decimator.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[
+            1
+        ]
         self._equaliser = (1.0 / np.abs(response)).astype(np.float32)
         lags = int(np.ceil((2 * s.train_cells + 2 * s.guard_cells + 2) / (self.cell_hz * w.half_sweep_s))) + 1
         correlation = cell_correlation(window, lags, w.rate_hz / self.cell_hz)
@@ -228,18 +216,12 @@ class Altimeter:
         )
         margin = self.cfar.margin
         inner = self.beat_hz[margin : self.beat_hz.size - margin]
-        self._allowed = (inner >= self.search_hz[0]) & (inner <= self.search_hz[1])
-        self._inner_hz = inner
-        self._doppler_reach = int(np.ceil(2.0 * self.doppler_limit_hz / self.cell_hz))
+        allowed = np.nonzero((inner >= self.search_hz[0]) & (inner <= self.search_hz[1]))[0]
+        self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
+        # one cell more than Doppler needs: noise moves the peaks of the two halves against each other
+        self._doppler_reach = 1 + int(np.ceil(2.0 * self.doppler_limit_hz / self.cell_hz))
         self._interpolation = self._interpolation_table(window)
-
-    def _polyphase_matrix(self, taps: np.ndarray, phases: int) -> np.ndarray:
-        """(D, phases) so that block row b times column s contributes to output b + s."""
-        d = self.decimation
-        # output m covers input samples up to (m + 1) D - 1; tap index = (m + 1) D - 1 - n, n = b D + r
-        r = np.arange(d)[:, None]
-        s = np.arange(phases)[None, :]
-        return taps[np.minimum(s * d + d - 1 - r, taps.size - 1)].astype(np.float32)
+        self._flank, self._side_lobes = self._lobe_limits(window)
 
     def _interpolation_table(self, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log-power ratio of the two neighbours of a peak cell against the sub-cell offset, exact for one tone."""
@@ -250,6 +232,25 @@ class Altimeter:
         right = np.abs(np.exp(-2j * np.pi * step * np.outer(1 - offsets, n)) @ window)
         return 2.0 * np.log(right / left), offsets
 
+    def _lobe_limits(self, window: np.ndarray) -> tuple[float, np.ndarray]:
+        """Neighbour-to-cell power that no peak shows; greatest side lobe by distance in cells, with 6 dB to spare.
+
+        Both from the window's own transform: the flank ratio at the reach of the interpolation table, the side lobes as
+        a falling envelope from half a cell inside (a peak may lie between cells); the main lobe is left to the flank.
+        """
+        size = self.beat_hz.size
+        step = self.cell_hz / self.waveform.rate_hz
+        fine = 8  # points a cell
+        length = fft.next_fast_len(int(np.ceil(fine / step)))
+        lobes = np.abs(fft.fft(window, length)[: fine * size + 1]) ** 2
+        lobes = lobes / lobes[0]
+        envelope = np.maximum.accumulate(lobes[::-1])[::-1]
+        distance = np.arange(size)
+        side_lobes = 4.0 * envelope[np.maximum(fine * distance - fine // 2, 0)]
+        side_lobes[:2] = 0.0
+        at = round(0.7 * fine)
+        return float(lobes[fine - at] / lobes[at]), np.minimum(side_lobes, 1.0 - 1e-6)
+
     # -- spectra --------------------------------------------------------------------------------------------------
 
     def spectra(self, frames: np.ndarray) -> Spectra:
@@ -258,10 +259,8 @@ class Altimeter:
         frames = np.asarray(frames, dtype=np.complex64)
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
-        n = frames.shape[0]
         with np.errstate(invalid="ignore", over="ignore"):
-            mixed = self._mix(frames)
-            cells = self._transform(mixed, n)
+            cells = self._cells(frames)
             scale = np.max(np.abs(cells), axis=(1, 2))
             safe = np.where((scale > 0) & np.isfinite(scale), scale, 1.0)
             cells = cells / safe[:, None, None]
@@ -269,26 +268,12 @@ class Altimeter:
             power *= self._equaliser**2
         return Spectra(power, self.cfar.noise(power), self.beat_hz, scale)
 
-    def _mix(self, frames: np.ndarray) -> np.ndarray:
-        """Full-rate mixing into zero-padded blocks of D samples: (n, 2, blocks * D)."""
-        half = self.waveform.samples_per_half
-        buffer = np.zeros((frames.shape[0], 2, self._blocks * self.decimation), dtype=np.complex64)
-        np.multiply(frames.reshape(-1, 2, half), self._table, out=buffer[:, :, :half])
-        return buffer
-
-    def _transform(self, mixed: np.ndarray, n: int) -> np.ndarray:
-        """(n, 2, J) complex beat cells, both halves with positive beats."""
-        if self.decimation == 1:
-            low = mixed[:, :, : self.outputs]
-        else:
-            # a complex sample is two float32 columns, so that real taps stay a real matrix product: one a frame, which
-            # keeps a frame's result the same in every batch
-            blocks = mixed.view(np.float32).reshape(n, 2 * self._blocks, 2 * self.decimation)
-            partial = np.matmul(blocks, self._interleaved).reshape(n, 2, self._blocks, -1, 2)
-            low = np.zeros((n, 2, self.outputs, 2), dtype=np.float32)
-            for s in range(self._polyphase.shape[1]):
-                low[:, :, s:] += partial[:, :, : self.outputs - s, s]
-            low = low.view(np.complex64)[..., 0]
+    def _cells(self, frames: np.ndarray) -> np.ndarray:
+        """(n, 2, J) complex64 beat cells of (n, N) frames, both halves with positive beats."""
+        n, half = frames.shape[0], self.waveform.samples_per_half
+        buffer, samples = self.decimator.buffer((n, 2))
+        np.multiply(frames.reshape(n, 2, half), self._table, out=samples[..., :half])
+        low = self.decimator.apply(buffer)
         spectrum = fft.fft(low, self.fft_size, axis=-1)
         cells = np.empty((n, 2, self._bins.size), dtype=np.complex64)
         cells[:, 0] = spectrum[:, 0, -self._bins]  # the up half, mirrored
@@ -365,26 +350,67 @@ class Altimeter:
         Up and down cell are tested together, for every difference that Doppler allows: the sum of their ratios to the
         noise against a two-look threshold, each above a floor of its own, so that both sweeps have to show the target.
         """
-        margin, reach = self.cfar.margin, self._doppler_reach
-        tiny = np.finfo(np.float32).tiny
-        ratio = spectra.power[..., margin:-margin] / np.maximum(spectra.noise, tiny)
-        ratio = np.where(self._allowed, ratio, 0.0)
-        n, _, cells = ratio.shape
-        down = np.zeros((n, cells + 2 * reach))
-        down[:, reach : reach + cells] = ratio[:, 1]
-        down = np.lib.stride_tricks.sliding_window_view(down, 2 * reach + 1, axis=1)
-        joint = np.add(ratio[:, 0, :, None], down)
-        agreed = (ratio[:, 0, :, None] >= _FLOOR) & (down >= _FLOOR)
-        flat = np.where(agreed, joint, 0.0).reshape(n, -1)
-        best = np.argmax(flat, axis=1)
-        rows = np.arange(n)
-        found = flat[rows, best] > self.joint_scale
-        forced = np.argmax(joint.reshape(n, -1), axis=1)
-        up, shift = np.divmod(np.where(found, best, forced), 2 * reach + 1)
-        pair = np.stack([up, np.clip(up + shift - reach, 0, cells - 1)], axis=1)
+        first, last, margin = self._first, self._last, self.cfar.margin
+        noise = np.maximum(spectra.noise[..., first:last], np.finfo(np.float32).tiny)
+        ratio = spectra.power[..., margin + first : margin + last] / noise
+        pair, joint = self._best_pair(np.where(ratio >= _FLOOR, ratio, -np.inf))
+        found = joint > self.pair_scale
+        if not found.all():
+            missed = ~found
+            pair[missed] = self._best_pair(ratio[missed])[0]
         single = (ratio > self.cfar_scale).any(axis=-1).all(axis=-1)
         reason = np.where(found, Reason.OK, np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION))
+        pair += first
+        around = self._climb(spectra.power, pair)
+        cut, beyond = self._on_flank(around, pair)
+        reason[found & (cut | self._is_side_lobe(spectra.power, pair))] = Reason.SWEEPS_DISAGREE
+        reason[found & beyond] = Reason.OUT_OF_RANGE
         return reason, pair
+
+    def _best_pair(self, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) up and down cell with the greatest sum of ratios (n, 2, cells) within Doppler's reach, and the sum."""
+        reach, cells = self._doppler_reach, ratio.shape[-1]
+        up, down = ratio[:, 0], ratio[:, 1]
+        near = ndimage.maximum_filter1d(down, 2 * reach + 1, axis=-1, mode="constant", cval=-np.inf)
+        joint = up + near
+        cell = np.argmax(joint, axis=-1)
+        rows = np.arange(len(cell))
+        window = np.clip(cell[:, None] + np.arange(-reach, reach + 1), 0, cells - 1)
+        partner = window[rows, np.argmax(down[rows[:, None], window], axis=-1)]
+        return np.stack([cell, partner], axis=1), joint[rows, cell]
+
+    def _climb(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """Move cells in place to the peak of power within a resolution cell, as far as span and Doppler's reach allow.
+
+        Side lobes of a strong return in the training cells tilt the ratio to the noise, whose largest cell then lies
+        beside the peak, where interpolation has no say. Returns (n, 2, 3) powers around the cells.
+        """
+        rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[None, :, None]
+        steps = np.arange(-_CLIMB - 1, _CLIMB + 2)
+        cells = np.clip(pair[..., None] + (self.cfar.margin + steps), 0, power.shape[-1] - 1)
+        wide = power[rows, halves, cells]
+        step = np.argmax(wide[..., 1:-1], axis=-1) - _CLIMB
+        moved = pair + step
+        inside = (moved >= self._first) & (moved < self._last)
+        reached = np.abs(moved[:, 0] - moved[:, 1]) <= self._doppler_reach
+        step *= (inside.all(axis=1) & reached)[:, None]
+        pair += step
+        return np.take_along_axis(wide, (step + _CLIMB)[..., None] + np.arange(3), axis=-1)
+
+    def _on_flank(self, around: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) flags: the search ended on the flank of a peak beyond Doppler's reach; beyond the span of altitudes."""
+        lower, here, upper = np.moveaxis(around, -1, 0)
+        flank = np.maximum(lower, upper) > self._flank * here
+        edge = ((pair <= self._first) & (lower > upper)) | ((pair >= self._last - 1) & (upper > lower))
+        return (flank & ~edge).any(axis=1), (flank & edge).any(axis=1)
+
+    def _is_side_lobe(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """(n,) flags: a cell is no more than a side lobe of the strongest of its half sweep."""
+        rows, halves = np.arange(len(pair))[:, None], np.arange(2)[None, :]
+        cell = pair + self.cfar.margin
+        strongest = np.argmax(power, axis=-1)
+        lobe = self._side_lobes[np.abs(strongest - cell)] * power[rows, halves, strongest]
+        return (power[rows, halves, cell] <= lobe).any(axis=1)
 
     def _snr_db(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """Peak over CFAR noise in the beat spectrum, mean of both halves, in decibels."""
@@ -416,12 +442,12 @@ class Altimeter:
 
     def _centroid(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) power centroids over the cells around the peak that stay above a tenth of it."""
-        return self._over_clusters(spectra, pair, _centroid_of)
+        return self._over_clusters(spectra, pair, centroid_of)
 
     def _leading_edge(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) beats of the -6 dB point on the rise of the cluster that holds the peak."""
         width = self._main_lobe_6db_cells
-        return self._over_clusters(spectra, pair, lambda p, c: _edge_of(p, c) + width)
+        return self._over_clusters(spectra, pair, lambda p, c: edge_of(p, c) + width)
 
     def _over_clusters(self, spectra: Spectra, pair: np.ndarray, rule) -> np.ndarray:  # noqa: ANN001
         """Apply a rule (power of one half, peak cell) -> fractional cell to every half of every frame."""
@@ -441,33 +467,3 @@ class Altimeter:
         step = self.cell_hz / self.waveform.rate_hz
         lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(cells, np.arange(half))) @ window) ** 2
         return float(cells[np.argmax(lobe < 0.25 * lobe[0])])
-
-
-def _centroid_of(power: np.ndarray, cell: int) -> float:
-    """Power centroid of the run of cells around ``cell`` above a tenth of its power."""
-    above = power > 0.1 * power[cell]
-    low, high = _run(above, cell)
-    weights = power[low : high + 1].astype(float)
-    return float(np.dot(weights, np.arange(low, high + 1)) / weights.sum())
-
-
-def _edge_of(power: np.ndarray, cell: int) -> float:
-    """Fractional cell where the rise towards ``cell`` crosses a quarter of its power, nearest edge of the run."""
-    level = 0.25 * power[cell]
-    low, _ = _run(power > level, cell)
-    if low == 0:
-        return 0.0
-    # interpolate in decibels: the flank of a main lobe is close to a parabola there
-    below, above, crossing = np.log(np.maximum([power[low - 1], power[low], level], 1e-37))
-    if not above > below:  # a forced decision on a cell without power, or one that is not finite
-        return float(low)
-    return low - 1 + float((crossing - below) / (above - below))
-
-
-def _run(mask: np.ndarray, cell: int) -> tuple[int, int]:
-    """First and last index of the run of true cells around ``cell``."""
-    below = np.nonzero(~mask[:cell])[0]
-    above = np.nonzero(~mask[cell:])[0]
-    low = int(below[-1]) + 1 if below.size else 0
-    high = cell + int(above[0]) - 1 if above.size else mask.size - 1
-    return low, high
