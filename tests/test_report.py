@@ -1,0 +1,353 @@
+"""Result folders, reports, figures and pooling, from rows that were made by hand."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.scene import Scene, SceneError, SweepSpec, load_scene, parse_scene, scene_to_mapping
+from radalt.evaluation import figures
+from radalt.evaluation.folder import ResultFolder, read_report
+from radalt.evaluation.metrics import Score, wilson_interval
+from radalt.evaluation.points import point_seed, sweep_points
+from radalt.evaluation.pooling import PoolError, collect
+from radalt.evaluation.report import break_points, build_report, write_report
+from radalt.evaluation.rows import COLUMNS, RowFile, make_row, read_rows
+
+METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
+
+
+def scene_of(**changes):
+    scene = Scene(
+        name="case",
+        interference=(Interferer(QpskEmitter()),),
+        methods=tuple(METHODS),
+        sweep=SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0, -28.0)),
+    )
+    return dataclasses.replace(scene, **changes)
+
+
+def correct_of(method, point, trials):
+    """A made-up law: the stronger and longer the interference, the fewer."""
+    loss = point.overlap * max(0.0, -point.sir_db - 12.0) / 20.0
+    return round(trials * (1 - loss) if method == "none" else trials * (1 - loss / 4))
+
+
+def rows_of(scene):
+    trials = scene.altitude.programme.trial_frames
+    out = []
+    for point in sweep_points(scene):
+        for method in scene.methods:
+            correct = correct_of(method, point, trials)
+            s = Score(
+                trials,
+                trials,
+                correct,
+                trials,
+                0,
+                0.04 * trials + 1e4 * (trials - correct),
+                0.1,
+                0.04 * trials,
+            )
+            seed = point_seed(scene.seed, point)
+            timing = {"ms_per_frame": np.full(5, 0.2), "real_time_factor": 1.5}
+            out.append(
+                make_row(
+                    method, scene.interference_name, point, seed, s, diverged_frames=0, segmenter={}, **timing
+                )
+            )
+    return out
+
+
+def finished(path, scene, methods=METHODS, *, whole=False):
+    """A result folder as ota_eval leaves it; figures and report.md only if it is to be whole."""
+    folder = ResultFolder(path, scene, methods, resume=False)
+    rows = rows_of(scene)
+    folder.head |= {"left_out": ["nothing"], "versions": {"radalt": "0"}}
+    ceiling = [r for r in rows if r["overlap"] == 0]
+    run = {"jobs": 2, "points": 6, "points_resumed": 0, "wall_s": 1.0, "peak_memory_bytes": 1 << 20}
+    if whole:
+        write_report(folder, rows, ceiling, run=run)
+    else:
+        folder.write(build_report(folder.head, scene, rows, ceiling, run))
+    return path
+
+
+# -- scenes back to mappings --------------------------------------------------------------------------------------
+
+
+def test_a_scene_written_to_yaml_reads_back_equal(root):
+    scenes = [load_scene(path) for path in sorted((root / "flowgraphs" / "scenes").glob("*.yaml"))]
+    scenes.append(
+        scene_of(
+            interference=(
+                Interferer(ToneEmitter(3), -5.0, 0.3, start=0.2),
+                Interferer(QpskEmitter(pulse="rrc")),
+            ),
+            method_options={"tcae": {"threads": 1}},
+        )
+    )
+    for scene in scenes:
+        text = yaml.safe_dump(scene_to_mapping(scene))
+        assert parse_scene(yaml.safe_load(text)) == scene
+
+
+def test_the_shipped_default_is_the_papers_case():
+    scene = load_scene("paper_qpsk")
+    (interferer,) = scene.interference
+    assert interferer.emitter.bandwidth_hz / scene.waveform.bandwidth_hz == pytest.approx(0.267)
+    assert scene.sweep.overlap == tuple(round(0.1 * k, 9) for k in range(11))
+    assert scene.sweep.sir_db == (-10.0, -28.0)
+    assert 10 <= scene.altitude.frames <= 20
+
+
+# -- rows on disk -------------------------------------------------------------------------------------------------
+
+
+def test_rows_survive_the_disk_and_the_canonical_order_does_not_depend_on_arrival(tmp_path):
+    scene = scene_of()
+    rows, points = rows_of(scene), sweep_points(scene)
+    contents = []
+    for name, order in (("a", range(6)), ("b", (4, 1, 5, 0, 3, 2))):
+        file = RowFile(tmp_path / name, points, scene.methods)
+        for k in order:
+            file.append(rows[2 * k : 2 * k + 2])
+        file.sort()
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+    assert read_rows(tmp_path / "a") == rows
+
+
+def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
+    scene = scene_of()
+    rows, points = rows_of(scene), sweep_points(scene)
+    whole = RowFile(tmp_path / "rows.csv", points, scene.methods)
+    whole.append(rows[:2])
+    keep = len((tmp_path / "rows.csv").read_bytes())
+    whole.append(rows[2:4])
+    text = (tmp_path / "rows.csv").read_bytes()
+    for cut in range(keep, len(text)):
+        (tmp_path / "rows.csv").write_bytes(text[:cut])
+        again = RowFile(tmp_path / "rows.csv", points, scene.methods)
+        assert again.rows == rows[:2]
+        assert again.has(points[0]) and not again.has(points[1])
+        assert len((tmp_path / "rows.csv").read_bytes()) == keep
+
+
+# -- one run, one folder ------------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
+    finished(tmp_path / "a", scene_of())
+    with pytest.raises(SceneError, match="holds a run already; add --resume"):
+        ResultFolder(tmp_path / "a", scene_of(), METHODS, resume=False)
+    ResultFolder(tmp_path / "a", scene_of(), METHODS, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"seed": 2}, "scene.seed is 1 there and 2 here"),
+        ({"sweep": SweepSpec(overlap=(0.0, 0.5, 1.0), sir_db=(-10.0,))}, "scene.sweep.sir_db"),
+        ({"interference": (Interferer(QpskEmitter(pulse="rrc")),)}, "scene.interference"),
+    ],
+)
+def test_resume_refuses_another_run_and_names_the_difference(tmp_path, changes, key):
+    finished(tmp_path / "a", scene_of())
+    with pytest.raises(SceneError, match=key):
+        ResultFolder(tmp_path / "a", scene_of(**changes), METHODS, resume=True)
+
+
+def test_resume_refuses_another_model_of_the_same_name(tmp_path):
+    finished(tmp_path / "a", scene_of())
+    other = METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}
+    with pytest.raises(SceneError, match="methods.tcae.sha256"):
+        ResultFolder(tmp_path / "a", scene_of(), other, resume=True)
+
+
+# -- report -------------------------------------------------------------------------------------------------------
+
+
+def test_the_report_says_all_that_it_has_to(tmp_path):
+    out = finished(tmp_path / "a", scene_of(), whole=True)
+    report = read_report(out)
+    assert report["schema"] == 1 and report["complete"] and report["seed"] == 1
+    assert parse_scene(report["scene"]) == scene_of()
+    needed = (
+        "method interference overlap sir_db snr_db trials detections correct pd pd_low pd_high rmse_detected_m "
+        "rmse_forced_m bias_m ms_per_frame_median ms_per_frame_p99"
+    ).split()
+    assert len(report["rows"]) == 12
+    for row in report["rows"]:
+        assert set(needed) <= set(row) and set(row) == set(COLUMNS)
+        assert (row["pd_low"], row["pd_high"]) == pytest.approx(
+            wilson_interval(row["correct"], row["trials"])
+        )
+    assert {r["method"] for r in report["ceiling"]} == set(METHODS) and len(report["ceiling"]) == 2
+    assert 0.01 < report["bounds"][0]["altitude_crb_m"] < 0.1  # 10 dB SNR: about 3 cm
+    for name in report["figures"]:
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    text = (out / "report.md").read_text(encoding="utf-8")
+    for part in ("SIR \N{MINUS SIGN}28 dB", "95 % Wilson", "Cram", "left out", "m.onnx", "real-time factor"):
+        assert part in text
+    assert "placeholder" not in text
+
+
+def test_a_placeholder_model_is_said_in_the_report(tmp_path):
+    methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
+    text = (finished(tmp_path / "a", scene_of(), methods, whole=True) / "report.md").read_text(
+        encoding="utf-8"
+    )
+    assert "The model of tcae (m.onnx) is a placeholder" in text
+    assert "never came out" not in text
+
+
+def test_break_points_are_the_lowest_sir_that_still_works_and_gains_are_against_none():
+    scene = scene_of(sweep=SweepSpec(overlap=(0.0, 1.0), sir_db=(-10.0, -13.0, -16.0, -20.0, -28.0)))
+    found = {e["method"]: e for e in break_points(rows_of(scene))}
+    # made-up law at full overlap: none loses (|SIR| - 12)/20, tcae a quarter of that
+    assert (found["none"]["sir_db"], found["none"]["at_most"]) == (-13.0, False)
+    assert (found["tcae"]["sir_db"], found["tcae"]["protection_gain_db"]) == (-20.0, 7.0)
+    only_bad = [r for r in rows_of(scene) if r["sir_db"] < -14 and r["method"] == "none"]
+    assert break_points(only_bad)[0]["sir_db"] is None
+    assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
+
+
+# -- figures ------------------------------------------------------------------------------------------------------
+
+
+def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
+    methods = ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae", "mine", "other"]
+    styles = [figures.series_style(m, methods) for m in methods]
+    for key in ("color", "marker", "label"):
+        assert len({str(s[key]) for s in styles}) == len(methods)
+    # the line alone tells all but the two headline series apart, which differ in marker and darkness
+    assert len({str(s["linestyle"]) for s in styles}) == len(methods) - 1
+
+
+def test_a_method_looks_the_same_whatever_else_is_drawn():
+    assert figures.series_style("tcae", ["tcae"]) == figures.series_style("tcae", ["none", "mine", "tcae"])
+
+
+def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
+    drawn = []
+    original = figures._plot
+    monkeypatch.setattr(figures, "_plot", lambda axis, *rest: (drawn.append(rest), original(axis, *rest)))
+    rows = rows_of(scene_of())
+    figures.draw_pd(rows, tmp_path / "a.png", title="t")
+    assert len(drawn) == 4  # two panels of two methods
+    x, pd, error, _, style = drawn[2]
+    mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
+    assert style["label"] == "no mitigation"
+    assert np.abs(x - [0, 0.5, 1]).max() < 0.1
+    assert pd.tolist() == [r["pd"] for r in mine]
+    np.testing.assert_allclose(pd - error[0], [r["pd_low"] for r in mine])
+    np.testing.assert_allclose(pd + error[1], [r["pd_high"] for r in mine])
+
+
+# -- pooling ------------------------------------------------------------------------------------------------------
+
+
+def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_path):
+    a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of(seed=2))
+    _, notes = collect([a, b], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    assert notes == [] and len(pooled) == 12
+    for row, single in zip(pooled, read_report(a)["rows"], strict=True):
+        assert (row["runs"], row["trials"], row["correct"]) == (2, 300, 2 * single["correct"])
+        assert (row["pd_low"], row["pd_high"]) == pytest.approx(wilson_interval(row["correct"], 300))
+        assert row["rmse_detected_m"] == pytest.approx(single["rmse_detected_m"])
+    assert (tmp_path / "all" / "pd_vs_overlap.png").stat().st_size > 10_000
+
+
+def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
+    a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})
+    b = finished(tmp_path / "b", scene_of(seed=2, sweep=SweepSpec(overlap=(0.25,), sir_db=(-28.0,))))
+    collect([a, b], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
+
+
+def test_a_run_that_occurs_twice_counts_once(tmp_path):
+    a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of())
+    _, notes = collect([a, b, a], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    assert {r["trials"] for r in pooled} == {150}
+    assert len(notes) == 1 and "repeats 12 rows" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (lambda s: {"waveform": dataclasses.replace(s.waveform, carrier_hz=4.25e9)}, "waveform.carrier_hz"),
+        (
+            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa=1e-3)},
+            "pfa is 0.0001 in the one, 0.001",
+        ),
+        (lambda s: {"channel": dataclasses.replace(s.channel, snr_db=20.0)}, "snr_db"),
+        (lambda s: {"channel": dataclasses.replace(s.channel, adc_bits=12)}, "channel.adc_bits"),
+        (
+            lambda s: {"altitude": dataclasses.replace(s.altitude, programme_m=(50.0,))},
+            "altitude.programme_m",
+        ),
+        (lambda s: {"interference": (Interferer(QpskEmitter(bandwidth_hz=1e6)),)}, "interference"),
+        (lambda s: {"method_options": {"tcae": {"threads": 2}}}, "method_options.tcae"),
+    ],
+)
+def test_what_is_not_comparable_is_refused_with_folders_key_and_values(tmp_path, change, key):
+    scene = scene_of(seed=2)
+    a, b = (
+        finished(tmp_path / "a", scene_of()),
+        finished(tmp_path / "b", dataclasses.replace(scene, **change(scene))),
+    )
+    with pytest.raises(PoolError, match=key) as caught:
+        collect([a, b], tmp_path / "all")
+    assert str(a) in str(caught.value) and str(b) in str(caught.value) and "\n" not in str(caught.value)
+    assert not (tmp_path / "all").exists()
+
+
+def test_another_model_is_refused(tmp_path):
+    a = finished(tmp_path / "a", scene_of())
+    other = METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}
+    b = finished(tmp_path / "b", scene_of(seed=2), other)
+    with pytest.raises(PoolError, match="methods.tcae.sha256"):
+        collect([a, b], tmp_path / "all")
+
+
+def test_one_seed_with_other_frames_is_not_independent(tmp_path):
+    a = finished(tmp_path / "a", scene_of())
+    b = finished(tmp_path / "b", scene_of(altitude=dataclasses.replace(scene_of().altitude, frames=20)))
+    with pytest.raises(PoolError, match="not independent"):
+        collect([a, b], tmp_path / "all")
+
+
+def edit(path, **changes):
+    report = read_report(path) | changes
+    (path / "report.json").write_text(json.dumps(report), encoding="utf-8")
+    return path
+
+
+def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
+    with pytest.raises(PoolError, match="schema is 2, this program reads 1"):
+        collect([edit(finished(tmp_path / "a", scene_of()), schema=2)], tmp_path / "all")
+    with pytest.raises(PoolError, match="not finished; complete it with ota_eval --resume"):
+        collect([edit(finished(tmp_path / "b", scene_of()), complete=False)], tmp_path / "all")
+    with pytest.raises(SceneError, match="cannot be read"):
+        collect([tmp_path / "nowhere"], tmp_path / "all")
+    collect([finished(tmp_path / "c", scene_of())], tmp_path / "all")
+    with pytest.raises(PoolError, match="itself a collected report"):
+        collect([tmp_path / "all"], tmp_path / "again")
+
+
+def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
+    a = finished(tmp_path / "a", scene_of())
+    # the simulated channel says nothing about a run on the air
+    noisy = dataclasses.replace(scene_of().channel, adc_bits=12)
+    b = edit(finished(tmp_path / "b", scene_of(channel=noisy)), source="air")
+    collect([a, b], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    assert len(pooled) == 24 and {r["runs"] for r in pooled} == {1}
+    assert {r["series"] for r in pooled} == {"none", "tcae", "none, on the air", "tcae, on the air"}
