@@ -10,6 +10,7 @@ from gnuradio import gr
 
 from ._frames import FRAME_KEY, RX_TIME_KEY, frame_tag, quiet_buffer
 from ._guard import guarded
+from .core.calibration import CalibrationError
 from .core.scene import Scene
 from .core.timing import Frame, FrameSegmenter
 
@@ -51,11 +52,19 @@ class frame_segmenter(gr.basic_block):
             scene.waveform,
             scene.altitude.programme if follow_programme else None,
             scene.segmenter,
-            max_altitude_m=scene.altimeter.max_altitude_m,
+            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
             true_delay=scene.altitude.mode == "true_delay",
+            point_target=scene.return_model == "point",
         )
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
+        self.saturated_frames = 0
+        self._start_counter = 0
+        self._calibrated: float | None = None
+        self._latency = float("nan")
+        adc = scene.channel
+        # the largest value of a converter of that many bits; without one nothing saturates
+        self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
         self._ready: deque[Frame] = deque()
         self._started = False
         self._reacquire = False
@@ -73,9 +82,27 @@ class frame_segmenter(gr.basic_block):
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
 
+    def set_full_scale(self, full_scale: float) -> None:
+        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
+        self._full_scale = float(full_scale)
+
+    def set_start_time(self, seconds: float) -> None:
+        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start."""
+        self._start_counter = round(seconds * self._rate)
+
+    def set_calibration(self, latency_samples: float | None) -> None:
+        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts."""
+        self._calibrated = latency_samples
+
+    @property
+    def latency_samples(self) -> float:
+        """Samples between the transmitter's sweep and the receiver's, fraction included, by the last frame."""
+        return self._latency
+
     def status(self) -> dict[str, object]:
         """State, lock quality and counters."""
-        return self.segmenter.status() | {"dropped_slow": self.dropped_slow}
+        own = {"dropped_slow": self.dropped_slow, "saturated_frames": self.saturated_frames}
+        return self.segmenter.status() | own
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         """Any sample at all, unless finished frames wait."""
@@ -112,6 +139,7 @@ class frame_segmenter(gr.basic_block):
         """Counter of an ``rx_time`` tag; the first one sets the origin."""
         seconds = pmt.to_uint64(pmt.tuple_ref(value, 0))
         counter = round(seconds * self._rate) + round(pmt.to_double(pmt.tuple_ref(value, 1)) * self._rate)
+        counter -= self._start_counter
         if not self._started:
             self._started = True
             self.segmenter.reset(counter)
@@ -127,9 +155,27 @@ class frame_segmenter(gr.basic_block):
                 self.dropped_slow += 1
                 continue
             out[done] = frame.samples
+            self._inspect(frame)
             self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame))
             done += 1
         return done
+
+    def _inspect(self, frame: Frame) -> None:
+        """Count saturation, keep the latency, and put a calibrated latency in the place of the found one."""
+        rails = frame.samples.view(np.float32)
+        if np.isfinite(self._full_scale) and max(rails.max(), -rails.min()) >= self._full_scale * 0.9999:
+            self.saturated_frames += 1
+        n = frame.samples.size
+        before = frame.start_sample - frame.index * n
+        self._latency = before + frame.offset_s * self._rate
+        if self._calibrated is not None:
+            path = self._latency - self._calibrated
+            if not -2.0 <= path <= n / 4:
+                raise CalibrationError(
+                    f"the stored latency of {self._calibrated:g} samples does not fit the {self._latency:.2f} found; "
+                    "calibrate anew"
+                )
+            frame.offset_s = (self._calibrated - before) / self._rate
 
     def _report(self) -> None:
         """A status message on every change of state and every thousand frames."""

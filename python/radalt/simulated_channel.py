@@ -11,7 +11,7 @@ from gnuradio import gr
 
 from ._frames import RX_TIME_KEY
 from ._guard import guarded
-from .core.channel import SimulatedChannel
+from .core.channel import SimulatedChannel, TerrainPlayer
 from .core.scene import Scene
 
 __all__ = ["simulated_channel"]
@@ -45,11 +45,13 @@ class simulated_channel(gr.basic_block):
             self, "radalt_simulated_channel", [np.complex64] * (2 if jammer else 1), [np.complex64]
         )
         programme = scene.altitude.programme
+        on_terrain = scene.return_model == "terrain"
         self.channel = SimulatedChannel(
             scene.waveform,
             scene.channel,
             seed=scene.seed,
-            true_delay=programme if scene.altitude.mode == "true_delay" else None,
+            true_delay=programme if scene.altitude.mode == "true_delay" and not on_terrain else None,
+            terrain=TerrainPlayer(scene.landing, programme, scene.waveform, scene.seed) if on_terrain else None,
             frames=programme.total_frames,
         )
         self._n = scene.waveform.samples_per_frame

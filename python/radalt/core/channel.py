@@ -12,10 +12,11 @@ import numpy as np
 from scipy import fft, signal
 
 from .fading import FadingChannel
+from .landing import LandingSpec
 from .programme import Programme
 from .waveform import Waveform, altitude_to_delay_s, exp_cycles
 
-__all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel"]
+__all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
 
 _HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
 _STEPS = 256  # sub-sample resolution of a drifting clock
@@ -112,6 +113,42 @@ class ChannelSettings:
             )
 
 
+class TerrainPlayer:
+    """The ground's echo by frame index, in the place of a point's.
+
+    Parameters
+    ----------
+    landing : LandingSpec
+    programme : Programme
+        Its altitudes have to be those of the landing, one a frame.
+    waveform, seed
+        As the scene has them.
+
+    Raises
+    ------
+    ValueError
+        If the altitudes are not those of the landing.
+    """
+
+    def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:
+        self._programme = programme
+        self._profile = landing.profile(waveform, len(programme.altitudes_m), seed)
+        apart = np.max(np.abs(np.maximum(self._profile.altitude_m, 0.0) - programme.altitudes_m))
+        if apart > 0.5:
+            raise ValueError(
+                f"return: terrain plays the landing, but altitude.programme_m is up to {apart:.1f} m off it; leave "
+                "programme_m out"
+            )
+        index = np.arange(programme.total_frames)
+        self._trial = np.cumsum(programme.is_trial(index)) - 1
+
+    def echo(self, frame_index: int, transmitted: np.ndarray) -> np.ndarray:
+        """(N,) what comes back of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
+        if not self._programme.is_trial(frame_index):
+            return transmitted
+        return self._profile.frame(int(self._trial[frame_index]))
+
+
 class _DelayLine:
     """Delays a stream of blocks by a slowly changing number of samples, fraction included (overlap-save)."""
 
@@ -185,6 +222,8 @@ class SimulatedChannel:
     settings : ChannelSettings
     seed : int
         Everything random follows from it.
+    terrain : TerrainPlayer or None
+        Puts the ground's echo in the place of the transmitted sweep.
     true_delay : Programme or None
         Plays these altitudes as true delays with Doppler and carrier phase; None where the source shifts the beat.
     frames : int
@@ -205,9 +244,11 @@ class SimulatedChannel:
         *,
         seed: int = 0,
         true_delay: Programme | None = None,
+        terrain: TerrainPlayer | None = None,
         frames: int = 1000,
     ) -> None:
         self.waveform, self.settings, self.true_delay = waveform, settings, true_delay
+        self.terrain = terrain
         self.seed = seed
         self.rng = np.random.default_rng([seed, 0xC4A])
         n = waveform.samples_per_frame
@@ -231,11 +272,17 @@ class SimulatedChannel:
         if settings.return_multipath is not None:
             top_s += float(settings.return_multipath.delays_s.max())
         self._radar = _DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n)
-        drift = abs(settings.jammer_clock_ppm) * 1e-6 * frames * n
         self._jammer_base = self.latency_samples + settings.jammer_delay_samples
+        fractional = settings.jammer_clock_ppm or self._jammer_base != int(self._jammer_base)
+        if fractional and self._jammer_base < _HALF_TAPS:
+            raise ValueError(
+                f"channel.jammer_clock_ppm {settings.jammer_clock_ppm:g} and jammer_delay_samples "
+                f"{settings.jammer_delay_samples:g} need fractions of a sample, which start_offset_samples "
+                f"{self.latency_samples:g} leaves no room for; use at least {_HALF_TAPS}, or none"
+            )
         if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
-            self._jammer_base += drift
-        self._jammer = _DelayLine(n, self._jammer_base + drift + 2)
+            self._jammer_base += n
+        self._jammer = _DelayLine(n, self._jammer_base + n + 2)
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
         self._block = 0
@@ -283,7 +330,7 @@ class SimulatedChannel:
         n, s = self._n, self.settings
         if radar.shape != (n,):
             raise ValueError(f"the channel takes blocks of {n} samples, got {radar.shape}")
-        self._radar.push(radar)
+        self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
         out = np.array(self._return(), dtype=np.complex64)
         if jammer is not None:
             self._jammer.push(jammer)
@@ -345,7 +392,8 @@ class SimulatedChannel:
         s, n = self.settings, self._n
         delay = self._jammer_base
         if s.jammer_clock_ppm:
-            delay -= s.jammer_clock_ppm * 1e-6 * self._block * n
+            # after a whole frame of drift the jammer skips, or repeats, one: a run has no longest time
+            delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
             delay = round(delay * _STEPS) / _STEPS
         out = self._jammer.read(delay)
         if s.jammer_lo_offset_hz:

@@ -15,6 +15,7 @@ from .altimeter import AltimeterSettings
 from .channel import ChannelSettings
 from .emitters import EMITTER_NAMES, emitter_class, emitter_label, emitter_name, faded, unfaded
 from .interference import Interferer
+from .landing import LandingSpec
 from .parsing import build, convert, plain
 from .paths import scene_path
 from .programme import Programme
@@ -27,6 +28,8 @@ __all__ = [
     "Scene",
     "SceneError",
     "SweepSpec",
+    "interference_from_yaml",
+    "interferer_to_mapping",
     "load_scene",
     "parse_scene",
     "scene_to_mapping",
@@ -58,6 +61,8 @@ class AltitudeSpec:
         See `Programme`.
     hold_last : bool
         Stay at the last altitude for ever; for altitudes set by hand.
+    landing_frames : int
+        Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach).
     """
 
     programme_m: tuple[float, ...] = (1500.0, 1200.0, 900.0, 600.0, 400.0, 250.0, 150.0, 75.0, 30.0, 10.0)
@@ -68,8 +73,11 @@ class AltitudeSpec:
     sync_every_frames: int = 0
     sync_frames: int = 8
     hold_last: bool = False
+    landing_frames: int = 200
 
     def __post_init__(self) -> None:
+        if self.landing_frames < 2:
+            raise ValueError(f"altitude.landing_frames is {self.landing_frames}; it has to be at least 2")
         if self.mode not in ("synthetic", "true_delay"):
             raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
@@ -159,12 +167,19 @@ class RadioSpec:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything a run depends on."""
+    """Everything a run depends on.
+
+    ``landing`` takes the altitudes from an approach over terrain, unless ``altitude.programme_m`` gives them.
+    ``return_model`` (``return`` in a file) is ``point``, or ``terrain`` to have the simulated channel play the ground's
+    extended return of that landing.
+    """
 
     name: str = "scene"
     description: str = ""
     waveform: Waveform = Waveform()
     altitude: AltitudeSpec = AltitudeSpec()
+    landing: LandingSpec | None = None
+    return_model: str = "point"
     interference: tuple[Interferer, ...] = ()
     total_sir_db: float | None = None
     channel: ChannelSettings = ChannelSettings()
@@ -177,18 +192,36 @@ class Scene:
     seed: int = 1
 
     def __post_init__(self) -> None:
+        top = self.altimeter_settings.max_altitude_m
         highest = max(self.altitude.programme_m, default=0.0)
-        if highest > self.altimeter.max_altitude_m:
+        if self.return_model not in ("point", "terrain"):
+            raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
+        if self.return_model == "terrain" and (self.landing is None or self.altitude.frames != 1):
             raise ValueError(
-                f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m "
-                f"{self.altimeter.max_altitude_m:g}; raise that limit or lower the altitude"
+                f"return: terrain needs a landing and altitude.frames 1 (it is {self.altitude.frames}): every "
+                "frame has its own place on the ground; set altitude.landing_frames instead"
             )
         limit = self.waveform.max_unambiguous_altitude_m
-        if self.altimeter.max_altitude_m > limit:
+        if max(top, highest) > limit:
+            name = "altimeter.max_altitude_m" if top > limit else "altitude.programme_m: an altitude of"
             raise ValueError(
-                f"altimeter.max_altitude_m {self.altimeter.max_altitude_m:g} exceeds {limit:.6g} m, where the delay is "
-                "half a half sweep; lengthen waveform.sweep_s or lower it"
+                f"{name} {max(top, highest):g} exceeds {limit:.6g} m, where the delay is half a half sweep; lengthen "
+                "waveform.sweep_s or lower it"
             )
+        if highest > top:
+            raise ValueError(
+                f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m {top:g}; raise that limit "
+                "or lower the altitude"
+            )
+
+    @property
+    def altimeter_settings(self) -> AltimeterSettings:
+        """The altimeter's settings with the search span that the scene leaves open taken from what it flies."""
+        return self.altimeter.resolved(
+            self.waveform,
+            highest_altitude_m=max(self.altitude.programme_m, default=0.0),
+            vertical_speed_m_per_s=self.altitude.vertical_speed_m_per_s,
+        )
 
     @property
     def has_jammer(self) -> bool:
@@ -264,13 +297,25 @@ def load_scene(name: str | Path) -> Scene:
 
 def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
     """A validated `Scene` from nested mappings as YAML gives them."""
+    if isinstance(data, dict) and "return" in data:  # a word that Python keeps for itself
+        data = {("return_model" if key == "return" else key): value for key, value in data.items()}
     try:
-        return build(Scene, data, "", {"interference": _interference})
-    except ValueError as error:
+        scene = build(Scene, data, "", {"interference": interference_from_yaml})
+        if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
+            scene = _with_landing(scene)
+        return scene
+    except (ValueError, OSError) as error:
         raise SceneError(f"{source}: {error}") from None
 
 
-def _interference(value: Any, where: str) -> tuple[Interferer, ...]:
+def _with_landing(scene: Scene) -> Scene:
+    """The altitudes of the scene's landing, one a frame, from first to last."""
+    profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
+    altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
+    return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))
+
+
+def interference_from_yaml(value: Any, where: str) -> tuple[Interferer, ...]:
     """``{kind: {...}}`` or a list of such mappings."""
     if value is None:
         return ()
@@ -320,11 +365,13 @@ def scene_from_parameters(
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:
     """A scene as plain mappings, lists and numbers; `parse_scene` gives the same scene back."""
     mapping = {f.name: plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
-    mapping["interference"] = [_interferer_to_mapping(i) for i in scene.interference]
+    mapping["return"] = mapping.pop("return_model")
+    mapping["interference"] = [interferer_to_mapping(i) for i in scene.interference]
     return mapping
 
 
-def _interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
+def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
+    """``{kind: {emitter and placement keys}}`` of one interferer."""
     emitter, channel = unfaded(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
     return {emitter_name(emitter): keys if channel is None else keys | {"multipath": plain(channel)}}

@@ -93,6 +93,9 @@ class FrameSegmenter:
         Highest altitude, for the check without a programme.
     true_delay : bool
         Whether altitudes come as true delays (with Doppler) or as beat shifts.
+    point_target : bool
+        False for an extended return, which matches no single delay: frames are then checked as without a programme,
+        which still serves to find synchronisation sections.
 
     Attributes
     ----------
@@ -109,9 +112,10 @@ class FrameSegmenter:
         *,
         max_altitude_m: float = 1500.0,
         true_delay: bool = False,
+        point_target: bool = True,
     ) -> None:
         self.waveform, self.programme, self.settings = waveform, programme, settings
-        self.true_delay = true_delay
+        self.true_delay, self.point_target = true_delay, point_target
         self._n = waveform.samples_per_frame
         # the two halves apart: a beat shift turns them against each other by k tau^2 cycles, so they add in power only
         halves = np.zeros((2, self._n), dtype=np.complex64)
@@ -327,7 +331,10 @@ class FrameSegmenter:
 
     def _check(self, frame: Frame) -> tuple[str, float]:
         """``verified``, ``contradicted`` (with the other delay in samples) or ``undetermined``."""
-        if self.programme is not None:
+        follow = self.programme is not None and (
+            self.point_target or not self.programme.is_trial(frame.index)
+        )
+        if follow:
             shift = self._shift_from_expected(frame)
             if shift is not None:
                 return ("verified" if shift == 0 else "contradicted"), float(shift)
@@ -336,7 +343,7 @@ class FrameSegmenter:
             return "undetermined", 0.0
         self.quality_db = 10.0 * np.log10(significance)
         delay = peak if peak < self._n // 2 else peak - self._n
-        if self.programme is None:
+        if not follow:
             inside = -1.5 <= delay <= self._max_delay_samples + 1.5
             return ("verified" if inside else "contradicted"), float(delay)
         expected = float(altitude_to_delay_s(self.programme.altitude_m(frame.index))) * self.waveform.rate_hz

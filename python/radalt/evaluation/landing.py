@@ -19,9 +19,7 @@ from ..core.interference import Interferer, QpskEmitter, interference_frames
 from ..core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
 from ..core.mitigation import MitigationError, create
 from ..core.parsing import build, plain
-from ..core.scene import SceneError
-from ..core.scene import _interference as build_interference
-from ..core.scene import _interferer_to_mapping as interferer_to_mapping
+from ..core.scene import SceneError, interference_from_yaml, interferer_to_mapping
 from ..core.terrain import (
     MIN_HEIGHT_M,
     AircraftState,
@@ -226,7 +224,7 @@ def parse_study(data: dict[str, Any], *, source: str = "study", folder: str = ""
         One line: source, key, value, what is allowed.
     """
     try:
-        study = build(LandingStudy, {"folder": folder, **data}, "", {"interference": build_interference})
+        study = build(LandingStudy, {"folder": folder, **data}, "", {"interference": interference_from_yaml})
         reflectivity(study.ground.model, study.ground.land)
     except ValueError as error:
         raise StudyError(f"{source}: {error}") from None
@@ -260,10 +258,10 @@ def check_study(study: LandingStudy) -> None:
             f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
             f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
         )
-    if height[high] > study.altimeter.max_altitude_m:
+    if height[high] > study.altimeter.resolved(study.waveform).max_altitude_m:
         raise StudyError(
             f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
-            f"altimeter.max_altitude_m {study.altimeter.max_altitude_m:g}; raise it, or cut with "
+            f"altimeter.max_altitude_m {study.altimeter.resolved(study.waveform).max_altitude_m:g}; raise it, or cut with "
             "trajectory.start_s"
         )
 
