@@ -60,7 +60,7 @@ class altimeter_sink(gr.sync_block):
         outputs = [np.float32] if stream else None
         gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], outputs)
         self.method = method
-        self.altimeter = Altimeter(scene.waveform, scene.altimeter)
+        self.altimeter = Altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
         self._messages = bool(messages)
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)

@@ -39,7 +39,7 @@ class range_profile(gr.basic_block):
         gr.basic_block.__init__(self, "radalt_range_profile", [(np.complex64, n)], [(np.float32, points)] * 2)
         if every < 1:
             raise ValueError(f"range_profile.every is {every}; it has to be at least 1 frame")
-        self.profile = RangeProfile(scene.waveform, scene.altimeter, points)
+        self.profile = RangeProfile(scene.waveform, scene.altimeter_settings, points)
         self._every, self._seen = int(every), 0
         self.set_tag_propagation_policy(gr.TPP_DONT)
 

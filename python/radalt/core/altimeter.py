@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft, ndimage, signal
 
+from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
 from .cfar import Cfar, cell_correlation
 from .clusters import centroid_of, edge_of
 from .decimator import Decimator
@@ -23,92 +24,11 @@ from .waveform import Waveform, delay_to_altitude_m
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"]
 
-STRATEGIES = ("strongest", "leading_edge", "centroid")
 _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
 _OVERSAMPLING = (
     2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
 )
 _CLIMB = int(_OVERSAMPLING)  # cells from the best ratio to the peak of power beside it
-
-
-class Reason:
-    """Why a frame has or has no altitude; the values of the ``reason`` field."""
-
-    OK = 0
-    NO_DETECTION = 1
-    SWEEPS_DISAGREE = 2
-    NOT_FINITE = 3
-    NO_SIGNAL = 4
-    UNLOCKED = 5
-    OUT_OF_RANGE = 6
-
-    NAMES = ("ok", "no_detection", "sweeps_disagree", "not_finite", "no_signal", "unlocked", "out_of_range")
-
-
-RESULT_DTYPE = np.dtype(
-    [
-        ("frame_index", np.int64),
-        ("valid", np.bool_),
-        ("reason", np.int8),
-        ("altitude_m", np.float64),
-        ("vertical_speed_m_per_s", np.float64),
-        ("beat_up_hz", np.float64),
-        ("beat_down_hz", np.float64),
-        ("snr_db", np.float64),
-        ("forced_altitude_m", np.float64),
-    ]
-)
-
-
-@dataclass(frozen=True)
-class AltimeterSettings:
-    """How the altimeter looks for a return.
-
-    Parameters
-    ----------
-    max_altitude_m, min_altitude_m : float
-        Search span; the beat band, the decimation and the FFT size follow from it.
-    max_vertical_speed_m_per_s : float
-        Largest range rate: how far the two sweeps' beats may differ and still be one target.
-    window : str
-        ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
-        lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
-        5.6 dB against one there, and a factor 1.6 in error.
-    pfa : float
-        False-alarm probability of one cell of the up sweep with all partners that Doppler allows.
-    cfar : str
-        ``"ca"`` or ``"os"``.
-    train_cells, guard_cells : float
-        Training and guard on each side, in resolution cells (2 kHz, 20 m by default).
-    strategy : str
-        ``"strongest"`` point target; ``"leading_edge"`` nearest edge of an extended return, the -6 dB point of the
-        rise, corrected so that a point target is unbiased; ``"centroid"`` power centroid.
-    """
-
-    max_altitude_m: float = 1500.0
-    min_altitude_m: float = 0.0
-    max_vertical_speed_m_per_s: float = 150.0
-    window: str = "boxcar"
-    pfa: float = 1e-4
-    cfar: str = "ca"
-    train_cells: float = 16.0
-    guard_cells: float = 3.0
-    strategy: str = "strongest"
-
-    def __post_init__(self) -> None:
-        if not self.max_altitude_m > self.min_altitude_m:
-            raise ValueError(
-                f"altimeter.max_altitude_m {self.max_altitude_m:g} has to be above min_altitude_m "
-                f"{self.min_altitude_m:g}"
-            )
-        if self.strategy not in STRATEGIES:
-            raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
-        if self.window not in ("hann", "hamming", "blackman", "boxcar"):
-            raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
-        if self.max_vertical_speed_m_per_s < 0:
-            raise ValueError(
-                f"altimeter.max_vertical_speed_m_per_s is {self.max_vertical_speed_m_per_s:g}; it has to be 0 or more"
-            )
 
 
 @dataclass(frozen=True)
@@ -148,6 +68,7 @@ class Altimeter:
     """
 
     def __init__(self, waveform: Waveform, settings: AltimeterSettings = AltimeterSettings()) -> None:  # noqa: B008
+        settings = settings.resolved(waveform)
         limit_m = waveform.max_unambiguous_altitude_m
         if settings.max_altitude_m > limit_m:
             raise ValueError(

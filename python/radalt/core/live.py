@@ -68,7 +68,7 @@ class RangeProfile:
         if points < 2:
             raise ValueError(f"range_profile.points is {points}; it has to be at least 2")
         self.altimeter = Altimeter(waveform, settings)
-        self.altitude_m = np.linspace(0.0, settings.max_altitude_m, points)
+        self.altitude_m = np.linspace(0.0, self.altimeter.settings.max_altitude_m, points)
         margin = self.altimeter.cfar.margin
         cells_hz = self.altimeter.beat_hz[margin:-margin]
         at = (waveform.altitude_to_beat_hz(self.altitude_m) - cells_hz[0]) / self.altimeter.cell_hz
@@ -84,7 +84,7 @@ class RangeProfile:
         ratio = (power / np.maximum(spectra.noise, np.finfo(np.float32).tiny)).sum(axis=1)
         profile = self._power_db(spectra) - self._unit_db
         with np.errstate(divide="ignore", invalid="ignore"):
-            threshold = profile - 10.0 * np.log10(ratio / self.altimeter.joint_scale)
+            threshold = profile - 10.0 * np.log10(ratio / self.altimeter.pair_scale)
         return self._resample(profile), self._resample(threshold)
 
     def _power_db(self, spectra: Spectra) -> np.ndarray:

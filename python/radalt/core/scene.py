@@ -217,9 +217,13 @@ class Scene:
     @property
     def altimeter_settings(self) -> AltimeterSettings:
         """The altimeter's settings with the search span that the scene leaves open taken from what it flies."""
+        highest = max(self.altitude.programme_m, default=0.0)
+        # the ground lies beyond its nearest point, and closes at its own rate
+        if self.return_model == "terrain":
+            return self.altimeter.resolved(self.waveform, highest_altitude_m=1.5 * highest)
         return self.altimeter.resolved(
             self.waveform,
-            highest_altitude_m=max(self.altitude.programme_m, default=0.0),
+            highest_altitude_m=highest,
             vertical_speed_m_per_s=self.altitude.vertical_speed_m_per_s,
         )
 

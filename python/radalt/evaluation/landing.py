@@ -258,10 +258,11 @@ def check_study(study: LandingStudy) -> None:
             f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
             f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
         )
-    if height[high] > study.altimeter.resolved(study.waveform).max_altitude_m:
+    top = study.altimeter.resolved(study.waveform).max_altitude_m
+    if height[high] > top:
         raise StudyError(
             f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
-            f"altimeter.max_altitude_m {study.altimeter.resolved(study.waveform).max_altitude_m:g}; raise it, or cut with "
+            f"altimeter.max_altitude_m {top:g}; raise it, or cut with "
             "trajectory.start_s"
         )
 

@@ -37,7 +37,7 @@ class Task:
     prepared : flowgraph.Prepared or None
         The generated flowgraph; None on the air.
     hardware : dict or None
-        Options of `flowgraph.run_hardware`; None in simulation.
+        Options of `hardware.run_hardware`; None in simulation.
     """
 
     scene: Scene
@@ -60,7 +60,7 @@ def check_scene(scene: Scene) -> None:
 
     Raises
     ------
-    SceneError
+    SceneError, MitigationError
         One line.
     """
     from ..core.altimeter import Altimeter
@@ -69,7 +69,7 @@ def check_scene(scene: Scene) -> None:
     try:
         programme = scene.altitude.programme
         true_delay = programme if scene.altitude.mode == "true_delay" else None
-        Altimeter(scene.waveform, scene.altimeter)
+        Altimeter(scene.waveform, scene.altimeter_settings)
         frames = programme.total_frames
         SimulatedChannel(scene.waveform, scene.channel, true_delay=true_delay, frames=frames)
         for interferer in scene.interference:
@@ -78,6 +78,7 @@ def check_scene(scene: Scene) -> None:
         sweep_points(scene)
     except ValueError as error:
         raise SceneError(f"scene {scene.name}: {error}") from None
+    check_methods(scene)
 
 
 def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
@@ -106,12 +107,14 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
 
 def measure(task: Task) -> Outcome:
     """Run the flowgraph once and score every method; called in a worker."""
-    from . import flowgraph
-
     if task.hardware is None:
-        result = flowgraph.run_point(task.prepared, task.scene)
+        from .flowgraph import run_point
+
+        result = run_point(task.prepared, task.scene)
     else:
-        result = flowgraph.run_hardware(task.scene, task.scene.methods, **task.hardware)
+        from .hardware import run_hardware
+
+        result = run_hardware(task.scene, task.scene.methods, **task.hardware)
     programme = task.scene.altitude.programme
     rows = [
         make_row(
@@ -168,7 +171,7 @@ def evaluate(
     progress : callable
         Called as ``progress(points done, points in all, rows of the point just measured)``.
     hardware : dict, optional
-        Measure on the air, with these options of `flowgraph.run_hardware`; default the simulated channel.
+        Measure on the air, with these options of `hardware.run_hardware`; default the simulated channel.
 
     Returns
     -------
@@ -180,6 +183,7 @@ def evaluate(
     SceneError, MitigationError, flowgraph.FlowgraphError, workers.WorkerError
         One line for the user; the rows so far are kept.
     """
+    from . import flowgraph
     from .report import write_report
 
     begin = time.monotonic()
@@ -199,7 +203,9 @@ def evaluate(
         tasks, left_out = _tasks(scene, [p for p, _ in todo], out / "flowgraph")
     else:
         tasks = [Task(scene_at(scene, p), p, hardware=hardware) for p, _ in todo]
+        off = flowgraph.left_out(scene, scene.methods)
         left_out = ["simulated channel: the radios are real"]
+        left_out += [item for item in off if not item.startswith("channel impairments")]
     folder.begin(left_out)
     peaks: dict[int, int] = {}
     done = itertools.count(total - len(todo) + 1)
