@@ -28,6 +28,7 @@ __all__ = [
     "FlowgraphError",
     "PointResult",
     "Prepared",
+    "collect",
     "generate",
     "left_out",
     "prepare",
@@ -108,7 +109,7 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
     path.write_text(yaml.safe_dump(data, sort_keys=False, width=100), encoding="utf-8")
 
 
-def simulate(data: dict[str, Any], name: str = "ota_sim") -> dict[str, Any]:
+def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
     """The same flowgraph with its UHD blocks replaced by one simulated channel; nothing else differs.
 
     Parameters
@@ -117,6 +118,8 @@ def simulate(data: dict[str, Any], name: str = "ota_sim") -> dict[str, Any]:
         Flowgraph with the blocks ``radar_usrp_sink``, ``radar_usrp_source`` and, optionally, ``jammer_usrp_sink``.
     name : str
         Identifier of the new flowgraph.
+    realtime : bool
+        Whether the channel holds the samples to their rate, as radios do.
     """
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
@@ -129,7 +132,7 @@ def simulate(data: dict[str, Any], name: str = "ota_sim") -> dict[str, Any]:
     channel = {
         "name": CHANNEL,
         "id": "radalt_simulated_channel",
-        "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks)},
+        "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
         "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
     }
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in _UHD_BLOCKS] + [channel]
@@ -229,7 +232,11 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
         If a block is missing or the flowgraph is not valid; names the first error.
     """
     from gnuradio import gr
-    from gnuradio.grc.core.platform import Platform
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        # the compiler keeps the stdout of its first import for its messages: it would warn of a missing throttle, but
+        # the source is finite
+        from gnuradio.grc.core.platform import Platform
 
     folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]
@@ -256,8 +263,7 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
         raise FlowgraphError(
             f"flowgraph {name} is not valid: {getattr(element, 'name', element)}: {message.strip()}"
         )
-    with contextlib.redirect_stdout(io.StringIO()):  # it warns of a missing throttle; the source is finite
-        platform.Generator(flow_graph, str(folder)).write()
+    platform.Generator(flow_graph, str(folder)).write()
     return folder / f"{name}.py"
 
 
@@ -302,8 +308,15 @@ def write_scene(scene: Scene, path: Path) -> Path:
     return path
 
 
-def run_point(prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0) -> PointResult:
+def run_point(
+    prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0, capture: Path | str | None = None
+) -> PointResult:
     """Run the flowgraph once for a scene at one point of its sweep.
+
+    Parameters
+    ----------
+    capture : path, optional
+        SigMF recording of what the receiver heard.
 
     Raises
     ------
@@ -312,16 +325,27 @@ def run_point(prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0) 
     Exception
         Whatever a block's ``work`` raised, as it was.
     """
-    from .._guard import raise_stored
-
     path = write_scene(scene, prepared.module.parent / f"point_{scene.seed}_{threading.get_native_id()}.yaml")
     try:
         top = load_class(prepared)(scene_file=str(path), drop_when_slow=0)
     finally:
         path.unlink()
+    recorder = None
+    if capture:
+        from .recording import attach_recorder
+
+        recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
     begin = time.perf_counter()
     _run(top, time_limit_s)
-    elapsed = time.perf_counter() - begin
+    if recorder is not None:
+        recorder.finish()
+    return collect(top, prepared, scene, time.perf_counter() - begin)
+
+
+def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
+    """What a flowgraph that has ended holds; raises whatever a block's ``work`` raised."""
+    from .._guard import raise_stored
+
     raise_stored(
         [block for block in vars(top).values() if hasattr(block, "work") or hasattr(block, "general_work")]
     )
@@ -331,7 +355,7 @@ def run_point(prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0) 
         ms_per_frame={m: block.milliseconds() if block else np.zeros(0) for m, block in mitigations.items()},
         status={m: block.status() if block else {"method": m} for m, block in mitigations.items()},
         segmenter=top.frame_segmenter.status(),
-        real_time_factor=top.frames * scene.waveform.sweep_s / elapsed,
+        real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
         left_out=list(prepared.left_out),
     )
 
