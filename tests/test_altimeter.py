@@ -1,0 +1,265 @@
+"""The altimeter against a whole-signal reference, the Cramer-Rao bound, and frames that hold no altitude."""
+
+import numpy as np
+import pytest
+
+from radalt.core.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
+from radalt.core.bounds import altitude_crb_m, vertical_speed_crb_m_per_s
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+C = 299_792_458.0
+
+
+def noise(shape: tuple[int, ...], snr_db: float, rng: np.random.Generator) -> np.ndarray:
+    """Complex white noise at an SNR against unit power, over the whole band, before dechirping."""
+    sigma = 10 ** (-snr_db / 20) / np.sqrt(2)
+    return sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+
+
+def frames_of(kind: str, altitudes: np.ndarray) -> np.ndarray:
+    if kind == "true_delay":
+        return point_return(W, altitudes)
+    return np.stack([W.beat_shifted(a) for a in altitudes])
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+# -- accuracy ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("snr_db", [10.0, 15.0, 20.0])
+def test_error_is_near_the_cramer_rao_bound(snr_db):
+    """A clean beat (synthetic altitude) in white noise: within 1.3 of the bound, without bias."""
+    rng = np.random.default_rng(int(snr_db))
+    altitudes = rng.uniform(3, 1500, 400)
+    result = Altimeter(W).process(frames_of("synthetic", altitudes) + noise((400, 7500), snr_db, rng))
+    error = result["altitude_m"] - altitudes
+    bound = altitude_crb_m(W, snr_db)
+    assert result["valid"].all()
+    assert 0.9 < rms(error) / bound < 1.3
+    assert abs(error.mean()) < 0.15 * bound + 1e-3
+
+
+def test_vertical_speed_error_is_near_its_bound():
+    rng = np.random.default_rng(2)
+    altitudes = rng.uniform(3, 1500, 400)
+    result = Altimeter(W).process(frames_of("synthetic", altitudes) + noise((400, 7500), 15.0, rng))
+    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / vertical_speed_crb_m_per_s(W, 15.0) < 1.3
+
+
+@pytest.mark.parametrize("kind", ["synthetic", "true_delay"])
+def test_altitudes_from_three_metres_to_fifteen_hundred_are_right_at_20_db(kind):
+    """A true delay spends its first tau seconds of each half on the other slope: centimetres of bias, no more."""
+    rng = np.random.default_rng(3)
+    altitudes = np.concatenate([np.linspace(3, 40, 80), np.geomspace(40, 1500, 160)])
+    result = Altimeter(W).process(frames_of(kind, altitudes) + noise((240, 7500), 20.0, rng))
+    error = result["altitude_m"] - altitudes
+    assert result["valid"].all()
+    assert rms(error) < 0.2
+    assert np.abs(error).max() < 0.5
+
+
+def reference_altitude(frame: np.ndarray) -> float:
+    """Whole-signal reference: full-rate dechirp, maximum of |DTFT| of each half by refining grids."""
+    mixed = np.conj(frame.astype(complex)) * W.reference
+    t = np.arange(3750) / 7.5e6
+    beats = []
+    for half, sign in ((mixed[:3750], 1), (mixed[3750:], -1)):
+        padded = np.abs(np.fft.fft(half, 1 << 15))
+        centre = np.fft.fftfreq(1 << 15, 1 / 7.5e6)[np.argmax(padded)]
+        width = 300.0
+        for _ in range(4):
+            grid = centre + np.linspace(-width, width, 61)
+            centre = grid[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(grid, t)) @ half))]
+            width /= 25
+        beats.append(sign * centre)
+    return C * (beats[0] + beats[1]) / (4 * 15e9)
+
+
+def test_two_rates_and_interpolation_give_the_full_rate_maximum_likelihood_altitude():
+    rng = np.random.default_rng(7)
+    altitudes = rng.uniform(3, 1500, 12)
+    frames = (frames_of("synthetic", altitudes) + noise((12, 7500), 10.0, rng)).astype(np.complex64)
+    result = Altimeter(W).process(frames)
+    reference = np.array([reference_altitude(f) for f in frames])
+    assert rms(result["altitude_m"] - reference) < 0.8 * altitude_crb_m(W, 10.0)
+    assert rms(reference - altitudes) < 2 * altitude_crb_m(W, 10.0)
+
+
+def test_doppler_cancels_in_the_altitude_and_is_the_vertical_speed():
+    rng = np.random.default_rng(4)
+    altitudes, speeds = rng.uniform(20, 1500, 150), rng.uniform(-150, 150, 150)
+    frames = point_return(W, altitudes, vertical_speed_m_per_s=speeds) + noise((150, 7500), 20.0, rng)
+    result = Altimeter(W).process(frames)
+    assert result["valid"].all()
+    assert rms(result["altitude_m"] - altitudes) < 0.2
+    assert np.abs(result["vertical_speed_m_per_s"] - speeds).max() < 1.0  # a hertz of Doppler is 3.5 cm/s
+    doppler = (result["beat_up_hz"] + result["beat_down_hz"]) / 2
+    np.testing.assert_allclose(doppler, 2 * speeds * 4.3e9 / C, atol=30.0)
+
+
+@pytest.mark.parametrize(
+    "w",
+    [
+        Waveform(bandwidth_hz=7.100123e6),
+        Waveform(bandwidth_hz=6.7001666e6, sweep_s=3e-3, centered=False),
+        Waveform(bandwidth_hz=20e6, rate_hz=25e6, sweep_s=2e-3),
+    ],
+    ids=["part_cycles", "slow_uncentred", "wide"],
+)
+def test_other_sweeps_work_as_well(w):
+    altitudes = np.array([5.0, 77.7, 600.0, 1450.0])
+    result = Altimeter(w).process(np.stack([w.beat_shifted(a) for a in altitudes]))
+    np.testing.assert_allclose(result["altitude_m"], altitudes, atol=0.02)
+    delayed = Altimeter(w).process(point_return(w, altitudes))
+    np.testing.assert_allclose(delayed["altitude_m"], altitudes, atol=0.5)
+
+
+@pytest.mark.parametrize("window", ["boxcar", "hann", "hamming", "blackman"])
+@pytest.mark.parametrize("strategy", ["strongest", "leading_edge", "centroid"])
+def test_every_window_and_strategy_finds_a_point_target(window, strategy):
+    """The strongest cell's interpolation is exact for one tone; the others keep to a tenth of the 20 m cell."""
+    altitudes = np.linspace(60, 1400, 97)
+    settings = AltimeterSettings(window=window, strategy=strategy)
+    result = Altimeter(W, settings).process(frames_of("synthetic", altitudes))
+    error = result["altitude_m"] - altitudes
+    assert np.abs(error).max() < {"strongest": 0.01, "leading_edge": 2.0, "centroid": 1.0}[strategy]
+
+
+def test_leading_edge_reads_the_nearest_point_of_an_extended_return():
+    """Incoherent ground behind its nearest point, decaying over 40 m: the edge is nearest to the truth."""
+    rng = np.random.default_rng(9)
+    depth = np.linspace(0, 120, 40)
+    amplitude = np.exp(-depth / 80)
+    errors = {s: [] for s in ("leading_edge", "centroid", "strongest")}
+    for _ in range(60):
+        gains = amplitude * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
+        frame = gains @ frames_of("synthetic", 300 + depth)
+        for strategy, values in errors.items():
+            values.append(Altimeters[strategy].process(frame[None])["forced_altitude_m"][0] - 300)
+    bias = {s: np.mean(v) for s, v in errors.items()}
+    assert bias["leading_edge"] < min(bias["centroid"], bias["strongest"]) - 5
+
+
+Altimeters = {
+    s: Altimeter(W, AltimeterSettings(strategy=s)) for s in ("leading_edge", "centroid", "strongest")
+}
+
+
+def test_snr_is_the_peak_over_the_noise_of_the_beat_spectrum():
+    """Coherent gain of a half sweep of 3750 samples: 35.7 dB over the SNR before dechirping."""
+    rng = np.random.default_rng(6)
+    on_cell = W.beats_to_altitude_m(40e3, -40e3)
+    frames = W.beat_shifted(float(on_cell)) + noise((200, 7500), -10.0, rng)
+    snr = Altimeter(W, AltimeterSettings(window="hann")).process(frames)["snr_db"]
+    # Hann loses 1.76 dB to its noise bandwidth; half a cell of straddling costs up to 0.4 dB
+    assert snr.mean() == pytest.approx(-10 + 10 * np.log10(3750) - 1.76, abs=0.6)
+
+
+# -- timing, batches, scale -------------------------------------------------------------------------------------------
+
+
+def test_known_timing_offset_is_subtracted_as_delay():
+    frames = point_return(W, np.array([200.0, 200.0]) + C / 2 * np.array([0.3, -0.5]) / 7.5e6)
+    offsets = np.array([0.3, -0.5]) / 7.5e6
+    result = Altimeter(W).process(frames, timing_offset_s=offsets, frame_index=np.array([7, 9]))
+    np.testing.assert_allclose(result["altitude_m"], 200.0, atol=0.1)
+    np.testing.assert_array_equal(result["frame_index"], [7, 9])
+
+
+def test_batch_gives_what_single_frames_give_bit_for_bit():
+    rng = np.random.default_rng(1)
+    frames = frames_of("synthetic", rng.uniform(3, 1500, 9)) + noise((9, 7500), 0.0, rng)
+    frames[4] = noise((7500,), 0.0, rng)
+    altimeter = Altimeter(W)
+    whole = altimeter.process(frames)
+    singly = np.concatenate([altimeter.process(f[None], frame_index=i) for i, f in enumerate(frames)])
+    assert whole.tobytes() == singly.tobytes()
+    assert whole.dtype == RESULT_DTYPE
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-12, 1e12, 1e30])
+def test_result_does_not_depend_on_the_level(scale):
+    frame = (W.beat_shifted(321.0) + noise((7500,), 10.0, np.random.default_rng(1))).astype(np.complex64)[
+        None
+    ]
+    altimeter = Altimeter(W)
+    expected, scaled = (altimeter.process(f)[0] for f in (frame, frame * np.float32(scale)))
+    assert bool(scaled["valid"])
+    for name in ("altitude_m", "vertical_speed_m_per_s", "snr_db"):
+        assert scaled[name] == pytest.approx(expected[name], rel=1e-4, abs=1e-3)
+
+
+# -- frames without an altitude ---------------------------------------------------------------------------------------
+
+
+def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbours_alone():
+    rng = np.random.default_rng(5)
+    clean = W.beat_shifted(250.0)
+    frames = np.stack([clean] * 6)
+    frames[1, 100] = np.nan
+    frames[2, 7000] = np.inf
+    frames[3] = 0
+    frames[4] = noise((7500,), 0.0, rng)
+    result = Altimeter(W, AltimeterSettings(pfa=1e-9)).process(frames)
+    names = [Reason.NAMES[r] for r in result["reason"]]
+    assert names == ["ok", "not_finite", "not_finite", "no_signal", "no_detection", "ok"]
+    assert list(result["valid"]) == [True, False, False, False, False, True]
+    assert np.isnan(result["altitude_m"][1:5]).all()
+    np.testing.assert_allclose(result["altitude_m"][[0, 5]], 250.0, atol=0.01)
+    # a forced decision exists for noise, not for what is no frame at all
+    assert np.isfinite(result["forced_altitude_m"][[0, 4, 5]]).all()
+    assert np.isnan(result["forced_altitude_m"][1:4]).all()
+
+
+def test_forced_decision_is_the_detection_where_there_is_one():
+    altitudes = np.linspace(10, 1400, 20)
+    result = Altimeter(W).process(frames_of("synthetic", altitudes))
+    np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
+
+
+def test_sweeps_that_disagree_beyond_doppler_are_no_target():
+    """One altitude going up, another going down: each sweep detects, together they are impossible."""
+    up, down = W.beat_shifted(200.0), W.beat_shifted(900.0)
+    frame = np.concatenate([up[:3750], down[3750:]]) + noise((7500,), 20.0, np.random.default_rng(1))
+    result = Altimeter(W).process(frame[None])[0]
+    assert Reason.NAMES[result["reason"]] == "sweeps_disagree"
+    assert not result["valid"]
+
+
+def test_altitude_outside_the_span_is_not_reported():
+    settings = AltimeterSettings(max_altitude_m=500.0)
+    frames = np.stack([W.beat_shifted(a) for a in (400.0, 520.0, 800.0)]) + noise(
+        (3, 7500), 10.0, np.random.default_rng(3)
+    )
+    valid = Altimeter(W, settings).process(frames)["valid"]
+    assert list(valid) == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"max_altitude_m": -1.0}, "altimeter.max_altitude_m -1 has to be above min_altitude_m 0"),
+        (
+            {"strategy": "median"},
+            "altimeter.strategy is 'median'; allowed: strongest, leading_edge, centroid",
+        ),
+        ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
+        ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
+        ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
+        ({"pfa": 0.9}, "cfar.pfa is 0.9"),
+        ({"cfar": "median"}, "cfar.kind is 'median'"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, said):
+    with pytest.raises(ValueError, match=said):
+        Altimeter(W, AltimeterSettings(**settings))
+
+
+def test_frames_of_another_length_are_refused():
+    with pytest.raises(ValueError, match=r"frames have shape \(2, 100\); expected \(n, 7500\)"):
+        Altimeter(W).process(np.zeros((2, 100), np.complex64))

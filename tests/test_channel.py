@@ -1,0 +1,318 @@
+"""The simulated channel: each impairment alone against its definition, and nothing at all while it is off."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radalt.core.channel import ChannelSettings, DropSettings, SimulatedChannel
+from radalt.core.interference import QpskEmitter
+from radalt.core.programme import Programme
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+N = 7500
+PLAIN = ChannelSettings(snr_db=None, start_offset_samples=100)
+FRAMES = 8
+
+
+def band_limited(count: int, seed: int = 1) -> np.ndarray:
+    """Noise in the middle 80 % of the band: what a fractional delay can be checked with."""
+    rng = np.random.default_rng(seed)
+    spectrum = rng.standard_normal(count) + 1j * rng.standard_normal(count)
+    spectrum[np.abs(np.fft.fftfreq(count)) > 0.4] = 0
+    samples = np.fft.ifft(spectrum)
+    return samples / np.sqrt(np.mean(np.abs(samples) ** 2))
+
+
+def play(
+    settings: ChannelSettings, radar=None, jammer=None, *, seed=1, frames=FRAMES, **kwargs
+) -> np.ndarray:
+    """The received stream, gaps cut out."""
+    channel = SimulatedChannel(W, settings, seed=seed, frames=frames, **kwargs)
+    out = []
+    for i in range(frames):
+        tx = np.zeros(N, np.complex64) if radar is None else radar[i * N : (i + 1) * N].astype(np.complex64)
+        jam = None if jammer is None else jammer[i * N : (i + 1) * N].astype(np.complex64)
+        out += [samples for _, samples in channel.process(tx, jam)]
+    return np.concatenate(out)
+
+
+def power_db(samples: np.ndarray) -> float:
+    return 10 * np.log10(np.mean(np.abs(samples) ** 2))
+
+
+def delayed(samples: np.ndarray, delay: float) -> np.ndarray:
+    """Reference: exact fractional delay by the phase ramp of a whole-signal transform (circular)."""
+    f = np.fft.fftfreq(samples.size)
+    return np.fft.ifft(np.fft.fft(samples) * np.exp(-2j * np.pi * f * delay))
+
+
+# -- latency ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [0.0, 7.0, 100.0, 7498.0])
+def test_whole_latency_is_an_exact_shift(offset):
+    x = band_limited(FRAMES * N).astype(np.complex64)
+    out = play(replace(PLAIN, start_offset_samples=offset), x)
+    np.testing.assert_array_equal(out[int(offset) :], x[: x.size - int(offset)])
+    assert not out[: int(offset)].any()
+
+
+@pytest.mark.parametrize("offset", [80.25, 777.5, 5000.123, 9000.9])
+def test_fractional_latency_is_the_ideal_delay(offset):
+    """-60 dB of interpolation error up to 80 % of the band; the fraction is kept to 1/4096 sample."""
+    x = band_limited(FRAMES * N)
+    out = play(replace(PLAIN, start_offset_samples=offset), x)
+    middle = slice(3 * N, 7 * N)
+    assert power_db(out[middle] - delayed(x, offset)[middle]) < -55
+
+
+def test_unset_latency_is_drawn_from_the_seed_with_a_fraction():
+    latencies = [SimulatedChannel(W, ChannelSettings(), seed=s).latency_samples for s in range(200)]
+    assert latencies[3] == SimulatedChannel(W, ChannelSettings(), seed=3).latency_samples
+    assert len(set(latencies)) == 200 and all(v != int(v) for v in latencies)
+    assert 80 <= min(latencies) < 300 and 7200 < max(latencies) < N
+
+
+# -- noise and level --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("snr_db", [-5.0, 10.0, 20.0])
+def test_snr_is_return_power_over_noise_power_in_the_whole_band(snr_db):
+    noise = play(replace(PLAIN, snr_db=snr_db), frames=20)
+    assert power_db(noise) == pytest.approx(-snr_db, abs=0.05)  # 150,000 samples: 0.01 dB
+    density = np.mean(np.abs(np.fft.fft(noise.reshape(-1, 300), axis=1)) ** 2, axis=0)
+    assert 10 * np.log10(density.max() / density.min()) < 2.5  # white: 500 averages
+    assert abs(np.mean(noise**2)) < 0.02 * np.mean(np.abs(noise) ** 2)  # circular
+
+
+def test_gain_scales_return_interference_and_noise_alike():
+    x, j = band_limited(FRAMES * N), band_limited(FRAMES * N, 2)
+    settings = replace(PLAIN, snr_db=10.0)
+    out, louder = play(settings, x, j), play(replace(settings, gain_db=6.0), x, j)
+    np.testing.assert_allclose(louder, out * 10**0.3, atol=1e-5)
+
+
+def test_both_transmitters_add():
+    x, j = band_limited(FRAMES * N), band_limited(FRAMES * N, 2)
+    np.testing.assert_allclose(play(PLAIN, x, j), play(PLAIN, x) + play(PLAIN, None, j), atol=1e-6)
+
+
+# -- the jammer's own radio -------------------------------------------------------------------------------------------
+
+
+def test_jammer_delay_is_added_to_the_latency():
+    j = band_limited(FRAMES * N).astype(np.complex64)
+    out = play(replace(PLAIN, jammer_delay_samples=23.0), None, j)
+    np.testing.assert_array_equal(out[123:], j[:-123])
+
+
+def test_jammer_lo_offset_shifts_its_spectrum_without_a_seam():
+    line = np.ones(FRAMES * N)
+    out = play(replace(PLAIN, jammer_lo_offset_hz=12_345.0), None, line)[2 * N :]
+    increments = np.angle(out[1:] * np.conj(out[:-1]))
+    np.testing.assert_allclose(increments, 2 * np.pi * 12_345.0 / 7.5e6, atol=2e-6)
+
+
+@pytest.mark.parametrize("ppm", [-20.0, 20.0])
+def test_jammer_clock_drifts_by_its_parts_per_million(ppm):
+    """After 40 frames 20 ppm are 6 samples; measured by correlation against the sent signal, interpolated."""
+    frames = 40
+    j = band_limited(frames * N)
+    out = play(replace(PLAIN, jammer_clock_ppm=ppm), None, j, frames=frames)
+
+    def lag(frame: int) -> float:
+        span = slice(frame * N, (frame + 1) * N)
+        sent = j[span] if ppm < 0 else j[span.start - N : span.stop - N]  # a fast clock starts a frame behind
+        spectrum = np.fft.fft(out[span], 4 * N) * np.conj(np.fft.fft(sent, 4 * N))
+        # 16-fold interpolation of the correlation
+        wide = np.zeros(64 * N, complex)
+        half = 2 * N
+        wide[:half], wide[-half:] = spectrum[:half], spectrum[half:]
+        correlation = np.abs(np.fft.ifft(wide))
+        at = int(np.argmax(correlation))
+        return (at if at < 32 * N else at - 64 * N) / 16
+
+    first, last = lag(3), lag(39)
+    assert last - first == pytest.approx(-ppm * 1e-6 * 36 * N, abs=0.15)
+    assert power_db(out[3 * N :]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_jammer_clock_may_drift_past_a_frame():
+    """10,000 frames of 100 ppm are one frame of drift either way: the delay line has to hold."""
+    w = Waveform(sweep_s=1e-4)
+    tone = np.exp(2j * np.pi * 0.1 * np.arange(w.samples_per_frame)).astype(np.complex64)
+    silence = np.zeros_like(tone)
+    for ppm in (-100.0, 100.0):
+        channel = SimulatedChannel(w, replace(PLAIN, jammer_clock_ppm=ppm), frames=10)
+        for _ in range(10_200):
+            out = channel.process(silence, tone)[0][1]
+        np.testing.assert_allclose(np.abs(out), 1.0, atol=1e-3)
+
+
+# -- the receiver -----------------------------------------------------------------------------------------------------
+
+
+def test_dc_offset_is_a_constant_added():
+    x = band_limited(FRAMES * N)
+    difference = play(replace(PLAIN, dc_offset=0.3), x) - play(PLAIN, x)
+    np.testing.assert_allclose(difference, 0.3, atol=1e-6)
+
+
+@pytest.mark.parametrize(("gain_db", "phase_deg"), [(1.0, 0.0), (0.0, 3.0), (0.5, -2.0)])
+def test_iq_imbalance_makes_an_image_of_the_textbook_ratio(gain_db, phase_deg):
+    """Image over signal |(1 - g e^{-j phi}) / (1 + g e^{j phi})| of a tone at +1 MHz, seen at -1 MHz."""
+    tone = np.exp(2j * np.pi * 1e6 / 7.5e6 * np.arange(FRAMES * N))
+    out = play(replace(PLAIN, iq_gain_db=gain_db, iq_phase_deg=phase_deg), tone)[2 * N : 3 * N]
+    spectrum = np.abs(np.fft.fft(out))
+    g, phi = 10 ** (gain_db / 20), np.deg2rad(phase_deg)
+    expected = abs((1 - g * np.exp(-1j * phi)) / (1 + g * np.exp(1j * phi)))
+    assert spectrum[-1000] / spectrum[1000] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("bits", [6, 8, 12])
+def test_converter_noise_is_a_twelfth_of_the_step_squared(bits):
+    """Two rails of step^2 / 12 each; against a unit signal at full scale 4: 6.02 dB a bit."""
+    x = band_limited(FRAMES * N) * 0.7
+    error = play(replace(PLAIN, adc_bits=bits, full_scale=4.0), x) - play(PLAIN, x)
+    step = 4.0 / 2 ** (bits - 1)
+    assert power_db(error[N:]) == pytest.approx(10 * np.log10(2 * step**2 / 12), abs=0.15)
+    rails = play(replace(PLAIN, adc_bits=bits, full_scale=4.0), x).view(np.float32) / step
+    np.testing.assert_allclose(rails, np.rint(rails), atol=1e-5)
+
+
+def test_converter_clips_at_full_scale():
+    x = 10 * band_limited(FRAMES * N)
+    rails = play(replace(PLAIN, adc_bits=12, full_scale=4.0), x).view(np.float32)
+    assert rails.min() == -4.0
+    assert rails.max() == pytest.approx(4.0 * (2047 / 2048))
+    one_bit = np.unique(play(replace(PLAIN, adc_bits=1, full_scale=4.0), x)[2 * N :].view(np.float32))
+    np.testing.assert_allclose(one_bit, [-2.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "off",
+    [
+        {"dc_offset": 0.0},
+        {"iq_gain_db": 0.0, "iq_phase_deg": 0.0},
+        {"adc_bits": 0, "full_scale": 1.0},
+        {"gain_db": 0.0},
+        {"jammer_clock_ppm": 0.0, "jammer_lo_offset_hz": 0.0, "jammer_delay_samples": 0.0},
+        {"drops": DropSettings(0, tagged=False)},
+        {"leakage_db": None},
+    ],
+)
+def test_impairment_that_is_off_is_not_there_bit_for_bit(off):
+    x, j = band_limited(FRAMES * N), band_limited(FRAMES * N, 2)
+    settings = ChannelSettings(snr_db=10.0)
+    assert play(replace(settings, **off), x, j).tobytes() == play(settings, x, j).tobytes()
+
+
+def test_silent_jammer_is_no_jammer_bit_for_bit():
+    x = band_limited(FRAMES * N)
+    settings = ChannelSettings(snr_db=10.0, dc_offset=0.1, adc_bits=12, jammer_lo_offset_hz=500.0)
+    assert play(settings, x, np.zeros(FRAMES * N)).tobytes() == play(settings, x).tobytes()
+
+
+def test_same_seed_same_stream_and_another_seed_another():
+    settings = ChannelSettings(snr_db=10.0, jammer_clock_ppm=3.0, drops=DropSettings(2, 10, 20))
+    x = band_limited(40 * N)
+    first, same, other = (play(settings, x, x, seed=s, frames=40) for s in (5, 5, 6))
+    assert first.tobytes() == same.tobytes()
+    assert not np.array_equal(first[: N * 10], other[: N * 10])
+
+
+# -- true delay -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("altitude", "speed"), [(3.0, 0.0), (700.0, 0.0), (1500.0, -80.0)])
+def test_true_delay_is_the_return_of_the_whole_signal_formula(altitude, speed):
+    """Against s(t - tau) exp(-j 2 pi f_c tau) evaluated without a filter; range walk inside a frame is left out."""
+    programme = Programme((altitude,), 10, vertical_speed_m_per_s=speed)
+    x = np.tile(W.reference, 20)
+    out = play(PLAIN, x, frames=20, true_delay=programme)
+    frame = 12
+    received = out[frame * N + 100 : (frame + 1) * N + 100]
+    expected = point_return(W, altitude, vertical_speed_m_per_s=speed)
+    coherence = (
+        abs(np.vdot(expected, received)) ** 2
+        / np.vdot(expected, expected).real
+        / np.vdot(received, received).real
+    )
+    assert coherence > 0.998
+    # the corner of the triangle at the band edge has spectrum outside the interpolator's 97 %
+    if not speed:
+        assert power_db(received - expected) < -25
+    assert power_db(received) == pytest.approx(0.0, abs=0.02)
+
+
+def test_leakage_is_the_transmitted_sweep_at_zero_delay():
+    programme = Programme((900.0,), 10)
+    x = np.tile(W.reference, 14)
+    with_it = play(replace(PLAIN, leakage_db=-6.0), x, frames=14, true_delay=programme)
+    difference = with_it - play(PLAIN, x, frames=14, true_delay=programme)
+    np.testing.assert_allclose(difference[N:], 10 ** (-6 / 20) * np.roll(x, 100)[N:], atol=2e-6)
+
+
+# -- lost samples -----------------------------------------------------------------------------------------------------
+
+
+def test_gaps_are_all_there_and_what_is_left_is_untouched():
+    frames, settings = 300, replace(PLAIN, drops=DropSettings(25, 100, 20_000))
+    x = band_limited(frames * N).astype(np.complex64)
+    whole = play(PLAIN, x, frames=frames)
+    channel = SimulatedChannel(W, settings, seed=3, frames=frames)
+    gaps = channel.gaps
+    assert len(gaps) == 25
+    kept = np.ones(frames * N, bool)
+    for first, length in gaps:
+        assert 100 <= length <= 20_000 and first >= 20 * N
+        kept[first : first + length] = False
+    expected, got = 0, np.zeros(frames * N, bool)
+    for i in range(frames):
+        for counter, samples in channel.process(x[i * N : (i + 1) * N]):
+            assert counter >= expected
+            got[counter : counter + samples.size] = True
+            np.testing.assert_array_equal(samples, whole[counter : counter + samples.size])
+            expected = counter + samples.size
+    np.testing.assert_array_equal(got, kept)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: ChannelSettings(adc_bits=20), "channel.adc_bits is 20; 0 for none, else 1..16"),
+        (lambda: ChannelSettings(full_scale=0.0), "channel.full_scale is 0"),
+        (lambda: ChannelSettings(start_offset_samples=-1.0), "channel.start_offset_samples is -1"),
+        (
+            lambda: ChannelSettings(jammer_clock_ppm=200.0),
+            "channel.jammer_clock_ppm is 200; within -100..100",
+        ),
+        (lambda: ChannelSettings(jammer_delay_samples=-3.0), "channel.jammer_delay_samples is -3"),
+        (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),
+        (
+            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=3.5)),
+            "below the kernel's 64",
+        ),
+        (
+            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=0, jammer_clock_ppm=1.0)),
+            "jammer_clock_ppm 1 .* start_offset_samples 0 leaves no room",
+        ),
+        (
+            lambda: SimulatedChannel(W, ChannelSettings(drops=DropSettings(50)), frames=60),
+            "50 gaps do not fit a run of 60 frames",
+        ),
+        (lambda: SimulatedChannel(W).process(np.zeros(10, np.complex64)), "blocks of 7500 samples"),
+    ],
+)
+def test_impossible_channels_are_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_free_emitters_pass_at_their_power():
+    j = QpskEmitter(pulse="rrc").samples(FRAMES * N, 7.5e6, np.random.default_rng(1))
+    settings = replace(PLAIN, start_offset_samples=100.4, jammer_clock_ppm=5.0, jammer_lo_offset_hz=2e3)
+    assert power_db(play(settings, None, j)[N:]) == pytest.approx(power_db(j), abs=0.1)
