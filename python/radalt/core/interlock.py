@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from .levels import MAX_RX_DBM, MAX_TX_DBM, rx_level_dbm
 from .scene import Scene
 
-__all__ = ["InterlockError", "require_enclosure"]
+__all__ = ["InterlockError", "check_levels", "require_enclosure"]
+
+_ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)
+_MIN_CABLED_ATTENUATION_DB = 30.0  # whatever the gains: one mistyped gain must not reach the receiver's limit
 
 
 class InterlockError(ValueError):
@@ -26,21 +30,49 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
     Raises
     ------
     InterlockError
+        Without an enclosure, with too little attenuation for the gains, or without ``transmit``.
     """
     if not radios:
         return
-    radio = scene.radio
-    if radio.enclosure == "none":
+    if scene.radio.enclosure == "none":
         raise InterlockError(
-            "transmit refused: 4.2-4.4 GHz is a safety-of-life band and radio.enclosure is 'none'; state 'cabled' with "
+            f"transmit refused: {_why(scene)} and radio.enclosure is 'none'; state 'cabled' with "
             "attenuation_db, or 'shielded', in the scene"
         )
-    if radio.enclosure == "cabled" and radio.attenuation_db < 30:
-        raise InterlockError(
-            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 receiver "
-            "is damaged above -15 dBm and transmits up to +20 dBm: use at least 30 dB (40 dB is usual)"
-        )
+    check_levels(scene)
     if not transmit:
         raise InterlockError(
             "transmit is off: add --transmit (or set the flowgraph's parameter transmit to 1)"
         )
+
+
+def check_levels(scene: Scene) -> None:
+    """Refuse gains and attenuation that could damage the receiver.
+
+    Raises
+    ------
+    InterlockError
+        If a cabled set-up states less than 30 dB, or the level at the receiver exceeds -15 dBm (`rx_level_dbm`).
+    """
+    radio = scene.radio
+    if radio.enclosure == "cabled" and radio.attenuation_db < _MIN_CABLED_ATTENUATION_DB:
+        raise InterlockError(
+            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 "
+            f"receiver is damaged above {MAX_RX_DBM:g} dBm and transmits up to {MAX_TX_DBM:+g} dBm: "
+            f"use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
+        )
+    level = rx_level_dbm(radio, scene.has_jammer)
+    if level > MAX_RX_DBM:
+        raise InterlockError(
+            f"transmit refused: up to {level:.1f} dBm would reach the receiver, which is damaged above "
+            f"{MAX_RX_DBM:g} dBm; lower the transmit gains or raise attenuation_db by {level - MAX_RX_DBM:.1f} dB"
+        )
+
+
+def _why(scene: Scene) -> str:
+    """What makes open transmission unlawful at the scene's sweep."""
+    w = scene.waveform
+    low, high = w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2
+    if low < _ALTIMETER_BAND_HZ[1] and high > _ALTIMETER_BAND_HZ[0]:
+        return "4.2-4.4 GHz is a safety-of-life band"
+    return f"{w.carrier_hz / 1e9:g} GHz is not free to use"
