@@ -55,17 +55,18 @@ def _ramp(hop: int) -> Tensor:
     return torch.stack([before, 1 - before - after, after], 1)[:, None]
 
 
-def _interpolate(blocks: Tensor, ramp: Tensor) -> Tensor:
-    """(B, 1, L) -> (B, 1, L hop)."""
+def _interpolate(blocks: Tensor, ramp: Tensor, samples: int) -> Tensor:
+    """(B, 1, L) -> (B, 1, samples = L hop)."""
     padded = torch.cat([blocks[..., :1], blocks, blocks[..., -1:]], 2)
-    return nnf.conv1d(padded, ramp).transpose(1, 2).reshape(blocks.shape[0], 1, -1)
+    return nnf.conv1d(padded, ramp).transpose(1, 2).reshape(-1, 1, samples)
 
 
 class _Modulus(nn.Module):
     """Stage 1: (B, 2, N) -> (B, 2, N)."""
 
-    def __init__(self, settings: CompactSettings, bins: int) -> None:
+    def __init__(self, settings: CompactSettings, bins: int, samples: int) -> None:
         super().__init__()
+        self.samples = samples
         self.hop, self.kernel = settings.hop, settings.kernel
         width = 16
         self.enter = nn.Conv1d(bins + 5, width, 4, stride=2, padding=1)
@@ -96,14 +97,14 @@ class _Modulus(nn.Module):
         on_sweep = log_power(beat_power.sum(1, keepdim=True) / (mean_power + 1e-12) + 1e-6)
         average = level.mean(2, keepdim=True)
         envelope = torch.cat(
-            [level - average, spread, short - average, on_sweep, average.expand_as(level)], 1
+            [level - average, spread, short - average, on_sweep, level - (level - average)], 1
         )
         h = self.enter(torch.cat([envelope, log_power(beat_power) - average], 1) * 0.25)
         control = torch.sigmoid(self.leave(self.blocks(h)))
-        subtract, keep = _interpolate(control[:, :1], self.ramp), _interpolate(control[:, 1:], self.ramp)
+        subtract, keep = (_interpolate(control[:, i : i + 1], self.ramp, self.samples) for i in (0, 1))
         # local amplitude, sharper than the feature: three halves of a hop
         local = nnf.avg_pool1d(modulus, 3 * self.fine, self.fine, padding=self.fine, count_include_pad=False)
-        local = _interpolate(local, self.fine_ramp)
+        local = _interpolate(local, self.fine_ramp, self.samples)
         return x * (keep * (1 + subtract) * (1 - subtract * local / modulus)), envelope
 
 
@@ -112,7 +113,7 @@ class _Spectrum(nn.Module):
 
     def __init__(self, samples: int, smooth: int = 25, step: int = 5) -> None:
         super().__init__()
-        self.smooth, self.step = smooth, step
+        self.samples, self.smooth, self.step = samples, smooth, step
         factors = _factors(samples)
         self.forward_dft = MatrixDft(factors)
         self.inverse_dft = MatrixDft(factors, inverse=True)
@@ -139,13 +140,11 @@ class _Spectrum(nn.Module):
         level = torch.log(smooth)
         middle = level.mean(2, keepdim=True)
         over = level - torch.log(floor)
-        features = torch.cat(
-            [over, torch.log(wide) - level, level - middle, (middle - torch.log(floor)).expand_as(level)], 1
-        )
+        features = torch.cat([over, torch.log(wide) - level, level - middle, over - (level - middle)], 1)
         change = self.out(torch.tanh(self.hidden(0.3 * features)))
         exponent = self.depth * torch.exp(change[:, 1:])
         gain = torch.exp(-exponent * nnf.softplus(over - self.offset + change[:, :1]))
-        gain = nnf.conv1d(gain, self.repeat).transpose(1, 2).reshape(x.shape[0], 1, -1)
+        gain = nnf.conv1d(gain, self.repeat).transpose(1, 2).reshape(-1, 1, self.samples)
         return self.inverse_dft(spectrum * gain)
 
 
@@ -171,7 +170,7 @@ class Compact(nn.Module):
         bins = range(-settings.reach, settings.reach + 1)
         self.dechirp = Dechirp(waveform)
         self.bank = FourierBank(samples, settings.kernel, settings.hop, bins)
-        self.modulus = _Modulus(settings, len(bins)) if settings.modulus else None
+        self.modulus = _Modulus(settings, len(bins), samples) if settings.modulus else None
         self.spectrum = _Spectrum(samples) if settings.spectrum else None
         c, b = settings.channels, len(bins)
         entering = 3 * b + 1 + (5 + b if settings.modulus else 0)
