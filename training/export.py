@@ -38,10 +38,16 @@ _SMALL = 1024  # tensors below this many elements stay float32
 
 
 def git_revision() -> str:
-    """Commit of the source tree, ``-dirty`` if files differ, ``unknown`` outside git."""
+    """Last commit of what a model is made from, ``-dirty`` if such files differ from it, ``unknown`` outside git."""
+    sources = ["training/*.py", "training/networks", "python/radalt/core"]
+
+    def git(*command: str) -> str:
+        run = subprocess.run(["git", "-C", str(ROOT), *command], capture_output=True, text=True, check=True)
+        return run.stdout.strip()
+
     try:
-        command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude", "*"]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+        revision = git("log", "-1", "--format=%H", "--", *sources)[:12]
+        return revision + ("-dirty" if git("status", "--porcelain", "--", *sources) else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 

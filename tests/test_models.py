@@ -1,0 +1,248 @@
+"""The shipped networks: what they claim about themselves, and what the physics says they must do.
+
+Everything is read from the ONNX files themselves, without PyTorch and without the `onnx` package.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from math import prod
+
+import numpy as np
+import pytest
+
+from radalt.core.altimeter import Altimeter
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.mitigation import MitigationError, create
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+SHIPPED = ("tcae", "paper", "cnn", "fc")
+TRIALS = 120
+
+
+@pytest.fixture(scope="module")
+def models(root):
+    return root / "models"
+
+
+@pytest.fixture(scope="module")
+def compact(models):
+    return create("tcae", Waveform(), model=models / "tcae.onnx")
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """Altitudes and noisy returns at SNR 10 dB, seeds no training used."""
+    rng = np.random.default_rng(271_828)
+    altitude_m = rng.uniform(3.0, 1500.0, TRIALS)
+    frames = point_return(Waveform(), altitude_m, phase_cycles=rng.random(TRIALS))
+    noise = rng.standard_normal((*frames.shape, 2)).view(np.complex128)[..., 0]
+    return altitude_m, (frames + np.sqrt(0.05) * noise).astype(np.complex64)
+
+
+# -- a reader of the protocol-buffer wire format, enough for names and shapes of initialisers ------------------------
+
+
+def _fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    """Field numbers and values of one message (varints as int, the rest as bytes)."""
+    at = 0
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                return value
+
+    while at < len(data):
+        key = varint()
+        kind = key & 7
+        if kind == 0:
+            yield key >> 3, varint()
+            continue
+        size = varint() if kind == 2 else {1: 8, 5: 4}[kind]
+        yield key >> 3, data[at : at + size]
+        at += size
+
+
+def _initialisers(path) -> dict[str, int]:
+    """Elements of every initialiser: ModelProto.graph is field 7, GraphProto.initializer 5, TensorProto.name 8."""
+    out = {}
+    for number, graph in _fields(memoryview(path.read_bytes())):
+        if number != 7:
+            continue
+        for number_in_graph, tensor in _fields(graph):
+            if number_in_graph != 5:
+                continue
+            dims, name = [], ""
+            for field, value in _fields(tensor):
+                if field == 1:
+                    dims += [value] if isinstance(value, int) else [v for v in _packed(value)]
+                elif field == 8:
+                    name = bytes(value).decode()
+            out[name] = prod(dims)
+    return out
+
+
+def _packed(data: memoryview) -> list[int]:
+    values, value, shift = [], 0, 0
+    for byte in data:
+        value |= (byte & 0x7F) << shift
+        shift += 7
+        if byte < 0x80:
+            values.append(value)
+            value = shift = 0
+    return values
+
+
+def _parameters(path, metadata) -> dict[str, int]:
+    """Trainable parameters by top-level part of the network."""
+    sizes = {re.sub(r"\.(int8|float16)$", "", name): size for name, size in _initialisers(path).items()}
+    parts = {}
+    for name in metadata["radalt_weights"].split(","):
+        part = name.split(".")[0]
+        parts[part] = parts.get(part, 0) + sizes[name]
+    return parts
+
+
+# -- what the files say ------------------------------------------------------------------------------------------------
+
+
+def test_paper_model_has_the_papers_parameters(models):
+    """DESIGN.md 5: 4,336 + 15,356,160 + 1,926,472 + 3,314 = 17,290,282, counted in the exported file."""
+    path = models / "paper.onnx"
+    parts = _parameters(path, create("tcae", Waveform(), model=path).metadata)
+    assert parts == {"encoder": 4_336, "compress": 15_356_160, "expand": 1_926_472, "decoder": 3_314}
+    assert sum(parts.values()) == 17_290_282
+
+
+def test_compact_model_is_compact(models, compact):
+    assert sum(_parameters(models / "tcae.onnx", compact.metadata).values()) <= 1_000_000
+
+
+def test_all_models_together_stay_below_30_megabytes(models):
+    assert sum(path.stat().st_size for path in models.glob("*.onnx")) < 30e6
+
+
+def test_every_shipped_model_is_one_that_is_tested(models):
+    assert {path.stem for path in models.glob("*.onnx")} == set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_card_belongs_to_the_file(models, name):
+    """A card that names another hash describes another model."""
+    card = (models / f"{name}.md").read_text()
+    method = create("tcae", Waveform(), model=models / f"{name}.onnx")
+    assert hashlib.sha256((models / f"{name}.onnx").read_bytes()).hexdigest() in card
+    assert f"{int(method.metadata['radalt_training_examples']):,}" in card
+    assert f"{int(method.metadata['radalt_parameters']):,}" in card
+    for heading in ("Data", "Recipe", "Results", "Limits", "Licence"):
+        assert f"## {heading}" in card
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_model_states_its_provenance(models, name):
+    metadata = create("tcae", Waveform(), model=models / f"{name}.onnx").metadata
+    assert re.fullmatch(r"[0-9a-f]{64}", metadata["radalt_training_data_sha256"])
+    assert re.match(r"[0-9a-f]{12}", metadata["radalt_git_revision"])
+    assert metadata.get("radalt_placeholder", "0") == "0"
+
+
+def test_waveform_that_was_not_trained_for_is_refused(models):
+    with pytest.raises(MitigationError, match="radalt_rate_hz|radalt_frame_samples"):
+        create("tcae", Waveform(rate_hz=15e6, bandwidth_hz=7.5e6), model=models / "tcae.onnx")
+    with pytest.raises(MitigationError, match="radalt_centered"):
+        create("tcae", Waveform(centered=False), model=models / "tcae.onnx")
+
+
+# -- what the networks do ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_output_is_finite_for_any_finite_frame(models, name):
+    """Silence, one impulse, full scale, tiny and huge amplitudes."""
+    method = create("tcae", Waveform(), model=models / f"{name}.onnx")
+    frames = np.zeros((5, 7500), dtype=np.complex64)
+    frames[1, 3000] = 1.0
+    frames[2] = 1.0 + 1.0j
+    frames[3] = 1e-12 * Waveform().reference
+    frames[4] = 1e12 * Waveform().reference
+    assert np.isfinite(method.process(frames).view(np.float32)).all()
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_gain_before_is_gain_after(models, name, scenes):
+    """Frames are normalised outside the network, so a receiver's gain passes through."""
+    method = create("tcae", Waveform(), model=models / f"{name}.onnx")
+    frames = scenes[1][:4]
+    np.testing.assert_allclose(method.process(64 * frames), 64 * method.process(frames), rtol=0, atol=1e-2)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_frames_are_cleaned_one_by_one(models, name, scenes):
+    """A batch is as good as its frames alone: nothing leaks between neighbours."""
+    method = create("tcae", Waveform(), model=models / f"{name}.onnx")
+    frames = scenes[1][:3]
+    alone = np.concatenate([method.process(frame[None]) for frame in frames])
+    scale = np.abs(alone).max()
+    np.testing.assert_allclose(method.process(frames) / scale, alone / scale, rtol=0, atol=2e-4)
+
+
+def _pd(method, frames, altitude_m):
+    result = Altimeter(Waveform()).process(method.process(frames))
+    return float(np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < 5.0)))
+
+
+def _forced_rmse_m(method, frames, altitude_m):
+    result = Altimeter(Waveform()).process(method.process(frames))
+    return float(np.sqrt(np.mean((result["forced_altitude_m"] - altitude_m) ** 2)))
+
+
+def _interfered(scenes, emitter, sir_db, overlap):
+    rng = np.random.default_rng(161_803)
+    extra = interference_frames([Interferer(emitter, sir_db, overlap)], TRIALS, 7500, 7.5e6, rng)
+    return (scenes[1] + extra).astype(np.complex64)
+
+
+def test_clean_scene_is_left_alone(compact, scenes):
+    """Target (e): RMSE at most 1.2 times that without mitigation."""
+    altitude_m, frames = scenes
+    none = create("none", Waveform())
+    assert _pd(compact, frames, altitude_m) == 1.0
+    assert _forced_rmse_m(compact, frames, altitude_m) <= 1.2 * _forced_rmse_m(none, frames, altitude_m)
+
+
+@pytest.mark.parametrize(
+    ("emitter", "sir_db", "overlap"),
+    [
+        (QpskEmitter(), -40.0, 1.0),
+        (QpskEmitter(), -40.0, 0.3),
+        (QpskEmitter(pulse="rrc"), -38.0, 1.0),
+        (QpskEmitter(pulse="rrc"), -38.0, 0.3),
+        (ToneEmitter(5), -40.0, 1.0),
+    ],
+)
+def test_compact_measures_where_nothing_else_is_left(compact, scenes, emitter, sir_db, overlap):
+    """Twelve and more decibels beyond where no mitigation breaks (about -25 dB)."""
+    frames = _interfered(scenes, emitter, sir_db, overlap)
+    assert _pd(create("none", Waveform()), frames, scenes[0]) < 0.5
+    assert _pd(compact, frames, scenes[0]) >= 0.9
+
+
+def test_compact_holds_at_minus_ten_decibels_at_every_overlap(compact, scenes):
+    """Target (b) in the simulated baseband: Pd at least 0.95."""
+    for overlap in (0.1, 0.4, 0.7, 1.0):
+        frames = _interfered(scenes, QpskEmitter(), -10.0, overlap)
+        assert _pd(compact, frames, scenes[0]) >= 0.95
+
+
+def test_paper_model_meets_its_target(models, scenes):
+    """Target (a): forced RMSE below 50 m under full overlap at SINR -15 dB."""
+    paper = create("tcae", Waveform(), model=models / "paper.onnx")
+    frames = _interfered(scenes, QpskEmitter(), -14.99, 1.0)
+    assert _forced_rmse_m(paper, frames, scenes[0]) < 50.0

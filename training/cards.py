@@ -1,0 +1,182 @@
+"""Write the model cards from the files' own metadata and the rows of `evaluate.py`.
+
+PYTHONPATH=python .venv/bin/python training/cards.py --rows results/tcae/rows.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+ROOT = Path(__file__).resolve().parent.parent
+METHOD = {"tcae": "compact", "paper": "paper", "cnn": "cnn", "fc": "fc"}
+TITLE = {
+    "tcae": "`compact`, the default network of the method `tcae`",
+    "paper": "`paper`, the temporal convolutional autoencoder of Thornton et al., parameter for parameter",
+    "cnn": "`cnn`, a strided convolutional autoencoder for comparison",
+    "fc": "`fc`, a fully connected autoencoder for comparison",
+}
+RECIPE = {
+    "tcae": (
+        "Loss: log of the beat spectrum's error share after the best complex scale (`training/losses.py`). Adam, "
+        "gradient norm limited to 1. First recipe `compact_first` (data `fresh`, SIR -50..5 dB, peak rate 2e-3, "
+        "stopped after 2,750 steps of 32 = 88,000 examples), then from that checkpoint `compact` (data `deep`, "
+        "SIR -62..2 dB, peak rate 1.5e-3, cosine to zero). The examples above count the second part alone; 248,000 "
+        "in all. float32 on one core of a shared two-core machine, half an hour in all."
+    ),
+    "paper": (
+        "The paper's set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam, bfloat16 "
+        "autocast. Three things differ from the paper. The weights start from a closed form, the reduced-rank Wiener "
+        "estimator of the returns (`training/networks/paper_start.py`): from random weights the model still predicted "
+        "zero (MSE 0.5000) after 12,800 examples, all that the machine had time for. Batches hold 32 "
+        "and the rate is 1e-4. Training ran for {epochs:.2f} epochs, not 150. Dense layers are linear; the paper "
+        "does not give the probability of dropout, 0.02 here. Weights are stored as int8 with one scale a row and "
+        "widened when the file is loaded; the arithmetic is float32."
+    ),
+    "cnn": "Same data and loss as `compact_first`, Adam, peak rate 2e-3, cosine; a few minutes on one core.",
+    "fc": (
+        "Same data and loss as `compact_first`, Adam, peak rate 1e-3, cosine; a few minutes on one core. Weights are "
+        "stored as int8 with one scale a row and widened when the file is loaded."
+    ),
+}
+LIMITS = {
+    "tcae": (
+        "Frames of 7500 samples aligned with a centred 7.5 MHz sweep at 7.5 MS/s, returns at 0-1500 m and up to "
+        "50 m/s; outside that span the output is not the return. 10 MHz NR over the whole frame fills the band "
+        "evenly and has no constant envelope: there it is as good as no mitigation. The modulus stage lives "
+        "from an interferer of constant envelope; a fractional sample delay, a channel or another interferer on top "
+        "spoil that, and the break-point then moves up to that of the other stages (row "
+        "`qpsk_rectangular_delayed`). Only the beat band is put out: what lies outside is removed, interference or not."
+    ),
+    "paper": (
+        "Same frames. The decoder's eight channels at an eighth of the rate hold half the band, so precision is lost "
+        "even in a clean scene. Needs several times a frame's duration a frame on one core."
+    ),
+    "cnn": "Same frames. A row for the comparison, not for use.",
+    "fc": "Same frames. A row for the comparison, not for use.",
+}
+
+
+def milliseconds(path: Path) -> float:
+    """Tenth percentile of 300 frames on one thread: what the machine needs when nothing else runs."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    frame = np.random.default_rng(0).standard_normal((1, 2, 7500)).astype(np.float32)
+    times = []
+    for _ in range(300):
+        start = time.perf_counter()
+        session.run(None, {"iq": frame})
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.percentile(times, 10))
+
+
+def metadata(path: Path) -> dict[str, str]:
+    """The file's own properties."""
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    return dict(session.get_modelmeta().custom_metadata_map)
+
+
+def results(rows: list[dict[str, str]], method: str) -> str:
+    """Clean scene, SINR -15 dB, and Pd at three SIRs over the whole frame."""
+    out = []
+    for name, label in (
+        ("clean", "clean scene"),
+        ("qpsk_rectangular_sinr_-15", "rectangular QPSK, SINR -15 dB"),
+    ):
+        for row in rows:
+            if row["interferer"] == name and row["method"] == method:
+                out.append(
+                    f"- {label}: Pd {float(row['pd']):.3f}, forced RMSE {float(row['rmse_forced_m']):.3g} m "
+                    f"({row['trials']} frames)"
+                )
+    lines = ["| interferer | overlap | " + " | ".join(f"Pd at {s} dB" for s in (-20, -30, -40)) + " |"]
+    lines.append("|---|---|---|---|---|")
+    cases = dict.fromkeys((r["interferer"], r["overlap"]) for r in rows if r["sir_db"] == "-20.0")
+    for name, overlap in cases:
+        cells = []
+        for sir_db in ("-20.0", "-30.0", "-40.0"):
+            key = (name, overlap, sir_db, method)
+            found = [r for r in rows if (r["interferer"], r["overlap"], r["sir_db"], r["method"]) == key]
+            cells.append(f"{float(found[0]['pd']):.2f}" if found else "below 0.3")
+        lines.append(f"| {name} | {overlap} | " + " | ".join(cells) + " |")
+    return "\n".join(out) + "\n\n" + "\n".join(lines)
+
+
+def _span(config: dict, key: str) -> str:
+    return "{:g}..{:g}".format(*config[key])
+
+
+def card(stem: str, models: Path, rows: list[dict[str, str]]) -> str:
+    """Markdown of one card."""
+    path = models / f"{stem}.onnx"
+    info = metadata(path)
+    content = path.read_bytes()
+    config = json.loads(info["radalt_training_data"])
+    examples = int(info["radalt_training_examples"])
+    epochs = examples / config["size"] if config["size"] else 0.0
+    count = f"{examples:,} examples in {int(info['radalt_training_steps']):,} steps"
+    kinds = ", ".join(name for name, _ in config["kinds"])
+    return f"""# {TITLE[stem]}
+
+- file `{path.name}`, {len(content):,} bytes, SHA-256 `{hashlib.sha256(content).hexdigest()}`
+- {int(info["radalt_parameters"]):,} trainable parameters, {info.get("radalt_precision", "float32")} weights
+- {milliseconds(path):.2f} ms a frame on one thread (x86-64 with AVX-512, ONNX Runtime {onnxruntime.__version__})
+- contract: `{info["radalt_layout"]}`, {info["radalt_frame_samples"]} samples, {info["radalt_rate_hz"]} S/s, centred
+  sweep, normalisation `{info["radalt_normalisation"]}`
+
+## Data
+
+Made on the fly from `python/radalt/core` (`training/data.py`): returns at {_span(config, "altitude_m")} m,
+up to {config["max_vertical_speed_m_per_s"]:g} m/s, SNR {_span(config, "snr_db")} dB, SIR {_span(config, "sir_db")} dB, overlap 0.02..1; {kinds}; multipath in
+{100 * config["multipath"]:g} %, extended ground return in {100 * config["extended"]:g} % of the examples.
+SHA-256 of the first 1,024 examples: `{info["radalt_training_data_sha256"]}`.
+
+## Recipe
+
+Recipe `{info["radalt_recipe"]}`, {count}{f" ({epochs:.2f} epochs)" if epochs else ""}; source revision
+`{info["radalt_git_revision"]}`. {RECIPE[stem].format(epochs=epochs)}
+
+## Results
+
+Point returns at SNR 10 dB, seeds no training saw (`training/evaluate.py`; all methods in `docs/tcae.md`).
+
+{results(rows, METHOD[stem])}
+
+## Limits
+
+{LIMITS[stem]}
+
+Trained and measured in simulation only. A research tool: not an avionics component.
+
+## Licence
+
+{info["radalt_licence"]}, as the module.
+"""
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rows", type=Path, default=ROOT / "results" / "tcae" / "rows.csv")
+    parser.add_argument("--models", type=Path, default=ROOT / "models")
+    args = parser.parse_args()
+    with args.rows.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for stem in METHOD:
+        if (args.models / f"{stem}.onnx").is_file():
+            (args.models / f"{stem}.md").write_text(card(stem, args.models, rows))
+            print(args.models / f"{stem}.md")
+
+
+if __name__ == "__main__":
+    main()
