@@ -32,7 +32,7 @@ def test_a_worker_that_is_killed_is_named_with_the_signal():
 
 
 def test_a_task_that_hangs_is_stopped_at_its_time_limit():
-    with pytest.raises(WorkerError, match=r"^600: not done after 2 s; raise the time limit per point$"):
+    with pytest.raises(WorkerError, match=r"^600: not done after 2 s; raise the time limit"):
         list(run_tasks(time.sleep, [600], jobs=1, time_limit_s=2.0))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.mitigation import METHODS, MitigationError, create
+from ..core.mitigation import CUSTOM, METHODS, MitigationError, create
 from ..core.scene import Scene, SceneError
 from .folder import ResultFolder
 from .metrics import score
@@ -94,7 +94,7 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
     twice = [m for m in scene.methods if scene.methods.count(m) > 1]
     if twice:
         raise SceneError(f"methods holds {twice[0]!r} more than once")
-    stray = [m for m in scene.method_options if m not in METHODS]
+    stray = [m for m in scene.method_options if m not in METHODS and m != CUSTOM]
     if stray:
         raise MitigationError(f"method_options names {stray[0]!r}; known methods: {', '.join(METHODS)}")
     out = {}

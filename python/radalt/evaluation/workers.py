@@ -78,7 +78,7 @@ def run_tasks(
                 elif time.monotonic() > worker.deadline:
                     what = label(tasks[worker.task])
                     raise WorkerError(
-                        f"{what}: not done after {time_limit_s:g} s; raise the time limit per point"
+                        f"{what}: not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
                     )
     finally:
         _stop(workers)

@@ -1,0 +1,231 @@
+"""The whole live path from the command line: tiny sweeps through the real flowgraph, and what it refuses."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import ota_eval
+import pytest
+import yaml
+
+from gnuradio.radalt.core.scene import load_scene
+from gnuradio.radalt.evaluation.folder import read_report
+from gnuradio.radalt.evaluation.rows import COLUMNS, TIMING_COLUMNS
+
+SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
+pytestmark = pytest.mark.timeout(150)
+
+
+def start(*arguments):
+    """ota_eval in a process of its own, as users start it."""
+    command = [sys.executable, ota_eval.__file__, "--sim", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def run(*arguments):
+    process = start(*arguments)
+    out, err = process.communicate(timeout=120)
+    return process.returncode, out, err
+
+
+def stable(folder: Path) -> list[list[str]]:
+    """rows.csv as text, without the timing columns."""
+    with (folder / "rows.csv").open(newline="", encoding="utf-8") as file:
+        lines = list(csv.reader(file))
+    keep = [k for k, name in enumerate(lines[0]) if name not in TIMING_COLUMNS]
+    return [[line[k] for k in keep] for line in lines]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """One uninterrupted run with two workers, its output beside it."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    code, out, err = run(*SWEEP, "--out", folder, "--jobs", 2)
+    assert code == 0, err
+    return folder, out, err
+
+
+def test_a_run_ends_with_the_whole_result_folder(whole):
+    folder, out, err = whole
+    report = read_report(folder)
+    assert report["complete"] and report["source"] == "simulated"
+    assert [(r["overlap"], r["method"]) for r in report["rows"]] == [
+        (overlap, method) for overlap in (0.0, 0.5, 1.0) for method in ("none", "whitening", "lms")
+    ]
+    for row in report["rows"]:
+        assert (row["trials"], row["frames_lost"], row["lock_losses"]) == (6, 0, 0)
+    for name in ("report.md", "scene.yaml", *report["figures"]):
+        assert (folder / name).stat().st_size > 500
+    used = load_scene(folder / "scene.yaml")
+    assert used.altitude.programme_m == (600.0, 40.0) and used.sweep.sir_db == (-28.0,)
+    assert report["versions"]["gnuradio"].startswith("3.10") and "onnxruntime" not in report["versions"]
+    assert any("onnxruntime" in item for item in report["left_out"])
+    assert report["real_time_factor"] > 0 and report["run"]["peak_memory_bytes"] < 2 << 30
+    # plain lines where there is no terminal, nothing else beside them
+    assert sum(line.startswith("[") for line in out.splitlines()) == 3
+    assert err == ""
+
+
+def test_the_rows_make_sense(whole):
+    rows = {(r["method"], r["overlap"]): r for r in read_report(whole[0])["rows"]}
+    assert rows["none", 0.0]["correct"] == rows["whitening", 0.0]["correct"] == 6
+    assert rows["none", 0.0]["rmse_detected_m"] < 0.5
+    # block LMS leaves its stable region under strong interference, and says so
+    assert rows["lms", 0.0]["diverged_frames"] == 0 < rows["lms", 1.0]["diverged_frames"]
+    assert rows["whitening", 1.0]["ms_per_frame_median"] > 0
+
+
+def test_a_killed_run_resumes_to_the_same_rows_with_another_number_of_workers(whole, tmp_path):
+    folder = tmp_path / "run"
+    process = start(*SWEEP, "--out", folder, "--jobs", 1)
+    try:
+        while process.poll() is None and not (folder / "rows.csv").exists():
+            time.sleep(0.02)
+    finally:
+        process.kill()
+        process.communicate()
+    measured = len(stable(folder)) - 1
+    assert not read_report(folder)["complete"] and measured in (3, 6)
+    code, out, err = run(*SWEEP, "--out", folder, "--resume", "--jobs", 3)
+    assert code == 0, err
+    assert f"[{measured // 3}/3]" not in out  # what was there is not measured again
+    assert stable(folder) == stable(whole[0])
+    assert read_report(folder)["run"]["points_resumed"] == measured // 3
+
+
+def test_resume_refuses_other_options_in_one_line(whole, capsys):
+    before = (whole[0] / "rows.csv").read_bytes()
+    arguments = [*SWEEP, "--out", str(whole[0])]
+    assert ota_eval.main(["--sim", *arguments, "--resume", "--seed", "2"]) == 2
+    assert "scene.seed is 1 there and 2 here" in one_line(capsys)
+    assert ota_eval.main(["--sim", *arguments]) == 2
+    assert "holds a run already; add --resume" in one_line(capsys)
+    assert (whole[0] / "rows.csv").read_bytes() == before
+
+
+def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path):
+    scene = tmp_path / "bare.yaml"
+    scene.write_text(yaml.safe_dump({"name": "bare", "channel": {"snr_db": 10.0}}), encoding="utf-8")
+    arguments = "--methods none,whitening,lms --altitudes 600,40 --frames 3 --jobs 1".split()
+    code, _, err = run("--scene", scene, *arguments, "--out", tmp_path / "run")
+    assert code == 0, err
+    bare = read_report(tmp_path / "run")
+    assert any("jammer" in item for item in bare["left_out"])
+    ignore = ("interference", "sir_db", *TIMING_COLUMNS)
+    same = [{k: r[k] for k in COLUMNS if k not in ignore} for r in bare["rows"]]
+    zero = [r for r in read_report(whole[0])["rows"] if r["overlap"] == 0]
+    assert same == [{k: r[k] for k in COLUMNS if k not in ignore} for r in zero]
+
+
+def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tmp_path):
+    process = start(
+        *SWEEP, "--altitudes", "600,40,50,60", "--frames", 20, "--out", tmp_path / "run", "--jobs", 1
+    )
+    while process.poll() is None and not (tmp_path / "run" / "rows.csv").exists():
+        time.sleep(0.02)
+    os.kill(worker_of(process.pid), signal.SIGKILL)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert err.startswith("ota_eval: overlap") and "the worker process ended (SIGKILL" in err
+    assert err.count("\n") == 1
+    assert len(stable(tmp_path / "run")) >= 4
+
+
+def worker_of(pid: int) -> int:
+    """The spawned worker among a process's children (the other child tracks shared resources)."""
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split():
+        if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text(encoding="ascii", errors="replace"):
+            return int(child)
+    raise AssertionError("no worker runs")
+
+
+def one_line(capsys) -> str:
+    err = capsys.readouterr().err
+    assert err.startswith("ota_eval: ") and err.count("\n") == 1 and err.endswith("\n")
+    return err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("--sim --overlap 1.2", "--overlap: sweep.overlap holds 1.2; overlaps have to be within 0..1"),
+        ("--sim --overlap 0:1:0", "--overlap"),
+        ("--sim --sir-db loud", "--sir-db holds 'loud'; expected numbers"),
+        ("--sim --methods none,magic", "unknown mitigation method 'magic'; known: none, lms"),
+        ("--sim --altitudes 90000", "90000 exceeds"),
+        ("--sim --altitudes=-3", "altitudes have to be finite and 0 or above"),
+        ("--sim --frames 0", "altitude.frames 0"),
+        ("--sim --scene clear --overlap 0.5", "needs interference, and the scene has none"),
+        ("--sim --scene no_such_scene", "no_such_scene.yaml: cannot be read"),
+        ("--sim --model no_such.onnx", "no_such.onnx does not exist"),
+        ("", "0 of 2 B210s found; connect them (uhd_find_devices lists what is there), or add --sim"),
+        ("--scene clear", "0 of 1 B210s found"),
+    ],
+)
+def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    assert ota_eval.main(arguments.split()) == 2
+    assert expected in one_line(capsys)
+    assert not list(tmp_path.iterdir())  # nothing is left behind
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("waveforn: {}", "unknown key 'waveforn'; did you mean 'waveform'?"),
+        ("waveform: {rate_hz: -1}", "waveform.rate_hz is -1.0; it has to be a finite number above 0"),
+        ("interference: {qpsk: {bandwidth_hz: 9.0e+6}}", "does not fit the rate"),
+        ("altimeter: {pfa: 2}", "pfa is 2.0"),
+        ("method_options: {magic: {}}", "method_options names 'magic'"),
+        ("{", "not valid YAML"),
+    ],
+)
+def test_a_scene_that_does_not_fit_is_one_line_and_code_2(capsys, tmp_path, text, expected):
+    (tmp_path / "scene.yaml").write_text(text, encoding="utf-8")
+    assert ota_eval.main(["--sim", "--scene", str(tmp_path / "scene.yaml")]) == 2
+    assert expected in one_line(capsys)
+
+
+def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
+    (tmp_path / "bad.onnx").write_text("junk", encoding="utf-8")
+    assert (
+        ota_eval.main(["--sim", "--model", str(tmp_path / "bad.onnx"), "--out", str(tmp_path / "run")]) == 2
+    )
+    assert "bad.onnx is no readable ONNX file" in one_line(capsys)
+
+
+@pytest.mark.parametrize("arguments", [["--sim", "--bogus"], ["--sim", "--jobs", "0"], ["--sim", "--resume"]])
+def test_wrong_options_are_one_line_and_code_2(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        ota_eval.main(arguments)
+    assert caught.value.code == 2
+    one_line(capsys)
+
+
+@pytest.mark.parametrize("program", ["ota_eval.py", "collect.py"])
+def test_the_wrong_python_is_one_line_and_code_2(root, program):
+    # without site packages this very interpreter has neither GNU Radio nor NumPy
+    command = [sys.executable, "-S", str(root / "flowgraphs" / program), "x"]
+    command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make eval" in done.stderr
+
+
+def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path):
+    again = tmp_path / "again"
+    code, _, err = run(*SWEEP, "--overlap", "1", "--seed", 2, "--out", again, "--jobs", 1)
+    assert code == 0, err
+    assert read_report(again)["ceiling"][0]["overlap"] == 0  # measured though it is not in the sweep
+    assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
+    command = [sys.executable, str(root / "flowgraphs" / "collect.py"), str(whole[0]), str(again)]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}
+    assert pooled["none", 1.0]["trials"] == 12 and pooled["none", 0.5]["trials"] == 6
