@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.mitigation import CUSTOM
 from ..core.paths import share_dir
 from ..core.scene import Scene, scene_to_mapping
 
@@ -35,6 +36,7 @@ __all__ = [
     "prune",
     "run_point",
     "simulate",
+    "with_custom",
 ]
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
@@ -148,6 +150,22 @@ def _rewired(connection: list[str]) -> list[str]:
     if sink in (RADAR_SINK, JAMMER_SINK):
         sink, sink_port = _UHD_BLOCKS[sink]
     return [source, source_port, sink, sink_port]
+
+
+def with_custom(data: dict[str, Any]) -> dict[str, Any]:
+    """The same flowgraph with one more chain, ``mitigation_custom`` to ``altimeter_custom``: a copy of whitening's."""
+    data = copy.deepcopy(data)
+    lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))
+    for kind, method in (("mitigation", f'"{CUSTOM}"'), ("altimeter", CUSTOM)):
+        block = copy.deepcopy(next(b for b in data["blocks"] if b["name"] == f"{kind}_whitening"))
+        block["name"], block["parameters"]["method"] = f"{kind}_{CUSTOM}", method
+        block["states"]["coordinate"] = [block["states"]["coordinate"][0], lowest + 80]
+        data["blocks"].append(block)
+    chain = [c for c in data["connections"] if f"{c[0]} {c[2]}".count("_whitening")]
+    data["connections"] += [
+        [p.replace("_whitening", f"_{CUSTOM}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
+    ]
+    return data
 
 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
@@ -281,7 +299,10 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str) -> Prep
     """
     flowgraph = share_dir() / "flowgraphs" / "ota_b210.grc"
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
-    data = prune(simulate(load_grc(flowgraph), name), methods, scene.has_jammer)
+    data = simulate(load_grc(flowgraph), name)
+    if CUSTOM in methods:
+        data = with_custom(data)
+    data = prune(data, methods, scene.has_jammer)
     module = generate(data, Path(build_dir))
     return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))
 
@@ -296,7 +317,11 @@ def load_class(prepared: Prepared) -> type:
         spec = importlib.util.spec_from_file_location(key, prepared.module)
         module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module
-        spec.loader.exec_module(module)
+        sys.path.insert(0, str(prepared.module.parent))  # embedded Python blocks lie beside it
+        try:
+            spec.loader.exec_module(module)
+        finally:
+            sys.path.remove(str(prepared.module.parent))
     return getattr(sys.modules[key], prepared.name)
 
 

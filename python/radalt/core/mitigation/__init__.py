@@ -15,12 +15,13 @@ from collections.abc import Callable
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 from .blanking import Blanking
+from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, Nlms
 from .tcae import Tcae
 from .whitening import Whitening
 
-__all__ = ["METHODS", "Mitigation", "MitigationError", "create"]
+__all__ = ["CUSTOM", "METHODS", "Mitigation", "MitigationError", "create"]
 
 METHODS: dict[str, Callable[..., Mitigation]] = {
     "none": Identity,
@@ -32,18 +33,21 @@ METHODS: dict[str, Callable[..., Mitigation]] = {
     "tcae": Tcae,
 }
 
+# a method of the user's own, from a Python file: not among METHODS, since it is nothing without its file
+CUSTOM = Custom.name
+
 
 def create(name: str, waveform: Waveform, **parameters: object) -> Mitigation:
-    """A fresh method by its registry name.
+    """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
 
     Raises
     ------
     MitigationError
         For an unknown name or parameter; names what is allowed.
     """
-    if name not in METHODS:
+    if name not in METHODS and name != CUSTOM:
         raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
     try:
-        return METHODS[name](waveform, **parameters)
+        return (METHODS | {CUSTOM: Custom})[name](waveform, **parameters)
     except TypeError as error:
         raise MitigationError(f"mitigation {name!r}: {error}") from None

@@ -1,0 +1,94 @@
+"""Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
+
+    xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--png FOLDER] FLOWGRAPH.grc ...
+"""
+
+import json
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+
+def pictured(block) -> list[float]:
+    """Left, top, right, bottom of a block on the canvas, with its ports."""
+    x, y = block.coordinate
+    left = max((port.width for port in block.active_sinks), default=0)
+    right = max((port.width for port in block.active_sources), default=0)
+    return [x - left, y, x + block.width + right, y + block.height]
+
+
+def described(page) -> dict:
+    """One page of the companion: blocks, where they stand, and whatever it complains about."""
+    graph = page.flow_graph
+    graph.update()
+    graph.create_labels()
+    graph.create_shapes()
+    blocks = [
+        {
+            "name": block.name,
+            "key": block.key,
+            "dummy": block.is_dummy_block,
+            "enabled": block.state == "enabled",
+            "box": pictured(block),
+        }
+        for block in graph.blocks
+    ]
+    errors = [
+        f"{getattr(element, 'name', element)}: {message}" for element, message in graph.iter_error_messages()
+    ]
+    return {
+        "file": page.file_path,
+        "blocks": blocks,
+        "connections": len(graph.connections),
+        "errors": errors,
+    }
+
+
+def windows(name: str) -> int:
+    """Number of visible windows of the X server with this in their title."""
+    command = ["xdotool", "search", "--onlyvisible", "--name", name]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return len(found.stdout.split())
+
+
+def probe(png: Path | None) -> bool:
+    """Called by the companion's own main loop until its window is on the screen: print, then quit."""
+    from gi.repository import Gtk
+    from gnuradio.grc.gui import Utils
+
+    window = Gtk.Application.get_default().main_window
+    title = window.get_title()
+    if not windows(title.split(" ")[0]):
+        return True  # not mapped yet: called again
+    report = {"title": title, "pages": []}
+    for page in window.get_pages():
+        window.current_page = page
+        report["pages"].append(described(page))
+        if png:
+            Utils.make_screenshot(page.flow_graph, str(png / f"{Path(page.file_path).stem}.png"))
+    print("PROBE " + json.dumps(report), flush=True)
+    os._exit(0)  # the companion would ask what to do with open pages
+
+
+def main() -> None:
+    arguments = sys.argv[1:]
+    png = None
+    if arguments[:1] == ["--png"]:
+        png = Path(arguments[1])
+        arguments = arguments[2:]
+    import gi
+
+    gi.require_version("Gtk", "3.0")
+    from gi.repository import GLib
+
+    GLib.timeout_add(300, probe, png)
+    companion = shutil.which("gnuradio-companion")
+    sys.argv = [companion, *arguments]
+    runpy.run_path(companion, run_name="__main__")
+
+
+if __name__ == "__main__":
+    main()
