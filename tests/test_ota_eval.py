@@ -1,6 +1,7 @@
 """The whole live path from the command line: tiny sweeps through the real flowgraph, and what it refuses."""
 
 import csv
+import dataclasses
 import os
 import signal
 import subprocess
@@ -10,11 +11,13 @@ from pathlib import Path
 
 import ota_eval
 import pytest
-import yaml
 
-from gnuradio.radalt.core.scene import load_scene
+from gnuradio.radalt.core.scene import SweepSpec, load_scene
+from gnuradio.radalt.evaluation.flowgraph import prepare
 from gnuradio.radalt.evaluation.folder import read_report
+from gnuradio.radalt.evaluation.points import scene_at, sweep_points
 from gnuradio.radalt.evaluation.rows import COLUMNS, TIMING_COLUMNS
+from gnuradio.radalt.evaluation.runner import Task, measure
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
 pytestmark = pytest.mark.timeout(150)
@@ -108,15 +111,16 @@ def test_resume_refuses_other_options_in_one_line(whole, capsys):
 
 
 def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path):
-    scene = tmp_path / "bare.yaml"
-    scene.write_text(yaml.safe_dump({"name": "bare", "channel": {"snr_db": 10.0}}), encoding="utf-8")
-    arguments = "--methods none,whitening,lms --altitudes 600,40 --frames 3 --jobs 1".split()
-    code, _, err = run("--scene", scene, *arguments, "--out", tmp_path / "run")
-    assert code == 0, err
-    bare = read_report(tmp_path / "run")
-    assert any("jammer" in item for item in bare["left_out"])
+    used = load_scene(whole[0] / "scene.yaml")
+    bare = dataclasses.replace(used, interference=(), sweep=SweepSpec())
+    (point,) = sweep_points(bare)
+    placed = scene_at(bare, point)
+    prepared = prepare(placed, placed.methods, tmp_path)
+    assert any("jammer" in item for item in prepared.left_out)
     ignore = ("interference", "sir_db", *TIMING_COLUMNS)
-    same = [{k: r[k] for k in COLUMNS if k not in ignore} for r in bare["rows"]]
+    same = [
+        {k: r[k] for k in COLUMNS if k not in ignore} for r in measure(Task(placed, point, prepared)).rows
+    ]
     zero = [r for r in read_report(whole[0])["rows"] if r["overlap"] == 0]
     assert same == [{k: r[k] for k in COLUMNS if k not in ignore} for r in zero]
 

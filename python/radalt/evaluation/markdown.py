@@ -20,7 +20,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
     """The whole of report.md from the content of report.json; ``figures`` are (file, caption)."""
     scene, rows = report["scene"], report["rows"]
-    parts = [f"# {report['name']}: Pd against overlap", _summary(report), *_warnings(report)]
+    parts = [f"# {report['name']}: Pd against overlap", _summary(report), *report["interference_notes"]]
+    parts += _warnings(report)
     parts += [f"![{caption}]({name})" for name, caption in figures]
     parts += ["## Probability of correct altitude", _what_pd_is(), *pd_tables(rows)]
     parts += ["## Error", _what_rmse_is(), *_error_tables(rows)]

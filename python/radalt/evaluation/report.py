@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..core.bounds import altitude_crb_m
+from ..core.emitters import emitter_name, interference_notes, unfaded
+from ..core.interference import Emitter
 from ..core.scene import Scene
 from .figures import draw_error, draw_pd
 from .folder import ResultFolder
@@ -84,6 +86,7 @@ def build_report(
         "complete": True,
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": interference_title(scene),
+        "interference_notes": interference_notes(scene.interference),
         "trials_per_point": scene.altitude.programme.trial_frames,
         "rows": list(rows),
         "ceiling": _one_each(ceiling),
@@ -158,27 +161,25 @@ def _gain(entry: dict[str, Any], entries: Sequence[dict[str, Any]]) -> float | N
 
 def interference_title(scene: Scene) -> str:
     """What was measured, for figures and headings."""
-    parts = []
-    for interferer in scene.interference:
-        emitter = interferer.emitter
-        name = scene_label(emitter)
-        if hasattr(emitter, "bandwidth_hz"):
-            name += f", {100 * emitter.bandwidth_hz / scene.waveform.bandwidth_hz:.3g} % of the band"
-        parts.append(name)
+    text = " + ".join(_in_words(i.emitter, scene.waveform.bandwidth_hz) for i in scene.interference)
+    text = text or "no interference"
     snrs = scene.sweep.snr_db or (scene.channel.snr_db,)
-    text = " + ".join(parts) or "no interference"
     if len(snrs) == 1:
         text += ", no noise" if snrs[0] is None else f", SNR {snrs[0]:g} dB"
     return text
 
 
-def scene_label(emitter: object) -> str:
-    """An emitter in words."""
-    kind = type(emitter).__name__.removesuffix("Emitter")
-    if kind == "Qpsk":
-        pulse = "root-raised-cosine" if emitter.pulse == "rrc" else emitter.pulse
-        return f"QPSK, {pulse} pulses"
-    if kind == "Tone":
-        count = len(emitter.frequencies_hz) or emitter.count
-        return "one tone" if count == 1 else f"{count} tones"
-    return kind
+def _in_words(emitter: Emitter, band_hz: float) -> str:
+    """An emitter in words; those without words of their own have their name in a scene."""
+    inner, channel = unfaded(emitter)
+    name = emitter_name(inner)
+    text = {"fmcw": "FMCW radar", "faa_91_220": "14 CFR 91.220(b) mask"}.get(name, name.replace("_", " "))
+    if name == "qpsk":
+        pulse = "root-raised-cosine" if inner.pulse == "rrc" else inner.pulse
+        text = f"QPSK, {pulse} pulses, {100 * inner.bandwidth_hz / band_hz:.3g} % of the band"
+    elif name == "tones":
+        count = len(inner.frequencies_hz) or inner.count
+        text = "one tone" if count == 1 else f"{count} tones"
+    elif name == "nr":
+        text = f"5G NR, {inner.channel_bandwidth_hz / 1e6:g} MHz"
+    return text if channel is None else f"{text} through {channel.profile}"
