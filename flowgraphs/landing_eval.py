@@ -25,7 +25,14 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "python"))
 
-from tqdm import tqdm  # noqa: E402
+try:
+    from tqdm import tqdm
+except ImportError:
+    print(
+        "landing_eval: this Python lacks the module's packages; run 'make setup', then .venv/bin/python",
+        file=sys.stderr,
+    )
+    sys.exit(2)
 
 try:
     from gnuradio.radalt.evaluation import (
