@@ -135,7 +135,8 @@ def card(stem: str, models: Path, rows: list[dict[str, str]]) -> str:
 ## Data
 
 Made on the fly from `python/radalt/core` (`training/data.py`): returns at {_span(config, "altitude_m")} m,
-up to {config["max_vertical_speed_m_per_s"]:g} m/s, SNR {_span(config, "snr_db")} dB, SIR {_span(config, "sir_db")} dB, overlap 0.02..1; {kinds}; multipath in
+up to {config["max_vertical_speed_m_per_s"]:g} m/s, SNR {_span(config, "snr_db")} dB,
+SIR {_span(config, "sir_db")} dB, overlap 0.02..1; {kinds}; multipath in
 {100 * config["multipath"]:g} %, extended ground return in {100 * config["extended"]:g} % of the examples.
 SHA-256 of the first 1,024 examples: `{info["radalt_training_data_sha256"]}`.
 

@@ -26,6 +26,8 @@ class Recipe:
         Autocast of the forward pass where the processor has it.
     start_from : str
         Recipe whose checkpoint the network starts from; ``"closed_form"``: `networks.paper_start`; empty starts anew.
+    stop : int
+        Step after which training ends, before the schedule does; 0 runs to ``steps``.
     """
 
     network: str
@@ -37,11 +39,12 @@ class Recipe:
     schedule: str = "cosine"
     bfloat16: bool = False
     start_from: str = ""
+    stop: int = 0
 
 
 RECIPES: dict[str, Recipe] = {
-    # the shipped model: `compact_first`, stopped by hand after 2,750 of 10,000 steps, then `compact`
-    "compact_first": Recipe("compact", steps=10_000),
+    # the shipped model: 2,750 steps of a schedule of 10,000, then `compact` from there
+    "compact_first": Recipe("compact", steps=10_000, stop=2_750),
     "compact": Recipe("compact", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
     "paper_random": Recipe(

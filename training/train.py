@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import csv
 import multiprocessing
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -59,7 +58,7 @@ class Trainer:
         self.network = build(recipe.network, self.waveform).to(self.device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
         self.beat_loss = BeatLoss(self.waveform).to(self.device)
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.last = 0, 0.0, recipe.stop or recipe.steps
         self._resume()
         received, clean, _ = validation_batch(CONFIGS[recipe.data], self.waveform, 256)
         self.validation = tuple(torch.from_numpy(x) for x in (received, clean))
@@ -76,8 +75,6 @@ class Trainer:
             print(f"closed-form start passes {share:.3f} of a return's energy", flush=True)
         elif self.recipe.start_from:
             start = RUNS / self.recipe.start_from / "checkpoint.pt"
-            if not start.is_file():
-                sys.exit(f"train: {start} is missing; train {self.recipe.start_from} first")
             state = torch.load(start, map_location=self.device, weights_only=True)
             self.network.load_state_dict(state["network"])
 
@@ -140,9 +137,9 @@ class Trainer:
         recent: list[float] = []
         mark = time.monotonic()
         try:
-            while self.step < self.recipe.steps and time.time() < until:
+            while self.step < self.last and time.time() < until:
                 recent.append(self.train_step(*queue.get()))
-                if self.step % self.interval == 0 or self.step == self.recipe.steps:
+                if self.step % self.interval == 0 or self.step == self.last:
                     self.seconds += time.monotonic() - mark
                     mark = time.monotonic()
                     self._report(float(np.mean(recent)))
@@ -207,6 +204,12 @@ def main() -> None:
     if args.steps:
         recipe = replace(recipe, steps=args.steps)
     torch.set_num_threads(args.threads)
+    before = recipe.start_from
+    if before in RECIPES and not (RUNS / before / "checkpoint.pt").is_file():
+        print(f"{args.recipe} starts from {before}: training that first", flush=True)
+        first = Trainer(before, RECIPES[before], device=args.device, interval=args.interval)
+        first.run(time.time() + 60 * args.minutes)
+        draw_curves(first.folder)
     trainer = Trainer(args.name or args.recipe, recipe, device=args.device, interval=args.interval)
     trainer.run(time.time() + 60 * args.minutes)
     if (trainer.folder / "log.csv").is_file():
