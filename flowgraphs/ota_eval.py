@@ -78,10 +78,16 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check_python() -> str | None:
     """What is wrong with this Python, in one line, or None."""
-    hint = "run 'make eval', or use the Python of GNU Radio, e.g. /usr/bin/python3"
+    hint = "run 'make eval', or use the Python that 'make setup' prepares, .venv/bin/python"
     try:
         if importlib.util.find_spec("gnuradio.gr") is None:
             return f"{sys.executable} has no GNU Radio; {hint}"
+        # found now rather than when the report is drawn
+        missing = [
+            name for name in ("scipy", "yaml", "matplotlib", "tqdm") if importlib.util.find_spec(name) is None
+        ]
+        if missing:
+            return f"{sys.executable} lacks {', '.join(missing)}; run 'make eval', which installs requirements.txt"
         from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
         from gnuradio.radalt.core import scene  # noqa: F401
@@ -156,6 +162,10 @@ class _Progress:
         if sys.stderr.isatty():
             self._show(done, total)
             return
+        if not rows:
+            if done:
+                print(f"going on: {done} of {total} points are there", flush=True)
+            return
         sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
         pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
         print(f"[{done}/{total}] overlap {rows[0]['overlap']:g}{sir}: Pd {pds}", flush=True)
@@ -164,7 +174,7 @@ class _Progress:
         if self._bar is None:
             from tqdm import tqdm
 
-            self._bar = tqdm(total=total, initial=done - 1, unit="point", dynamic_ncols=True)
+            self._bar = tqdm(total=total, initial=done, unit="point", dynamic_ncols=True)
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

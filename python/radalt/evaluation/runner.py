@@ -169,7 +169,7 @@ def evaluate(
     time_limit_s : float
         Longest time for one point.
     progress : callable
-        Called as ``progress(points done, points in all, rows of the point just measured)``.
+        Called as ``progress(points done, points in all, rows of the point just measured)``, first without rows.
     hardware : dict, optional
         Measure on the air, with these options of `hardware.run_hardware`; default the simulated channel.
 
@@ -208,7 +208,8 @@ def evaluate(
         left_out += [item for item in off if not item.startswith("channel impairments")]
     folder.begin(left_out)
     peaks: dict[int, int] = {}
-    done = itertools.count(total - len(todo) + 1)
+    done = itertools.count(total - len(todo))
+    progress(next(done), total, ())
     for index, outcome in run_tasks(
         measure, tasks, jobs=jobs, time_limit_s=time_limit_s, label=lambda task: task.point.label
     ):
