@@ -117,7 +117,7 @@ def test_block_lms_is_the_textbook_recursion(name):
     method = create(name, W)
     cleaned = method.process(frames)[0]
     pair = (frames[0], W.reference) if name == "lms" else (W.reference, frames[0])
-    np.testing.assert_allclose(cleaned, lms_reference(*pair, 32, 100, 1e-4), atol=1e-4)
+    np.testing.assert_allclose(cleaned, lms_reference(*pair, method.length, 100, 1e-4), atol=1e-4)
     assert method.diverged_frames == 0
 
 

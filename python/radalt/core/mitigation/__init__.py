@@ -26,7 +26,9 @@ __all__ = ["CUSTOM", "METHODS", "Mitigation", "MitigationError", "create"]
 METHODS: dict[str, Callable[..., Mitigation]] = {
     "none": Identity,
     "lms": BlockLms,
-    "lms_reference_input": lambda waveform, **kw: BlockLms(waveform, wiring="reference_input", **kw),
+    "lms_reference_input": lambda waveform, **kw: BlockLms(
+        waveform, **({"wiring": "reference_input", "length": 96, "restart": True} | kw)
+    ),
     "nlms": Nlms,
     "whitening": Whitening,
     "blanking": Blanking,

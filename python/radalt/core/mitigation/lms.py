@@ -33,7 +33,10 @@ class BlockLms(Mitigation):
     wiring : str
         ``"reference_desired"``: the received frame is filtered towards the reference sweep.
         ``"reference_input"``: the reference sweep is filtered towards the received frame, the output being the part
-        of the frame that the reference explains.
+        of the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m a sample).
+    restart : bool
+        Start every frame from zero weights. Weights that are kept hold the last frames' altitude, and what they make of
+        a frame at another one shows the old altitude; they pay where altitude and phase stand still.
 
     Notes
     -----
@@ -51,6 +54,7 @@ class BlockLms(Mitigation):
         block: int = 100,
         step: float = 1e-4,
         wiring: str = "reference_desired",
+        restart: bool = False,
     ) -> None:
         if wiring not in ("reference_desired", "reference_input"):
             raise MitigationError(f"lms.wiring is {wiring!r}; allowed: reference_desired, reference_input")
@@ -61,6 +65,7 @@ class BlockLms(Mitigation):
         if not (np.isfinite(step) and step > 0):
             raise MitigationError(f"lms.step is {step!r}; it has to be a finite number above 0")
         self.length, self.block, self.step, self.wiring = length, block, step, wiring
+        self.restart = restart
         if wiring == "reference_input":
             self.name = "lms_reference_input"
         super().__init__(waveform)
@@ -85,6 +90,9 @@ class BlockLms(Mitigation):
         """Adapt over one frame; ``out`` receives the filter's output."""
         past = self.length - 1
         line = self._line
+        if self.restart:
+            line[:] = 0
+            self.weights = np.zeros_like(self.weights)
         line[:past] = line[line.size - past :]
         line[past:] = source
         taps = np.lib.stride_tricks.sliding_window_view(line, self.length)
@@ -115,10 +123,15 @@ class BlockLms(Mitigation):
 
 
 class Nlms(BlockLms):
-    """Block LMS with the step normalised by the block's energy: ``mu / (eps + sum |x|^2 / L)``.
+    """Block LMS with the step normalised by the block's energy: ``mu / (eps + trace(X^H X))``, 0 < ``mu`` < 2.
 
-    The bound ``mu lambda_max < 2`` then holds for every input power, because the block's energy bounds the largest
-    eigenvalue of ``X^H X`` (S. Haykin, Adaptive Filter Theory, 4th ed., ch. 6).
+    The bound ``mu lambda_max < 2`` then holds for every input power, because the trace of ``X^H X`` bounds its largest
+    eigenvalue (S. Haykin, Adaptive Filter Theory, 4th ed., ch. 6).
+
+    Notes
+    -----
+    The defaults are the best of those measured (docs/stability.md): the reference as input, 96 taps for delays up to
+    1900 m, a fresh start with every frame. With the reference as desired signal every altitude comes out as zero.
     """
 
     name = "nlms"
@@ -127,12 +140,16 @@ class Nlms(BlockLms):
         self,
         waveform: Waveform,
         *,
-        length: int = 32,
-        block: int = 100,
-        step: float = 0.5,
-        wiring: str = "reference_desired",
+        length: int = 96,
+        block: int = 25,
+        step: float = 1.9,
+        wiring: str = "reference_input",
+        restart: bool = True,
     ) -> None:
-        super().__init__(waveform, length=length, block=block, step=step, wiring=wiring)
+        length = min(length, waveform.samples_per_frame)
+        super().__init__(waveform, length=length, block=block, step=step, wiring=wiring, restart=restart)
+        if not step < 2:
+            raise MitigationError(f"nlms.step is {step!r}; it has to be below 2 to be stable")
         self.name = "nlms"
 
     def _gain(self, x: np.ndarray) -> float:
