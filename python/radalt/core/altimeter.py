@@ -25,6 +25,7 @@ from .waveform import Waveform, delay_to_altitude_m
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"]
 
 _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
+_SHAPE_POINTS = 1 << 15
 _OVERSAMPLING = (
     2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
 )
@@ -114,6 +115,9 @@ class Altimeter:
         w, s = self.waveform, self.settings
         half = w.samples_per_half
         window = signal.get_window(s.window, half, fftbins=False)
+        # the window's transform is taken from at most so many points: beyond that only memory changes
+        shape = signal.get_window(s.window, min(half, _SHAPE_POINTS), fftbins=False)
+        step = self.cell_hz * w.half_sweep_s / shape.size
         t = w.sample_times_s[:half]
         # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
         # mix with conj(ref) and the up half is shifted by +centre (and read backwards), the down half by -centre
@@ -126,7 +130,7 @@ class Altimeter:
         ]
         self._equaliser = (1.0 / np.abs(response)).astype(np.float32)
         lags = int(np.ceil((2 * s.train_cells + 2 * s.guard_cells + 2) / (self.cell_hz * w.half_sweep_s))) + 1
-        correlation = cell_correlation(window, lags, w.rate_hz / self.cell_hz)
+        correlation = cell_correlation(shape, lags, 1.0 / step)
         per_cell = 1.0 / (self.cell_hz * w.half_sweep_s)
         self.cfar = Cfar(
             pfa=s.pfa,
@@ -141,26 +145,24 @@ class Altimeter:
         self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
         # one cell more than Doppler needs: noise moves the peaks of the two halves against each other
         self._doppler_reach = 1 + int(np.ceil(2.0 * self.doppler_limit_hz / self.cell_hz))
-        self._interpolation = self._interpolation_table(window)
-        self._flank, self._side_lobes = self._lobe_limits(window)
+        self._interpolation = self._interpolation_table(shape, step)
+        self._flank, self._side_lobes = self._lobe_limits(shape, step)
 
-    def _interpolation_table(self, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Log-power ratio of the two neighbours of a peak cell against the sub-cell offset, exact for one tone."""
         offsets = np.linspace(-0.75, 0.75, 151)
-        step = self.cell_hz / self.waveform.rate_hz
         n = np.arange(window.size) - 0.5 * (window.size - 1)
         left = np.abs(np.exp(-2j * np.pi * step * np.outer(-1 - offsets, n)) @ window)
         right = np.abs(np.exp(-2j * np.pi * step * np.outer(1 - offsets, n)) @ window)
         return 2.0 * np.log(right / left), offsets
 
-    def _lobe_limits(self, window: np.ndarray) -> tuple[float, np.ndarray]:
+    def _lobe_limits(self, window: np.ndarray, step: float) -> tuple[float, np.ndarray]:
         """Neighbour-to-cell power that no peak shows; greatest side lobe by distance in cells, with 6 dB to spare.
 
         Both from the window's own transform: the flank ratio at the reach of the interpolation table, the side lobes as
         a falling envelope from half a cell inside (a peak may lie between cells); the main lobe is left to the flank.
         """
         size = self.beat_hz.size
-        step = self.cell_hz / self.waveform.rate_hz
         fine = 8  # points a cell
         length = fft.next_fast_len(int(np.ceil(fine / step)))
         lobes = np.abs(fft.fft(window, length)[: fine * size + 1]) ** 2
@@ -382,9 +384,9 @@ class Altimeter:
     @cached_property
     def _main_lobe_6db_cells(self) -> float:
         """Distance in cells from a point target's peak to its -6 dB point."""
-        half = self.waveform.samples_per_half
+        half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
         window = signal.get_window(self.settings.window, half, fftbins=False)
         cells = np.linspace(0, 6, 601)
-        step = self.cell_hz / self.waveform.rate_hz
+        step = self.cell_hz * self.waveform.half_sweep_s / half
         lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(cells, np.arange(half))) @ window) ** 2
         return float(cells[np.argmax(lobe < 0.25 * lobe[0])])
