@@ -1,4 +1,4 @@
-"""Low-pass and decimation of dechirped half sweeps to the beat band, as one matrix product a batch."""
+"""Low-pass and decimation of dechirped half sweeps to the beat band, as a matrix product a block."""
 
 from __future__ import annotations
 
@@ -80,8 +80,10 @@ class Decimator:
         if self.factor == 1:
             return buffer
         rows, phases = self._rows, self._phases
-        share = buffer.view(np.float32).reshape(-1, 2 * self.factor) @ self._matrix
-        share = share.view(np.complex64).reshape(-1, rows, phases)
+        # one product a block: BLAS rounds differently with the number of rows, and a frame's result must not depend on
+        # how many came with it
+        share = np.matmul(buffer.view(np.float32).reshape(-1, rows, 2 * self.factor), self._matrix)
+        share = share.view(np.complex64)
         block, row, one = share.strides
         # output m = sum over s of share[m + phases - s, s]: a walk along anti-diagonals
         terms = np.lib.stride_tricks.as_strided(
