@@ -303,16 +303,22 @@ class Altimeter:
         return np.stack([cell, partner], axis=1), joint[rows, cell]
 
     def _climb(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Move cells in place to the peak of power within a resolution cell, as far as span and Doppler's reach allow.
+        """Climb in place to the top of power within a resolution cell, as far as span and Doppler's reach allow.
 
         Side lobes of a strong return in the training cells tilt the ratio to the noise, whose largest cell then lies
-        beside the peak, where interpolation has no say. Returns (n, 2, 3) powers around the cells.
+        beside the peak, where interpolation has no say. Only upwards, never across a valley: a return whose band was
+        notched has side lobes as high as its peak within that distance. Returns (n, 2, 3) powers around the cells.
         """
         rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[None, :, None]
         steps = np.arange(-_CLIMB - 1, _CLIMB + 2)
         cells = np.clip(pair[..., None] + (self.cfar.margin + steps), 0, power.shape[-1] - 1)
         wide = power[rows, halves, cells]
-        step = np.argmax(wide[..., 1:-1], axis=-1) - _CLIMB
+        rise = np.diff(wide[..., 1:-1], axis=-1)
+        right = np.logical_and.accumulate(rise[..., _CLIMB:] > 0, axis=-1).sum(axis=-1)
+        left = np.logical_and.accumulate(rise[..., _CLIMB - 1 :: -1] < 0, axis=-1).sum(axis=-1)
+        ends = np.stack([_CLIMB + 1 + right, _CLIMB + 1 - left], axis=-1)
+        higher = np.argmax(np.take_along_axis(wide, ends, axis=-1), axis=-1)
+        step = np.where(higher == 0, right, -left)
         moved = pair + step
         inside = (moved >= self._first) & (moved < self._last)
         reached = np.abs(moved[:, 0] - moved[:, 1]) <= self._doppler_reach
