@@ -7,7 +7,15 @@ import pmt
 
 from .core.timing import Frame
 
-__all__ = ["FRAME_KEY", "RX_TIME_KEY", "frame_tag", "quiet_buffer", "read_frame_tags"]
+__all__ = [
+    "FRAME_KEY",
+    "RX_TIME_KEY",
+    "frame_tag",
+    "quiet_buffer",
+    "read_frame_tags",
+    "time_counter",
+    "time_tag",
+]
 
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")
@@ -24,6 +32,18 @@ def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
     for tag in block.get_tags_in_window(0, 0, count, FRAME_KEY):
         out[tag.offset - block.nitems_read(0)] = pmt.f64vector_elements(tag.value)
     return out
+
+
+def time_tag(counter: int, rate_hz: float):  # noqa: ANN201 - a pmt
+    """``rx_time`` of a sample counter as UHD sets it: (whole seconds, fraction)."""
+    whole, rest = divmod(counter, round(rate_hz))
+    return pmt.make_tuple(pmt.from_uint64(int(whole)), pmt.from_double(rest / rate_hz))
+
+
+def time_counter(value, rate_hz: float) -> int:  # noqa: ANN001 - a pmt
+    """Sample counter of an ``rx_time`` tag."""
+    seconds = pmt.to_uint64(pmt.tuple_ref(value, 0))
+    return round(seconds * rate_hz) + round(pmt.to_double(pmt.tuple_ref(value, 1)) * rate_hz)
 
 
 def quiet_buffer(block, samples: int) -> None:  # noqa: ANN001

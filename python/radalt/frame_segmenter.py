@@ -8,7 +8,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ._frames import FRAME_KEY, RX_TIME_KEY, frame_tag, quiet_buffer
+from ._frames import FRAME_KEY, RX_TIME_KEY, frame_tag, quiet_buffer, time_counter
 from ._guard import guarded
 from .core.calibration import CalibrationError
 from .core.scene import Scene
@@ -137,9 +137,7 @@ class frame_segmenter(gr.basic_block):
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
         """Counter of an ``rx_time`` tag; the first one sets the origin."""
-        seconds = pmt.to_uint64(pmt.tuple_ref(value, 0))
-        counter = round(seconds * self._rate) + round(pmt.to_double(pmt.tuple_ref(value, 1)) * self._rate)
-        counter -= self._start_counter
+        counter = time_counter(value, self._rate) - self._start_counter
         if not self._started:
             self._started = True
             self.segmenter.reset(counter)

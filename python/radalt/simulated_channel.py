@@ -6,10 +6,9 @@ import time
 from collections import deque
 
 import numpy as np
-import pmt
 from gnuradio import gr
 
-from ._frames import RX_TIME_KEY
+from ._frames import RX_TIME_KEY, time_tag
 from ._guard import guarded
 from .core.channel import SimulatedChannel, TerrainPlayer
 from .core.scene import Scene
@@ -51,7 +50,9 @@ class simulated_channel(gr.basic_block):
             scene.channel,
             seed=scene.seed,
             true_delay=programme if scene.altitude.mode == "true_delay" and not on_terrain else None,
-            terrain=TerrainPlayer(scene.landing, programme, scene.waveform, scene.seed) if on_terrain else None,
+            terrain=TerrainPlayer(scene.landing, programme, scene.waveform, scene.seed)
+            if on_terrain
+            else None,
             frames=programme.total_frames,
         )
         self._n = scene.waveform.samples_per_frame
@@ -111,6 +112,5 @@ class simulated_channel(gr.basic_block):
 
     def _tag_time(self, at: int, counter: int) -> None:
         """``rx_time`` as UHD's (whole seconds, fraction)."""
-        whole, rest = divmod(counter, round(self._rate))
-        value = pmt.make_tuple(pmt.from_uint64(int(whole)), pmt.from_double(rest / self._rate))
+        value = time_tag(counter, self._rate)
         self.add_item_tag(0, self.nitems_written(0) + at, RX_TIME_KEY, value)

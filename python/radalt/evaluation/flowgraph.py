@@ -34,6 +34,8 @@ __all__ = [
     "left_out",
     "prepare",
     "prune",
+    "replay",
+    "run_flowgraph",
     "run_point",
     "simulate",
     "with_custom",
@@ -165,6 +167,37 @@ def with_custom(data: dict[str, Any]) -> dict[str, Any]:
     data["connections"] += [
         [p.replace("_whitening", f"_{CUSTOM}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
     ]
+    return data
+
+
+def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
+    """The same flowgraph with a recording in the place of the receiver, and without transmitters.
+
+    The parameters ``capture_file`` and ``follow_programme`` are added.
+    """
+    data = copy.deepcopy(data)
+    blocks = {block["name"]: block for block in data["blocks"]}
+    data["options"]["parameters"]["id"] = name
+    gone = {RADAR_SINK, JAMMER_SINK, "chirp_source", "jammer_source"}
+    receiver = blocks[RADAR_SOURCE]
+    receiver["id"] = "radalt_sigmf_source"
+    receiver["parameters"] = {"scene": "scene", "file": "capture_file"}
+    blocks["frame_segmenter"]["parameters"]["follow_programme"] = "bool(follow_programme)"
+    states = copy.deepcopy(receiver["states"])
+    added = [
+        {
+            "name": key,
+            "id": "parameter",
+            "parameters": {"label": label, "type": kind, "value": value},
+            "states": copy.deepcopy(states),
+        }
+        for key, label, kind, value in (
+            ("capture_file", "SigMF recording", "str", '""'),
+            ("follow_programme", "Altitudes by the scene", "intx", "1"),
+        )
+    ]
+    data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + added
+    data["connections"] = [c for c in data["connections"] if c[0] not in gone and c[2] not in gone]
     return data
 
 
@@ -361,7 +394,7 @@ def run_point(
 
         recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
     begin = time.perf_counter()
-    _run(top, time_limit_s)
+    run_flowgraph(top, time_limit_s)
     if recorder is not None:
         recorder.finish()
     return collect(top, prepared, scene, time.perf_counter() - begin)
@@ -385,7 +418,7 @@ def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> Poi
     )
 
 
-def _run(top: Any, time_limit_s: float) -> None:
+def run_flowgraph(top: Any, time_limit_s: float) -> None:
     """Run to the end of the stream, or stop and say so."""
     top.start()
     waiter = threading.Thread(target=top.wait, daemon=True)

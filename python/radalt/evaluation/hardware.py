@@ -144,8 +144,14 @@ def run_hardware(
     for name in radio_blocks(scene):
         if name.endswith("_sink"):
             top.msg_connect((getattr(top, name), "async_msgs"), (events.block, "events"))
-    segmenter.set_start_time(start_together(top, scene, uhd))
-    recorder = _record(top, scene, capture) if capture else None
+    start_s = start_together(top, scene, uhd)
+    segmenter.set_start_time(start_s)
+    recorder = None
+    if capture:
+        from .recording import attach_recorder
+
+        source = top.radar_usrp_source
+        recorder = attach_recorder(top, source, scene, capture, start_s=start_s, drop_when_slow=True)
     begin = time.perf_counter()
     _fly(top, scene, time_limit_s)
     if recorder is not None:
@@ -158,12 +164,6 @@ def run_hardware(
         "latency_samples": segmenter.latency_samples,
     }
     return result
-
-
-def _record(top: Any, scene: Scene, capture: Path | str) -> Any:
-    from .recording import attach_recorder
-
-    return attach_recorder(top, top.radar_usrp_source, scene, capture)
 
 
 def _fly(top: Any, scene: Scene, time_limit_s: float) -> None:

@@ -1,0 +1,178 @@
+"""SigMF capture and replay: to the bit what was live, gaps included; foreign recordings; files that do not fit."""
+
+import json
+
+import numpy as np
+import pytest
+import sigmf
+
+from gnuradio.radalt.core.recording import RecordingError, open_capture
+from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.scene import parse_scene
+from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.flowgraph import prepare, run_point
+from gnuradio.radalt.evaluation.recording import prepare_replay, replay_scene, run_replay, summary
+
+pytestmark = pytest.mark.timeout(60)
+
+METHODS = ("none", "lms", "whitening")
+
+
+def a_scene(**changes):
+    return parse_scene(
+        {
+            "name": "flight",
+            "altitude": {"programme_m": [300.0, 60.0], "frames": 15},
+            "interference": {"qpsk": {"sir_db": -12.0, "overlap": 0.5, "bandwidth_hz": 2.0025e6}},
+            "channel": {"snr_db": 10.0, "drops": {"count": 1}},
+            "seed": 11,
+            **changes,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    """A run with a tagged gap, its recording and its results."""
+    folder = tmp_path_factory.mktemp("live")
+    scene = a_scene()
+    result = run_point(prepare(scene, METHODS, folder), scene, time_limit_s=50, capture=folder / "flight")
+    return folder / "flight.sigmf-meta", scene, result
+
+
+@pytest.fixture(scope="module")
+def replayer(tmp_path_factory):
+    return prepare_replay(METHODS, tmp_path_factory.mktemp("replay"))
+
+
+def test_a_replay_is_the_live_run_to_the_bit(live, replayer):
+    path, scene, result = live
+    placed, known = replay_scene(open_capture(path))
+    assert known
+    assert placed == scene
+    again = run_replay(replayer, placed, path, known=known, time_limit_s=50)
+    assert result.segmenter["discontinuities"] == 1
+    assert again.segmenter == result.segmenter
+    for method in METHODS:
+        assert len(result.results[method]) > 20
+        assert again.results[method].tobytes() == result.results[method].tobytes()
+
+
+def test_annotations_tell_altitude_jammer_and_gap(live):
+    path, scene, result = live
+    recording = sigmf.sigmffile.fromfile(str(path))
+    recording.validate()
+    assert recording.get_global_field("core:sample_rate") == 7.5e6
+    captures = recording.get_captures()
+    assert len(captures) == 2  # the gap splits them, and their counters differ by what was lost
+    lost = captures[1]["core:global_index"] - captures[1]["core:sample_start"]
+    assert lost == result.segmenter["lost_samples"] > 0
+    notes = recording.get_annotations()
+    assert [n["radalt:altitude_m"] for n in notes if n["core:label"] == "timing"] == [0.0]
+    assert {n["radalt:altitude_m"] for n in notes if n["radalt:jammer"]["on"]} == {300.0, 60.0}
+    assert all(n["radalt:jammer"]["sir_db"] == -12.0 for n in notes if n["radalt:jammer"]["on"])
+    # an annotation covers the frames it names: eight of the preamble
+    assert notes[0]["core:sample_count"] == 8 * scene.waveform.samples_per_frame
+
+
+def write_foreign(folder, samples, rate_hz, datatype):
+    """A recording as another program makes it."""
+    data = folder / "foreign.sigmf-data"
+    if datatype == "ci16_le":
+        scaled = samples / np.abs(samples.view(np.float64)).max() * 20000
+        scaled.view(np.float64).round().astype("<i2").tofile(data)
+    else:
+        samples.astype("<c8").tofile(data)
+    recording = sigmf.SigMFFile(
+        data_file=str(data), global_info={"core:datatype": datatype, "core:sample_rate": rate_hz}
+    )
+    recording.add_capture(0)
+    recording.tofile(str(folder / "foreign.sigmf-meta"), overwrite=True)
+    return folder / "foreign.sigmf-meta"
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "datatype"), [(7.5e6, "cf32_le"), (7.5e6, "ci16_le"), (10e6, "ci16_le"), (15e6, "cf32_le")]
+)
+def test_foreign_recordings_give_the_altitude(tmp_path, replayer, rate_hz, datatype):
+    """Sweeps at 0 m, then at 200 m as a true delay, made at the foreign rate."""
+    factor = rate_hz / 7.5e6
+    wave = Waveform(bandwidth_hz=7.5e6, rate_hz=rate_hz)
+    near = np.tile(point_return(wave, 0.0).ravel(), 20)
+    far = np.tile(point_return(wave, 200.0).ravel(), 20)
+    samples = np.concatenate([near, far]).astype(np.complex128)
+    samples = samples[round(1000 * factor) :]  # the recording begins anywhere within a sweep
+    rng = np.random.default_rng(3)
+    samples += 0.1 * (rng.standard_normal(samples.size) + 1j * rng.standard_normal(samples.size))
+    path = write_foreign(tmp_path, samples, rate_hz, datatype)
+    scene = parse_scene({"altimeter": {"max_altitude_m": 1500.0}})
+    placed, known = replay_scene(open_capture(path), scene)
+    assert not known
+    result = run_replay(replayer, placed, path, known=known, time_limit_s=50)
+    frames = result.results["none"]
+    assert frames.size >= 34
+    assert np.allclose(frames["altitude_m"][2:15], 0.0, atol=1.0)
+    assert np.allclose(frames["altitude_m"][-12:], 200.0, atol=1.5)
+    rows = {row["method"]: row for row in summary(result)}
+    assert rows["none"]["found"] >= 30
+
+
+def test_resampling_in_blocks_is_resampling_at_once(tmp_path, monkeypatch):
+    from scipy import signal
+
+    from gnuradio.radalt.core import recording
+
+    rng = np.random.default_rng(1)
+    samples = rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)
+    capture = open_capture(write_foreign(tmp_path, samples, 10e6, "cf32_le"))
+    monkeypatch.setattr(recording, "_BLOCK", 1000)
+    got = np.concatenate([block for _, block in capture.blocks(7.5e6)])
+    want = signal.resample_poly(samples.astype(np.complex64), 3, 4)
+    assert got.size == want.size == 30_000
+    assert np.abs(got - want).max() < 1e-5
+
+
+def damage(path, how):
+    data = path.with_suffix(".sigmf-data")
+    meta = json.loads(path.read_text())
+    if how == "truncated":
+        data.write_bytes(data.read_bytes()[:-4000])
+    elif how == "torn":
+        del meta["global"]["core:sha512"]
+        data.write_bytes(data.read_bytes()[:-3])
+    elif how == "other data":
+        data.write_bytes(bytes(data.stat().st_size))
+    elif how == "capture beyond":
+        meta["captures"].append({"core:sample_start": 10**9})
+    elif how == "no rate":
+        del meta["global"]["core:sample_rate"]
+    elif how == "real":
+        meta["global"]["core:datatype"] = "rf32_le"
+    elif how == "no data":
+        data.unlink()
+    elif how == "no json":
+        path.write_text("{")
+        return
+    path.write_text(json.dumps(meta))
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["truncated", "torn", "other data", "capture beyond", "no rate", "real", "no data", "no json"],
+)
+def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
+    path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
+    open_capture(path)
+    damage(path, how)
+    with pytest.raises(RecordingError) as caught:
+        open_capture(path)
+    assert "foreign.sigmf-meta" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_foreign_recording_needs_a_scene(tmp_path):
+    path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
+    with pytest.raises(RecordingError, match="--scene"):
+        replay_scene(open_capture(path))
+    with pytest.raises(RecordingError, match="no such recording"):
+        open_capture(tmp_path / "absent.sigmf-meta")
