@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .cfar import Cfar
 from .waveform import Waveform
 
 __all__ = ["AltimeterSettings", "RESULT_DTYPE", "Reason"]
@@ -89,6 +90,13 @@ class AltimeterSettings:
             raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
         if self.window not in ("hann", "hamming", "blackman", "boxcar"):
             raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
+        # here, where a scene is read, and not only where the detector is built
+        Cfar(pfa=self.pfa, kind=self.cfar)
+        if not (self.train_cells >= 1 and self.guard_cells >= 0):
+            raise ValueError(
+                f"altimeter.train_cells {self.train_cells:g} has to be at least 1, guard_cells {self.guard_cells:g} "
+                "at least 0"
+            )
         if self.max_vertical_speed_m_per_s is not None and self.max_vertical_speed_m_per_s < 0:
             raise ValueError(
                 f"altimeter.max_vertical_speed_m_per_s is {self.max_vertical_speed_m_per_s:g}; it has to be 0 or more"

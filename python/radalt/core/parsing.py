@@ -115,7 +115,8 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
                 value = float(value)
             except ValueError:
                 raise ValueError(f"{where} is {value!r}; expected a whole number") from None
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value):
+        whole = isinstance(value, (int, float)) and np.isfinite(value) and value == int(value)
+        if isinstance(value, bool) or not whole:
             raise ValueError(f"{where} is {value!r}; expected a whole number")
         return int(value)
     if hint is bool:

@@ -85,6 +85,7 @@ class AltitudeSpec:
                 f"altitude.vertical_speed_m_per_s {self.vertical_speed_m_per_s:g} needs mode: true_delay; "
                 "a beat shift has no Doppler"
             )
+        self.programme  # noqa: B018 - checks its numbers when it is made
 
     @property
     def programme(self) -> Programme:
@@ -192,6 +193,9 @@ class Scene:
     seed: int = 1
 
     def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; it has to be 0 or above")
+        self._check_methods()
         top = self.altimeter_settings.max_altitude_m
         highest = max(self.altitude.programme_m, default=0.0)
         if self.return_model not in ("point", "terrain"):
@@ -213,6 +217,15 @@ class Scene:
                 f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m {top:g}; raise that limit "
                 "or lower the altitude"
             )
+
+    def _check_methods(self) -> None:
+        from .mitigation import CUSTOM, METHODS
+
+        known = (*METHODS, CUSTOM)
+        for key in ("methods", "method_options"):
+            unknown = [m for m in getattr(self, key) if m not in known]
+            if unknown:
+                raise ValueError(f"{key} names {unknown[0]!r}; allowed: {', '.join(known)}")
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:

@@ -1,0 +1,212 @@
+"""Scenes: wrong ones get one line with file, key, value and what is allowed; right ones survive a round trip."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from radalt.core.interference import QpskEmitter, ToneEmitter
+from radalt.core.scene import SceneError, load_scene, parse_scene, scene_from_parameters, scene_to_mapping
+
+ROOT = Path(__file__).resolve().parent.parent
+SHIPPED = sorted((ROOT / "flowgraphs/scenes").glob("*.yaml"))
+
+FULL = """
+name: everything
+description: every section, nothing at its default
+waveform: {bandwidth_hz: 6.0e+6, sweep_s: 2.0e-3, rate_hz: 7.5e6, carrier_hz: 4.25e9, centered: false}
+altitude: {programme_m: [800, 20.5], frames: 4, mode: true_delay, vertical_speed_m_per_s: -3, preamble_frames: 9,
+           sync_every_frames: 6, sync_frames: 8}
+interference:
+  - qpsk: {sir_db: -12.5, overlap: 0.3, start: 0.1, bandwidth_hz: 1e6, carrier_hz: -2e5, pulse: rrc, rolloff: 0.4}
+  - tones: {sir_db: -3, frequencies_hz: [1e5, -2e6], free_running: true}
+total_sir_db: -11
+channel: {snr_db: null, start_offset_samples: 90.5, gain_db: 1, jammer_delay_samples: 3, jammer_clock_ppm: -1,
+          jammer_lo_offset_hz: 100, dc_offset: 0.1, iq_gain_db: 0.2, iq_phase_deg: 1, adc_bits: 12, full_scale: 5,
+          leakage_db: -20, drops: {count: 2, min_samples: 5, max_samples: 9, tagged: false}}
+segmenter: {acquisition_frames: 3, lock_threshold: 30, confirm_frames: 3, monitor: false}
+altimeter: {max_altitude_m: 900, min_altitude_m: 1, max_vertical_speed_m_per_s: 40, window: hann, pfa: 1e-5, cfar: os,
+            train_cells: 12, guard_cells: 2, strategy: centroid}
+methods: [none, blanking]
+method_options: {blanking: {threshold_db: 10}}
+sweep: {overlap: [0, 1], sir_db: [-10], snr_db: [0, 10]}
+radio: {radar_serial: "30AD123", enclosure: cabled, attenuation_db: 40, clock_source: external}
+seed: 99
+"""
+
+
+def full() -> dict:
+    return yaml.safe_load(FULL)
+
+
+def test_empty_scene_is_the_paper_waveform_in_noise():
+    scene = parse_scene({})
+    assert scene.waveform.samples_per_frame == 7500 and not scene.has_jammer
+    assert scene.channel.snr_db == 10.0 and scene.channel.adc_bits == 0
+
+
+def test_every_section_arrives_where_it_belongs():
+    scene = parse_scene(full())
+    assert (
+        scene.waveform.rate_hz == 7.5e6 and scene.waveform.carrier_hz == 4.25e9
+    )  # YAML 1.1 reads these as text
+    assert (
+        scene.altitude.programme_m == (800.0, 20.5) and scene.altitude.programme.total_frames == 9 + 6 + 8 + 2
+    )
+    qpsk, tones = scene.interference
+    assert qpsk.emitter == QpskEmitter(1e6, -2e5, "rrc", 0.4)
+    assert (qpsk.sir_db, qpsk.overlap, qpsk.start, qpsk.free_running) == (-12.5, 0.3, 0.1, False)
+    assert tones.emitter == ToneEmitter(frequencies_hz=(1e5, -2e6)) and tones.free_running
+    assert scene.channel.snr_db is None and scene.channel.drops.tagged is False
+    assert scene.altimeter.cfar == "os" and scene.segmenter.monitor is False
+    assert scene.radio.radar_serial == "30AD123" and scene.seed == 99
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_shipped_scene_survives_the_round_trip_through_yaml(path):
+    scene = load_scene(path)
+    assert load_scene(path.stem) == scene
+    again = yaml.safe_load(yaml.safe_dump(scene_to_mapping(scene)))
+    assert parse_scene(again) == scene
+
+
+def test_full_scene_survives_the_round_trip():
+    scene = parse_scene(full())
+    assert parse_scene(yaml.safe_load(yaml.safe_dump(scene_to_mapping(scene)))) == scene
+
+
+@pytest.mark.parametrize("text", ["7.5e6", "7.5e+6", "7500000", 7_500_000])
+def test_numbers_may_be_written_as_people_write_them(text):
+    assert parse_scene({"waveform": {"rate_hz": text}}).waveform.rate_hz == 7.5e6
+
+
+# (mapping, key, value, what is allowed): all three have to be in the one line
+WRONG = [
+    ({"wavefrom": {}}, "'wavefrom'", "did you mean 'waveform'", "allowed: altimeter"),
+    (
+        {"waveform": {"bandwidth_mhz": 7.5}},
+        "'waveform.bandwidth_mhz'",
+        "did you mean 'bandwidth_hz'",
+        "allowed:",
+    ),
+    ({"waveform": {"rate_hz": -7.5e6}}, "waveform.rate_hz", "-7500000.0", "above 0"),
+    ({"waveform": {"rate_hz": "7.5 MHz"}}, "waveform.rate_hz", "'7.5 MHz'", "expected a number, in the unit"),
+    ({"waveform": {"rate_hz": True}}, "waveform.rate_hz", "True", "expected a number"),
+    ({"waveform": {"rate_hz": None}}, "waveform.rate_hz", "None", "expected a number"),
+    ({"waveform": {"rate_hz": float("nan")}}, "waveform.rate_hz", "nan", "finite"),
+    ({"waveform": {"centered": "maybe"}}, "waveform.centered", "'maybe'", "true or false"),
+    ({"waveform": [1, 2]}, "waveform", "[1, 2]", "expected a mapping"),
+    (
+        {"waveform": {"bandwidth_hz": 9e6}},
+        "waveform.bandwidth_hz",
+        "9e+06",
+        "lower the bandwidth or raise rate_hz",
+    ),
+    ({"altitude": {"mode": "real"}}, "altitude.mode", "'real'", "allowed: synthetic, true_delay"),
+    ({"altitude": {"frames": 2.5}}, "altitude.frames", "2.5", "whole number"),
+    ({"altitude": {"frames": 0}}, "altitude.frames", "0", "at least 1"),
+    ({"altitude": {"frames": "inf"}}, "altitude.frames", "inf", "whole number"),
+    ({"altitude": {"programme_m": [100, -5]}}, "altitude.programme_m", "-5", "0 or above"),
+    ({"altitude": {"programme_m": []}}, "altitude.programme_m", "empty", "at least one"),
+    ({"altitude": {"programme_m": [100, "high"]}}, "altitude.programme_m[1]", "'high'", "expected a number"),
+    (
+        {
+            "altitude": {
+                "programme_m": [2000],
+            },
+            "altimeter": {"max_altitude_m": 1500},
+        },
+        "programme_m",
+        "2000",
+        "raise",
+    ),
+    ({"altitude": {"vertical_speed_m_per_s": 5}}, "altitude.vertical_speed_m_per_s", "5", "mode: true_delay"),
+    ({"altitude": {"preamble_frames": 2}}, "preamble_frames", "2", "at least 6"),
+    ({"interference": {"qpsk": {"overlap": 1.2}}}, "interference.qpsk", "1.2", "0..1"),
+    ({"interference": {"qpsk": {"pulse": "gauss"}}}, "qpsk.pulse", "'gauss'", "allowed: rectangular, rrc"),
+    ({"interference": {"qpsk": {"sir": 3}}}, "'interference.qpsk.sir'", "unknown key", "allowed:"),
+    ({"interference": {"laser": {}}}, "'interference.laser'", "laser", "allowed: qpsk, tones"),
+    ({"interference": [{"qpsk": {}, "tones": {}}]}, "interference", "'qpsk'", "expected one 'kind: {...}'"),
+    ({"interference": 7}, "interference", "7", "expected a mapping"),
+    ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "1..16"),
+    ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
+    ({"altimeter": {"cfar": "go"}}, "cfar", "'go'", "allowed: ca, os"),
+    ({"altimeter": {"pfa": 2.0}}, "pfa", "2.0", "within"),
+    (
+        {"altimeter": {"strategy": "best"}},
+        "altimeter.strategy",
+        "'best'",
+        "allowed: strongest, leading_edge, centroid",
+    ),
+    (
+        {"altimeter": {"max_altitude_m": 90_000}},
+        "altimeter.max_altitude_m",
+        "90000",
+        "lengthen waveform.sweep_s",
+    ),
+    ({"segmenter": {"acquisition_frames": 10}}, "segmenter.acquisition_frames", "10", "1..4"),
+    ({"methods": ["none", "magic"]}, "methods", "'magic'", "whitening"),
+    ({"method_options": {"magic": {}}}, "method_options", "'magic'", "whitening"),
+    ({"methods": [3]}, "methods[0]", "3", "expected text"),
+    ({"method_options": 5}, "method_options", "5", "mapping"),
+    ({"sweep": {"overlap": [0, 1.5]}}, "sweep.overlap", "1.5", "0..1"),
+    ({"radio": {"enclosure": "open"}}, "radio.enclosure", "'open'", "allowed: none, cabled, shielded"),
+    ({"radio": {"radar_rx_gain_db": 90}}, "radio.radar_rx_gain_db", "90", "0..76"),
+    ({"seed": "abc"}, "seed", "'abc'", "whole number"),
+    ({"seed": -1}, "seed", "-1", "0 or above"),
+    (["a", "b"], "scene", "['a', 'b']", "expected a mapping"),
+]
+
+
+@pytest.mark.parametrize(("data", "key", "value", "allowed"), WRONG, ids=[f"{w[1]}-{w[2]}" for w in WRONG])
+def test_wrong_scene_is_one_line_with_file_key_value_and_what_is_allowed(data, key, value, allowed, tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(SceneError) as raised:
+        load_scene(path)
+    line = str(raised.value)
+    assert "\n" not in line
+    for part in (str(path), key, value, allowed):
+        assert part in line, line
+
+
+def test_broken_yaml_names_the_line(tmp_path):
+    path = tmp_path / "broken.yaml"
+    path.write_text("name: x\nwaveform: {rate_hz: 1\naltitude: 3\n")
+    with pytest.raises(SceneError, match=r"broken.yaml: not valid YAML at line [23]: "):
+        load_scene(path)
+
+
+def test_missing_and_binary_files_are_named(tmp_path):
+    with pytest.raises(SceneError, match="none.yaml: cannot be read .*No such file.*shipped scene's name"):
+        load_scene(tmp_path / "none.yaml")
+    with pytest.raises(SceneError, match="no_such_scene.yaml: cannot be read"):
+        load_scene("no_such_scene")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(SceneError, match="binary.yaml: cannot be read .not a text file"):
+        load_scene(tmp_path / "binary.yaml")
+
+
+# -- points of a sweep ------------------------------------------------------------------------------------------------
+
+
+def test_point_of_a_sweep_changes_what_it_names_and_nothing_else():
+    scene = parse_scene(full())
+    point = scene.at(overlap=0.5, sir_db=-20.0, snr_db=3.0, seed=4)
+    assert [i.overlap for i in point.interference] == [0.5, 0.5]
+    assert [i.sir_db for i in point.interference] == [-20.0, -10.5]  # relative levels are kept
+    assert (point.total_sir_db, point.channel.snr_db, point.seed) == (-20.0, 3.0, 4)
+    assert point.altitude == scene.altitude and point.waveform == scene.waveform
+    assert scene.at() == scene
+
+
+def test_overlap_zero_needs_no_jammer_chain():
+    scene = parse_scene({"interference": {"qpsk": {}}})
+    assert scene.has_jammer and not scene.at(overlap=0.0).has_jammer
+    assert parse_scene({}).interference_name == "none" and scene.interference_name == "qpsk_rectangular"
+
+
+def test_flowgraph_parameters_override_only_what_is_set():
+    scene = load_scene("paper_qpsk")
+    assert scene_from_parameters("paper_qpsk") == scene
+    assert scene_from_parameters("paper_qpsk", 0.3, -5.0, 8) == scene.at(overlap=0.3, sir_db=-5.0, seed=8)
