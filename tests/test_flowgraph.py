@@ -75,7 +75,7 @@ def test_rewrite_leaves_the_original_alone_and_needs_no_more_than_the_file(b210)
 
 
 def test_shipped_simulation_is_the_rewrite_of_the_shipped_radios(b210):
-    """Run flowgraphs/make_sim.py after a change of ota_b210.grc."""
+    """Run `make flowgraphs` after a change of ota_b210.grc."""
     assert load_grc(ROOT / "flowgraphs/ota_sim.grc") == simulate(b210)
 
 
@@ -330,7 +330,7 @@ def test_drops_tagged_with_rx_time_are_counted_and_survived(clear):
     assert counters["discontinuities"] == 40 and counters["lock_losses"] == 0
     assert 40 <= counters["torn"] <= 80
     error = trial_errors(result, scene)
-    assert np.abs(error).max() < 0.5
+    assert np.abs(error).max() < 1.0 and np.sqrt(np.mean(error**2)) < 0.5
     assert error.size >= 2000 - counters["torn"]
 
 
@@ -360,18 +360,13 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
         f"import {clear.name} as module\n"
         f"top = module.{clear.name}(scene_file={str(scene)!r}); top.run()\n"
-        "print(*sorted({'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch'} & set(sys.modules)))"
+        "print('loaded', *sorted({'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", statements], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert (
-        done.stdout.splitlines()[-1].strip() == ""
-        if done.stdout.strip() == ""
-        else done.stdout.strip().splitlines()[-1]
-    )
-    assert not {"onnxruntime", "matplotlib", "zmq", "torch"} & set(done.stdout.split())
+    assert done.stdout.strip().splitlines()[-1] == "loaded"
 
 
 def test_error_in_a_block_comes_out_of_the_run_as_it_was(clear, monkeypatch, capfd):

@@ -234,7 +234,7 @@ def test_two_hundred_tagged_drops_in_ten_seconds():
     }
     _, error = errors(run)
     assert error.size >= 10_000 - len(torn)
-    assert np.abs(error).max() < 0.5
+    assert np.abs(error).max() < 1.0 and np.sqrt(np.mean(error**2)) < 0.5
     assert counters["lock_losses"] == 0
 
 
