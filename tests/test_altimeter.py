@@ -269,10 +269,10 @@ def test_frames_of_another_length_are_refused():
 
 
 def test_return_whose_middle_was_notched_is_read_at_its_peak():
-    """Two slits of a sweep make side lobes nearly as high as the peak, two cells beside it: none of them is taken."""
+    """Two slits of a sweep make side lobes nearly as high as the peak, two cells (20 m) beside it: none is taken."""
     rng = np.random.default_rng(8)
     altitudes = rng.uniform(30, 1470, 200)
     frames = frames_of("true_delay", altitudes) + noise((200, 7500), 10.0, rng)
     kept = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.3 * 3750
     error = Altimeter(W).process(frames * kept)["altitude_m"] - altitudes
-    assert np.mean(np.abs(error) < 5.0) > 0.97
+    assert np.mean(np.abs(error) < 10.0) > 0.97
