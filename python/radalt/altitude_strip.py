@@ -15,7 +15,8 @@ class altitude_strip(gr.decim_block):
     """The last ``points * every`` frames of the true altitude and of every input, for a vector sink.
 
     Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one a frame, NaN for no detection)
-    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last).
+    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last;
+    ``OFF_CHART_M``, far below every chart, where there is no altitude: a vector sink never gets rid of a NaN).
 
     Parameters
     ----------
@@ -33,7 +34,9 @@ class altitude_strip(gr.decim_block):
     ``strip = radalt.altitude_strip(altitude_m=300.0, inputs=2)``
     """
 
-    def __init__(self, altitude_m: float = 0.0, inputs: int = 2, points: int = 500, every: int = 20) -> None:
+    OFF_CHART_M = -1e6
+
+    def __init__(self, altitude_m: float = 0.0, inputs: int = 2, points: int = 512, every: int = 20) -> None:
         self.strip = AltitudeStrip(1 + inputs, points, every)
         gr.decim_block.__init__(
             self,
@@ -59,5 +62,5 @@ class altitude_strip(gr.decim_block):
             altitudes = [np.full(self._every, self._true_m), *(items[span] for items in input_items)]
             self.strip.push(np.stack(altitudes))
             for output, row in zip(output_items, self.strip.rows, strict=True):
-                output[step] = row
+                output[step] = np.nan_to_num(row, nan=self.OFF_CHART_M)
         return count

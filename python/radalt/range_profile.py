@@ -31,10 +31,10 @@ class range_profile(gr.basic_block):
 
     Example
     -------
-    ``view = radalt.range_profile(scene, points=501, every=50)``
+    ``view = radalt.range_profile(scene, points=512, every=50)``
     """
 
-    def __init__(self, scene: Scene, points: int = 501, every: int = 50) -> None:
+    def __init__(self, scene: Scene, points: int = 512, every: int = 50) -> None:
         n = scene.waveform.samples_per_frame
         gr.basic_block.__init__(self, "radalt_range_profile", [(np.complex64, n)], [(np.float32, points)] * 2)
         if every < 1:

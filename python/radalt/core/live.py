@@ -63,7 +63,7 @@ class RangeProfile:
         self,
         waveform: Waveform,
         settings: AltimeterSettings = AltimeterSettings(),  # noqa: B008 - frozen
-        points: int = 501,
+        points: int = 512,
     ) -> None:
         if points < 2:
             raise ValueError(f"range_profile.points is {points}; it has to be at least 2")
@@ -114,7 +114,7 @@ class AltitudeStrip:
         Frames between two values; the frame in between is not shown, as it is (never averaged, an error stays visible).
     """
 
-    def __init__(self, traces: int, points: int = 500, every: int = 20) -> None:
+    def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:
         if min(traces, points, every) < 1:
             raise ValueError(
                 f"altitude_strip.traces {traces}, points {points} and every {every} have to be at least 1"

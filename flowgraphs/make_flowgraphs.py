@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""Flowgraphs made mechanically from the two that are drawn by hand: `make flowgraphs`.
+
+    ota_sim.grc       ota_b210.grc with its radios replaced by the simulated channel
+    ota_live_sim.grc  ota_live.grc likewise, at real time
+    ota_embedded.grc  ota_b210.grc with our blocks as Embedded Python Blocks
+
+Run it after every change of ota_b210.grc, ota_live.grc or of a block's description; a test compares.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+if (
+    HERE.parent / "python" / "radalt"
+).is_dir():  # in the source tree; installed, Python finds the package itself
+    sys.path.insert(0, str(HERE.parent / "python"))
+
+
+def made() -> dict[str, dict[str, Any]]:
+    """File name -> flowgraph."""
+    from gnuradio.radalt.evaluation.embedded import embed
+    from gnuradio.radalt.evaluation.flowgraph import load_grc, simulate
+
+    air, live = load_grc(HERE / "ota_b210.grc"), load_grc(HERE / "ota_live.grc")
+    return {
+        "ota_sim.grc": simulate(air),
+        "ota_live_sim.grc": simulate(live, "ota_live_sim", realtime=True),
+        "ota_embedded.grc": embed(air),
+    }
+
+
+def main() -> int:
+    """Write the files beside this one."""
+    from gnuradio.radalt.evaluation.flowgraph import save_grc
+
+    for name, data in made().items():
+        save_grc(data, HERE / name)
+        print(HERE / name)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
