@@ -55,11 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    add(
-        "--scene",
-        default=DEFAULT_SCENE,
-        help="YAML file, or the name of a shipped scene (default: %(default)s)",
-    )
+    add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
     add("--methods", help="mitigation methods with commas, e.g. none,whitening,tcae")
     add("--overlap", metavar="LIST", help="overlaps, 0..1")
     add("--sir-db", metavar="LIST", help="signal-to-interference ratios over the whole sweep")
@@ -73,6 +69,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
     add("--time-limit-s", type=float, default=120.0, help="longest time for one point (default: %(default)g)")
     add("--transmit", action="store_true", help="on the air: allow transmission into the scene's enclosure")
+    add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
+    add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
+    add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
+    add("--replay", type=Path, metavar="FILE", help="score every method on a SigMF recording")
     return parser
 
 
@@ -101,7 +101,7 @@ def _scene(args: argparse.Namespace) -> Any:
     from gnuradio.radalt.core.scene import SceneError, load_scene
     from gnuradio.radalt.evaluation.points import parse_axis
 
-    scene = load_scene(args.scene)
+    scene = load_scene(args.scene or DEFAULT_SCENE)
 
     def change(option: str, where: str, value: Callable[[], dict[str, Any]]) -> None:
         nonlocal scene
@@ -198,6 +198,52 @@ def _print_pd(out: Path) -> None:
             print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
 
 
+def _check(args: argparse.Namespace) -> int:
+    """The plan for the radios; 0 if the interlock would allow it, else 2."""
+    from gnuradio.radalt.evaluation.radios import describe
+    from gnuradio.radalt.evaluation.runner import check_scene
+
+    scene = _scene(args)
+    check_scene(scene)
+    lines, allowed = describe(scene)
+    print("\n".join(lines))
+    return 0 if allowed else 2
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from gnuradio.radalt.evaluation.hardware import calibrate
+
+    scene = _scene(args)
+    _require_radios(1)
+    latency, path = calibrate(scene, transmit=args.transmit)
+    print(f"{PROGRAM}: latency {latency:.3f} samples -> {path}")
+    return 0
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Score a recording; prints one line a method."""
+    from gnuradio.radalt.evaluation.replay import score_recording
+
+    out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    rows = score_recording(
+        args.replay,
+        out,
+        scene=_scene(args) if args.scene else None,
+        methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
+    )
+    for row in rows:
+        if "pd" in row:
+            pd = "-" if row["pd"] is None else f"{row['pd']:.3f}"
+            print(f"  {row['method']:20} Pd {pd} of {row['trials']} frames")
+        else:
+            print(
+                f"  {row['method']:20} found in {row['found']} of {row['frames']} frames, "
+                f"median {row['altitude_median_m']:.1f} m"
+            )
+    print(f"\n{out}")
+    return 0
+
+
 def _run(args: argparse.Namespace, progress: _Progress) -> Path:
     from gnuradio.radalt.evaluation.points import sweep_points
     from gnuradio.radalt.evaluation.runner import check_scene, evaluate
@@ -222,6 +268,7 @@ def _run(args: argparse.Namespace, progress: _Progress) -> Path:
         time_limit_s=args.time_limit_s,
         progress=progress,
         hardware=None if args.sim else {"transmit": args.transmit},
+        capture=args.capture,
     )
     progress.close()
     _print_pd(out)
@@ -242,16 +289,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     if problem:
         print(f"{PROGRAM}: {problem}", file=sys.stderr)
         return 2
+    from gnuradio.radalt.core.calibration import CalibrationError
+    from gnuradio.radalt.core.interlock import InterlockError
     from gnuradio.radalt.core.mitigation import MitigationError
+    from gnuradio.radalt.core.recording import RecordingError
     from gnuradio.radalt.core.scene import SceneError
     from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
     from gnuradio.radalt.evaluation.workers import WorkerError
 
     begin = time.monotonic()
     progress = _Progress()
+    known = (SceneError, MitigationError, InterlockError, CalibrationError, RecordingError)
     try:
+        for wanted, command in ((args.check, _check), (args.calibrate, _calibrate), (args.replay, _replay)):
+            if wanted:
+                return command(args)
         report = _run(args, progress)
-    except (SceneError, MitigationError, FlowgraphError, WorkerError, OSError) as error:
+    except (*known, FlowgraphError, WorkerError, OSError) as error:
         progress.close()
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return 2

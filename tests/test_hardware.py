@@ -203,3 +203,17 @@ def test_a_calibration_file_that_is_none_is_named(tmp_path):
     path.write_text("latency_samples: [1, 2]\n")
     with pytest.raises(CalibrationError, match=r"calibration\.yaml.*calibrate anew"):
         store_latency_samples(1.0, 30e6, 7.5e6, path)
+
+
+def test_check_prints_the_plan_and_fails_where_the_interlock_would(tmp_path, capsys):
+    import ota_eval
+    import yaml
+
+    scene = tmp_path / "bench.yaml"
+    scene.write_text(yaml.safe_dump({"radio": RADIO}))
+    assert ota_eval.main(["--check", "--scene", str(scene)]) == 0
+    printed = capsys.readouterr().out
+    assert "set_time_next_pps" in printed
+    assert "not needed" in printed
+    scene.write_text(yaml.safe_dump({"radio": RADIO | {"attenuation_db": 3.0}}))
+    assert ota_eval.main(["--check", "--scene", str(scene)]) == 2

@@ -176,3 +176,17 @@ def test_a_foreign_recording_needs_a_scene(tmp_path):
         replay_scene(open_capture(path))
     with pytest.raises(RecordingError, match="no such recording"):
         open_capture(tmp_path / "absent.sigmf-meta")
+
+
+def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys):
+    import ota_eval
+
+    path, _, _ = live
+    out = tmp_path / "out"
+    assert ota_eval.main(["--replay", str(path), "--methods", "none,whitening", "--out", str(out)]) == 0
+    assert "whitening" in capsys.readouterr().out
+    assert len((out / "rows.csv").read_text().splitlines()) == 3
+    assert ota_eval.main(["--replay", str(path), "--out", str(out)]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert ota_eval.main(["--replay", str(tmp_path / "absent"), "--out", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,8 +1,8 @@
 """SigMF recordings of received IQ: what a run wrote, and what others recorded (sigmf.org, version 1).
 
 The samples are ``cf32_le``. Each stretch without loss is one capture whose ``core:global_index`` is the sample counter
-since the transmitter's start, so that a replay sees the same gaps. The namespace ``radalt`` adds the scene (global) and,
-as annotations, altitude and jammer state by frame. sigmf is imported when a file is opened or closed.
+since the transmitter's start, so that a replay sees the same gaps. The namespace ``radalt`` adds the scene (global)
+and, as annotations, altitude and jammer state by frame. sigmf is imported when a file is opened or closed.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ class Capture:
         ratio = Fraction(rate_hz / self.rate_hz).limit_denominator(_MAX_TERM)
         if abs(float(ratio) * self.rate_hz / rate_hz - 1) > 1e-6 or ratio.numerator > _MAX_TERM:
             raise RecordingError(
-                f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of whole numbers "
-                f"up to {_MAX_TERM}; resample it first"
+                f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of "
+                f"whole numbers up to {_MAX_TERM}; resample it first"
             )
         for stretch in self.stretches:
             first = round(Fraction(stretch.global_index) * ratio)

@@ -6,7 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +38,15 @@ class Task:
         The generated flowgraph; None on the air.
     hardware : dict or None
         Options of `hardware.run_hardware`; None in simulation.
+    capture : Path or None
+        SigMF recording of the point, without ending; None for none.
     """
 
     scene: Scene
     point: Point
     prepared: Any = None
     hardware: dict[str, Any] | None = None
+    capture: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -110,11 +113,11 @@ def measure(task: Task) -> Outcome:
     if task.hardware is None:
         from .flowgraph import run_point
 
-        result = run_point(task.prepared, task.scene)
+        result = run_point(task.prepared, task.scene, capture=task.capture)
     else:
         from .hardware import run_hardware
 
-        result = run_hardware(task.scene, task.scene.methods, **task.hardware)
+        result = run_hardware(task.scene, task.scene.methods, capture=task.capture, **task.hardware)
     programme = task.scene.altitude.programme
     rows = [
         make_row(
@@ -153,6 +156,7 @@ def evaluate(
     time_limit_s: float = 120.0,
     progress: Callable[[int, int, Sequence[dict[str, Any]]], None] = lambda done, total, rows: None,
     hardware: dict[str, Any] | None = None,
+    capture: bool = False,
 ) -> Path:
     """Measure every point of a scene through the flowgraph and write the result folder (DESIGN.md 8).
 
@@ -172,6 +176,8 @@ def evaluate(
         Called as ``progress(points done, points in all, rows of the point just measured)``, first without rows.
     hardware : dict, optional
         Measure on the air, with these options of `hardware.run_hardware`; default the simulated channel.
+    capture : bool
+        Record what the receiver hears at every point, as SigMF below ``out/captures``.
 
     Returns
     -------
@@ -206,6 +212,8 @@ def evaluate(
         off = flowgraph.left_out(scene, scene.methods)
         left_out = ["simulated channel: the radios are real"]
         left_out += [item for item in off if not item.startswith("channel impairments")]
+    if capture:
+        tasks = [replace(task, capture=out / "captures" / _file_name(task.point)) for task in tasks]
     folder.begin(left_out)
     peaks: dict[int, int] = {}
     done = itertools.count(total - len(todo))
@@ -230,6 +238,13 @@ def evaluate(
             "peak_memory_bytes": peak_memory_bytes() + sum(peaks.values()),
         },
     )
+
+
+def _file_name(point: Point) -> str:
+    parts = [f"overlap_{point.overlap:g}"]
+    parts += [] if point.sir_db is None else [f"sir_{point.sir_db:g}"]
+    parts += [] if point.snr_db is None else [f"snr_{point.snr_db:g}"]
+    return "_".join(parts)
 
 
 def _ceiling_points(points: Sequence[Point]) -> list[Point]:
