@@ -125,10 +125,12 @@ def imported(file: Path, name: str):
     spec = importlib.util.spec_from_file_location(f"generated_{name}", file)
     module = importlib.util.module_from_spec(spec)
     argv, sys.argv = sys.argv, [str(file)]
+    sys.path.insert(0, str(file.parent))  # Embedded Python Blocks are modules beside it
     try:
         spec.loader.exec_module(module)
     finally:
         sys.argv = argv
+        sys.path.remove(str(file.parent))
     return module
 
 
