@@ -16,7 +16,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test lint format grc setup setup-test train ctest install clean distclean
+.PHONY: help eval test lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -40,6 +40,12 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 	@test -n "$${DISPLAY:-}$${WAYLAND_DISPLAY:-}" || { echo "make grc: no display; set DISPLAY, or use xvfb-run" >&2; exit 2; }
 	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')$${PYTHONPATH:+:$$PYTHONPATH}" \
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" gnuradio-companion $(FLOWGRAPH)
+
+flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
+	@$(PYTHON) flowgraphs/make_flowgraphs.py
+
+screenshot: $(VENV)/.runtime ## picture of the live view, docs/live_view.png, from a run of it
+	@$(PYTHON) flowgraphs/screenshot.py $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
