@@ -63,6 +63,8 @@ class altimeter_sink(gr.sync_block):
         self.altimeter = Altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
         self._messages = bool(messages)
+        self._streaming = bool(stream)
+        self.set_batch(1)
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
         self._count = 0
         self._port = pmt.intern("result")
@@ -95,18 +97,54 @@ class altimeter_sink(gr.sync_block):
         """Measure every frame that is there in one batch."""
         frames = input_items[0]
         tags = read_frame_tags(self, len(frames))
+        if self._batch > 1:
+            self._gather(frames, tags)
+            return len(frames)
+        results = self._measure(frames, tags)
+        if output_items:
+            output_items[0][:] = results["altitude_m"]
+        return len(frames)
+
+    def set_batch(self, frames: int) -> None:
+        """Measure so many frames at once: a third of the CPU time at 8, and as many milliseconds later.
+
+        For runs that are read at their end; raises ValueError below 1, or with the stream output.
+        """
+        if frames < 1 or (frames > 1 and self._streaming):
+            raise ValueError(f"batch is {frames}; at least 1 frame, and 1 with the stream output")
+        self._batch = int(frames)
+        n = self.altimeter.waveform.samples_per_frame
+        self._waiting = np.empty((self._batch, n), dtype=np.complex64)
+        self._waiting_tags = np.empty((self._batch, 3))
+        self._gathered = 0
+
+    def _gather(self, frames: np.ndarray, tags: np.ndarray) -> None:
+        """Copy frames until a batch is full, then measure it."""
+        for frame, tag in zip(frames, tags, strict=True):
+            self._waiting[self._gathered] = frame
+            self._waiting_tags[self._gathered] = tag
+            self._gathered += 1
+            if self._gathered == self._batch:
+                self._flush()
+
+    def _flush(self) -> None:
+        """Measure what has been gathered."""
+        count, self._gathered = self._gathered, 0
+        if count:
+            self._measure(self._waiting[:count], self._waiting_tags[:count])
+
+    def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
+        """Measure, store and publish; returns the results."""
         index = np.nan_to_num(tags[:, 0], nan=-1).astype(np.int64)
         results = self.altimeter.process(frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
         self._count += len(results)
-        if output_items:
-            output_items[0][:] = results["altitude_m"]
         if self._messages or self._socket is not None:
             truth = self._programme.altitude_m(index)
             for result, true in zip(results, truth, strict=True):
                 self._publish(result, float(true))
-        return len(frames)
+        return results
 
     def _publish(self, result: np.void, truth_m: float) -> None:
         if self._socket is not None:
@@ -141,6 +179,7 @@ class altimeter_sink(gr.sync_block):
 
     def results(self) -> np.ndarray:
         """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`."""
+        self._flush()
         if self._count <= self._store.size:
             return self._store[: self._count].copy()
         return np.roll(self._store, -(self._count % self._store.size))

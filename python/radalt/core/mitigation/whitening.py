@@ -49,5 +49,7 @@ class Whitening(Mitigation):
         level = smooth.mean(axis=1, keepdims=True)
         # floor: cells 60 dB under the mean are not worth raising to it
         smooth = np.maximum(smooth / np.where(level > 0, level, 1), np.float32(1e-6))
-        gain = smooth ** np.float32(-self.exponent)
-        return fft.ifft(spectrum * gain, axis=1).astype(np.complex64)
+        # a power costs as much as a transform, the default exponent needs none
+        gain = np.reciprocal(smooth) if self.exponent == 1.0 else smooth ** np.float32(-self.exponent)
+        spectrum *= gain
+        return fft.ifft(spectrum, axis=1, overwrite_x=True)
