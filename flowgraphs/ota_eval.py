@@ -4,6 +4,7 @@
     python flowgraphs/ota_eval.py --sim                                    # the paper's case, about a minute
     python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
     python flowgraphs/ota_eval.py --sim --out results/mine --resume        # go on where it was killed
+    python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py   # a method of your own beside them
 
 Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
 and writes report.md, report.json, rows.csv, figures and the scene as used into one folder. Options change the scene;
@@ -63,7 +64,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
     add("--frames", type=int, help="frames at each altitude")
     add("--seed", type=int, help="everything random follows from it")
-    add("--model", type=Path, help="ONNX file of the method tcae")
+    add("--model", type=Path, metavar="FILE.onnx", help="network of the method tcae")
+    add(
+        "--method-file", type=Path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
+    )
     add("--out", type=Path, help="result folder (default: results/SCENE-DATE-TIME)")
     add("--resume", action="store_true", help="complete the run that --out holds")
     add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
@@ -131,11 +135,20 @@ def _scene(args: argparse.Namespace) -> Any:
         change("--seed", "", lambda: {"seed": args.seed})
     if args.methods is not None:
         change("--methods", "", lambda: {"methods": tuple(m.strip() for m in args.methods.split(","))})
-    if args.model is not None:
+    own = _own_methods(args)
+    if own:
         options = dict(scene.method_options)
-        options["tcae"] = {**(options.get("tcae") or {}), "model": str(args.model)}
-        change("--model", "", lambda: {"method_options": options})
+        for name, given in own.items():
+            options[name] = {**(options.get(name) or {}), **given}
+        methods = (*scene.methods, *(name for name in own if name not in scene.methods))
+        change("--method-file or --model", "", lambda: {"method_options": options, "methods": methods})
     return scene
+
+
+def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
+    """Options by method that --model and --method-file stand for."""
+    given = (("tcae", "model", args.model), ("custom", "file", args.method_file))
+    return {name: {key: str(path.resolve())} for name, key, path in given if path is not None}
 
 
 def _require_radios(needed: int) -> None:
@@ -230,6 +243,7 @@ def _replay(args: argparse.Namespace) -> int:
         out,
         scene=_scene(args) if args.scene else None,
         methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
+        method_options=_own_methods(args),
     )
     for row in rows:
         if "pd" in row:

@@ -19,6 +19,8 @@ from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+# GNU Radio tells of every buffer size that is asked for
+os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..core.altimeter import Reason
-from ..core.mitigation import METHODS, MitigationError
+from ..core.mitigation import CUSTOM, METHODS, MitigationError
 from ..core.recording import open_capture
 from ..core.scene import Scene, SceneError
 from .flowgraph import PointResult
@@ -28,6 +28,7 @@ def score_recording(
     *,
     scene: Scene | None = None,
     methods: Sequence[str] | None = None,
+    method_options: Mapping[str, dict[str, Any]] | None = None,
     time_limit_s: float = 600.0,
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
@@ -42,6 +43,8 @@ def score_recording(
         Needed for recordings of other programs; for ours it replaces everything but altitudes and seed.
     methods : sequence of str, optional
         Default: the scene's.
+    method_options : mapping of method -> options, optional
+        Options that replace the scene's; a method that is named here is scored as well.
 
     Returns
     -------
@@ -56,7 +59,11 @@ def score_recording(
     placed, known = replay_scene(open_capture(path), scene)
     if methods:
         placed = dataclasses.replace(placed, methods=tuple(methods))
-    unknown = [m for m in placed.methods if m not in METHODS]
+    if method_options:
+        added = tuple(m for m in method_options if m not in placed.methods)
+        options = {**placed.method_options, **method_options}
+        placed = dataclasses.replace(placed, methods=placed.methods + added, method_options=options)
+    unknown = [m for m in placed.methods if m not in (*METHODS, CUSTOM)]
     if unknown:
         raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
     if (out / "rows.csv").exists() or (out / "summary.json").exists():
