@@ -1,6 +1,6 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-    xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--png FOLDER] FLOWGRAPH.grc ...
+xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--png FOLDER] FLOWGRAPH.grc ...
 """
 
 import json

@@ -1,0 +1,105 @@
+"""gnuradio-companion itself, under a display without a screen, opens every flowgraph whole and tidy."""
+
+import json
+import os
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import pytest
+import yaml
+from gnuradio import gr
+
+ROOT = Path(__file__).resolve().parent.parent
+FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
+SECTIONS_FROM = 216  # below options, parameters and variables
+
+
+def companion(folder: Path, paths: list[Path], descriptions: str) -> dict:
+    """What one run of the companion says of these flowgraphs, with the environment of `make grc`."""
+    packages = sysconfig.get_path("purelib")
+    environment = os.environ | {
+        "HOME": str(folder),
+        "PYTHONPATH": f"{ROOT / 'python'}:{packages}",
+        "GRC_BLOCKS_PATH": descriptions,
+        # GNU Radio's own, and not what may be installed of ours
+        "GR_CONF_GRC_GLOBAL_BLOCKS_PATH": f"{gr.prefix()}/share/gnuradio/grc/blocks",
+    }
+    command = ["xvfb-run", "-a", "/usr/bin/python3", str(ROOT / "tests/companion_probe.py"), *map(str, paths)]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100, check=False
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("PROBE ")]
+    assert len(lines) == 1, f"the companion ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return json.loads(lines[0].removeprefix("PROBE "))
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory) -> dict:
+    """Every flowgraph of the module in one companion, by file name."""
+    report = companion(tmp_path_factory.mktemp("home"), FLOWGRAPHS, str(ROOT / "grc"))
+    return {Path(page["file"]).name: page for page in report["pages"]} | {"title": report["title"]}
+
+
+def on_file(path: Path) -> dict:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def overlaps(first: list[float], second: list[float]) -> bool:
+    """Whether two boxes (left, top, right, bottom) share any point."""
+    return first[0] < second[2] and second[0] < first[2] and first[1] < second[3] and second[1] < first[3]
+
+
+def test_window_shows_a_flowgraph(seen):
+    """The probe itself waits until the X server shows the window."""
+    assert seen["title"].split(" ")[0] in {path.name for path in FLOWGRAPHS}
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_all_blocks_are_there_found_and_right(seen, path):
+    data, page = on_file(path), seen[path.name]
+    assert {b["name"] for b in page["blocks"]} - {data["options"]["parameters"]["id"]} == {
+        b["name"] for b in data["blocks"]
+    }
+    assert len(page["blocks"]) == len(data["blocks"]) + 1  # and the options
+    assert page["connections"] == len(data["connections"])
+    assert [b["name"] for b in page["blocks"] if b["dummy"]] == []
+    assert page["errors"] == []
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_boxes_do_not_overlap(seen, path):
+    blocks = seen[path.name]["blocks"]
+    pairs = [
+        (a["name"], b["name"])
+        for i, a in enumerate(blocks)
+        for b in blocks[:i]
+        if overlaps(a["box"], b["box"])
+    ]
+    assert pairs == []
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_sections_have_titles(seen, path):
+    """A numbered note heads each section, above everything it stands for."""
+    notes = [b for b in on_file(path)["blocks"] if b["id"] == "note"]
+    titles = sorted(b["parameters"]["note"] for b in notes)
+    assert len(titles) >= 3
+    assert [title.split(".")[0] for title in titles] == [str(1 + i) for i in range(len(titles))]
+    assert all(len(title) <= 27 for title in titles), "the companion cuts longer text off"
+    top = min(b["states"]["coordinate"][1] for b in notes)
+    assert top >= SECTIONS_FROM
+    signal = [
+        b for b in on_file(path)["blocks"] if b["id"].startswith(("radalt_", "uhd_", "epy_", "blocks_"))
+    ]
+    assert all(b["states"]["coordinate"][1] > top for b in signal)
+
+
+def test_embedded_flowgraph_opens_where_our_descriptions_are_missing(tmp_path):
+    """In a companion that knows none of our blocks, ota_embedded stands and ota_b210 does not."""
+    paths = [ROOT / "flowgraphs/ota_embedded.grc", ROOT / "flowgraphs/ota_b210.grc"]
+    embedded, plain = companion(tmp_path, paths, "")["pages"]
+    assert embedded["errors"] == [] and not any(b["dummy"] for b in embedded["blocks"])
+    assert embedded["connections"] == plain["connections"] > 10
+    ours = {b["name"] for b in on_file(paths[1])["blocks"] if b["id"].startswith("radalt_")}
+    assert {b["name"] for b in plain["blocks"] if b["dummy"]} == ours
