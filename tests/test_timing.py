@@ -110,6 +110,15 @@ def test_latency_is_measured_to_a_hundredth_of_a_sample(offset):
     assert measured == pytest.approx(offset, abs=0.01)
 
 
+@pytest.mark.parametrize("fraction", [0.125, 0.25, 0.5, 0.75, 0.875])
+@pytest.mark.parametrize("true_delay", [False, True], ids=["synthetic", "true_delay"])
+def test_no_fraction_of_a_sample_pulls_the_altitude(true_delay, fraction):
+    """At 1500 m 2 % of each half sweep lie past the band's edge, where a delay of a fraction turns the phase."""
+    settings = ChannelSettings(snr_db=30.0, start_offset_samples=500 + fraction)
+    _, error = errors(play(Programme((1500.0, 3.0), 4), settings, 1, true_delay=true_delay))
+    assert error.size == 8 and np.abs(error).max() < 0.15
+
+
 def test_aligning_on_the_peak_does_not_remove_the_altitude():
     """DESIGN.md 6.1: timing comes from the preamble alone; a programme that steps to 1200 m keeps its 1200 m."""
     run = play(Programme((1200.0,), 10), ChannelSettings(snr_db=20.0), 2, true_delay=True)

@@ -20,12 +20,13 @@ from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
 from .cfar import Cfar, cell_correlation
 from .clusters import centroid_of, edge_of
 from .decimator import Decimator
-from .waveform import Waveform, delay_to_altitude_m
+from .waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"]
 
 _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
 _SHAPE_POINTS = 1 << 15
+_MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
 _OVERSAMPLING = (
     2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
 )
@@ -86,6 +87,11 @@ class Altimeter:
         each = max(1e-12, settings.pfa / (2 * self._doppler_reach + 1))
         self.pair_scale = replace(self.cfar, pfa=each).joint_scale(_FLOOR)
 
+    @property
+    def false_alarms_per_frame(self) -> float:
+        """Bound of the probability that white noise alone gives an altitude: ``pfa`` times the cells searched."""
+        return min(1.0, self.settings.pfa * (self._last - self._first))
+
     # -- construction ---------------------------------------------------------------------------------------------
 
     def _plan_band(self) -> None:
@@ -114,9 +120,9 @@ class Altimeter:
     def _build_tables(self) -> None:
         w, s = self.waveform, self.settings
         half = w.samples_per_half
-        window = signal.get_window(s.window, half, fftbins=False)
+        window = self._window(half)
         # the window's transform is taken from at most so many points: beyond that only memory changes
-        shape = signal.get_window(s.window, min(half, _SHAPE_POINTS), fftbins=False)
+        shape = self._window(min(half, _SHAPE_POINTS))
         step = self.cell_hz * w.half_sweep_s / shape.size
         t = w.sample_times_s[:half]
         # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
@@ -147,6 +153,18 @@ class Altimeter:
         self._doppler_reach = 1 + int(np.ceil(2.0 * self.doppler_limit_hz / self.cell_hz))
         self._interpolation = self._interpolation_table(shape, step)
         self._flank, self._side_lobes = self._lobe_limits(shape, step)
+
+    def _window(self, points: int) -> np.ndarray:
+        """(points,) window over a half sweep, zero for the delay of the highest altitude at its start.
+
+        For so long a return is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where
+        a fraction of a sample of latency turns its phase. Either would pull the beat, by up to half a metre at 1500 m;
+        leaving it out costs 2 % of the samples there.
+        """
+        window = signal.get_window(self.settings.window, points, fftbins=False)
+        blind = float(altitude_to_delay_s(self.settings.max_altitude_m)) / self.waveform.half_sweep_s
+        window[: int(np.ceil(min(blind, _MOST_BLIND) * points))] = 0.0
+        return window
 
     def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Log-power ratio of the two neighbours of a peak cell against the sub-cell offset, exact for one tone."""
@@ -185,7 +203,8 @@ class Altimeter:
         with np.errstate(invalid="ignore", over="ignore"):
             cells = self._cells(frames)
             scale = np.max(np.abs(cells), axis=(1, 2))
-            safe = np.where((scale > 0) & np.isfinite(scale), scale, 1.0)
+            scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
+            safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
             cells = cells / safe[:, None, None]
             power = cells.real**2 + cells.imag**2
             power *= self._equaliser**2
@@ -263,6 +282,20 @@ class Altimeter:
         out["snr_db"] = np.where(ok, self._snr_db(spectra, pair), np.nan)
         out["forced_altitude_m"] = np.where(usable, altitude, np.nan)
         return out
+
+    def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
+        """(n,) bool: the strongest beats of cleaned frames stand out in the frames they were made from.
+
+        In both half sweeps the received spectrum has to exceed its own noise there by the detector's floor, and to be
+        within 8 dB of its own strongest cell: more than a first side lobe, less than the loss by interference.
+        """
+        raw, clean = self.spectra(received), self.spectra(cleaned)
+        span = slice(self.cfar.margin + self._first, self.cfar.margin + self._last)
+        cell = np.argmax(clean.power[..., span], axis=-1)[..., None] + self._first
+        power = np.take_along_axis(raw.power, cell + self.cfar.margin, axis=-1)[..., 0]
+        noise = np.take_along_axis(raw.noise, cell, axis=-1)[..., 0]
+        strong = (power > _FLOOR * noise) & (power > raw.power.max(axis=-1) / 6.0)
+        return strong.all(axis=-1)
 
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
@@ -391,7 +424,7 @@ class Altimeter:
     def _main_lobe_6db_cells(self) -> float:
         """Distance in cells from a point target's peak to its -6 dB point."""
         half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
-        window = signal.get_window(self.settings.window, half, fftbins=False)
+        window = self._window(half)
         cells = np.linspace(0, 6, 601)
         step = self.cell_hz * self.waveform.half_sweep_s / half
         lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(cells, np.arange(half))) @ window) ** 2
