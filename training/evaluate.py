@@ -34,7 +34,7 @@ SEED = 31_415_926  # no training configuration uses it
 SNR_DB = 10.0
 TOLERANCE_M = 5.0
 SIRS_DB = tuple(np.arange(0.0, -62.6, -2.5))
-OVERLAPS = (0.1, 0.3, 0.6, 1.0)
+OVERLAPS = (0.3, 0.6, 1.0)
 CLASSICAL = ("none", "lms", "lms_reference_input", "nlms", "whitening", "blanking")
 NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
 COLUMNS = (
@@ -237,8 +237,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "tcae")
     parser.add_argument("--models", type=Path, default=ROOT / "models")
     parser.add_argument("--methods", default=",".join([*CLASSICAL, *NETWORKS]), help="comma-separated")
-    parser.add_argument("--trials", type=int, default=100)
-    parser.add_argument("--clean-trials", type=int, default=400)
+    parser.add_argument("--trials", type=int, default=60)
+    parser.add_argument("--clean-trials", type=int, default=200)
     args = parser.parse_args()
     names = [name for name in args.methods.split(",") if name]
     unknown = [name for name in names if name not in (*CLASSICAL, *NETWORKS)]
