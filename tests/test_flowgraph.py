@@ -213,8 +213,8 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
         assert errors == []
         if key == "radalt_sigmf_source":
             continue  # needs a recording; made where recordings are tested
-        holder = type("Holder", (), {})()
-        holder.it = eval(make, {"radalt": radalt, "scene": scene})  # noqa: S307 - what the compiler writes
+        holder = gr.top_block()
+        holder.it = eval(make, {"radalt": radalt, "scene": scene, "self": holder})  # noqa: S307 - what the compiler writes
         for callback in callbacks:
             eval(callback, {"self": holder})  # noqa: S307
 
