@@ -162,11 +162,13 @@ class QpskEmitter:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
         ratio = Fraction(1 / rate).limit_denominator(64)
         up, down = ratio.numerator, ratio.denominator
-        taps = rrc_taps(self.rolloff, up)
+        # a pulse rings on for the inverse of its roll-off: cut at 1.2 of that its spectrum ripples by a few percent
+        side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(self.rolloff, 1e-3)))))
+        taps = rrc_taps(self.rolloff, up, 2 * side)
         lead = int(offset * up)  # symbol timing, in steps of 1/up symbol
-        symbols = -(-(count * down + lead) // up) + 12
+        symbols = -(-(count * down + lead) // up) + 2 * side
         shaped = signal.upfirdn(taps * np.sqrt(up), _qpsk_symbols(symbols, rng), up, 1)
-        start = 6 * up + lead
+        start = side * up + lead
         return shaped[start : start + count * down : down]
 
 
