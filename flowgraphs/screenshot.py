@@ -46,11 +46,11 @@ def _arguments() -> argparse.Namespace:
         default="paper_qpsk",
         help="YAML file, or the name of a shipped scene (default: %(default)s)",
     )
-    add("--sir-db", type=float, default=-30.0, help="signal-to-interference ratio (default: %(default)g)")
-    add("--overlap", type=float, default=0.5, help="active fraction of the sweep (default: %(default)g)")
+    add("--sir-db", type=float, default=-32.0, help="signal-to-interference ratio (default: %(default)g)")
+    add("--overlap", type=float, default=1.0, help="active fraction of the sweep (default: %(default)g)")
     add("--method", default="whitening", help="the method that is chosen (default: %(default)s)")
     add("--frames", type=int, default=FRAMES_A_STEP, help="frames at each altitude (default: %(default)s)")
-    add("--time-limit-s", type=float, default=300.0, help="give up after this long (default: %(default)g)")
+    add("--time-limit-s", type=float, default=600.0, help="give up after this long (default: %(default)g)")
     return parser.parse_args()
 
 

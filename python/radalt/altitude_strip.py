@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from gnuradio import gr
 
+from ._frames import read_frame_tags
 from ._guard import guarded
 from .core.live import AltitudeStrip
 
@@ -21,7 +24,7 @@ class altitude_strip(gr.decim_block):
     Parameters
     ----------
     altitude_m : float
-        True altitude in metres, from now on. Live.
+        True altitude in metres, from now on. Live. `set_truth` knows it frame by frame.
     inputs : int
         Number of altimeters.
     points : int
@@ -46,6 +49,7 @@ class altitude_strip(gr.decim_block):
             decim=every,
         )
         self._every = every
+        self._truth: Callable[[np.ndarray], np.ndarray] | None = None
         self.set_altitude(altitude_m)
         self.set_tag_propagation_policy(gr.TPP_DONT)
 
@@ -53,14 +57,27 @@ class altitude_strip(gr.decim_block):
         """True altitude in metres from the next frame on."""
         self._true_m = float(altitude_m)
 
+    def set_truth(self, altitude_m: Callable[[np.ndarray], np.ndarray]) -> None:
+        """True altitudes by sweep index (`fmcw_chirp_source.altitude_m`), right however late a frame arrives."""
+        self._truth = altitude_m
+
+    def _true_altitudes(self, count: int) -> np.ndarray:
+        """(count,) of the next frames; what was set where a frame has no index."""
+        out = np.full(count, self._true_m)
+        if self._truth is not None:
+            index = read_frame_tags(self, count)[:, 0]
+            known = np.isfinite(index)
+            out[known] = self._truth(index[known].astype(np.int64))
+        return out
+
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
         """A chart for every step."""
         count = len(output_items[0])
+        true = self._true_altitudes(count * self._every)
         for step in range(count):
             span = slice(step * self._every, (step + 1) * self._every)
-            altitudes = [np.full(self._every, self._true_m), *(items[span] for items in input_items)]
-            self.strip.push(np.stack(altitudes))
+            self.strip.push(np.stack([true[span], *(items[span] for items in input_items)]))
             for output, row in zip(output_items, self.strip.rows, strict=True):
                 output[step] = np.nan_to_num(row, nan=self.OFF_CHART_M)
         return count

@@ -1,0 +1,241 @@
+"""The live view: what its blocks draw, its controls at work, and its picture."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gnuradio import blocks, gr, radalt
+
+from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings
+from gnuradio.radalt.core.live import AltitudeStrip, RangeProfile, by_hand
+from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.scene import load_scene, parse_scene
+from gnuradio.radalt.core.waveform import Waveform
+
+ROOT = Path(__file__).resolve().parent.parent
+W = Waveform()
+N = W.samples_per_frame
+LEVEL = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
+
+
+def noise(frames: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(frames, 2 * N)).view(complex) / np.sqrt(2)
+
+
+def collected(stream: np.ndarray, block, outputs: int, length: int, vlen: int = 1) -> list[np.ndarray]:
+    """Rows of each output of a block that is fed the same frames on every input."""
+    top = gr.top_block()
+    source = (blocks.vector_source_c if np.iscomplexobj(stream) else blocks.vector_source_f)(
+        stream.ravel().tolist(), False, vlen
+    )
+    sinks = [blocks.vector_sink_f(length) for _ in range(outputs)]
+    for port in range(block.input_signature().max_streams()):
+        top.connect(source, (block, port))
+    for port, sink in enumerate(sinks):
+        top.connect((block, port), sink)
+    top.run()
+    return [np.array(sink.data()).reshape(-1, length) for sink in sinks]
+
+
+# -- range profile ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("altitude_m", [30.0, 299.5, 750.0, 1400.0])
+def test_unit_return_peaks_at_its_altitude_at_zero_decibels(altitude_m):
+    profile = RangeProfile(W, LEVEL)
+    power_db, _ = profile.process(point_return(W, np.array([altitude_m])))
+    peak = int(power_db[0].argmax())
+    # a cell is 10 m wide and values between cells are interpolated: half a cell, and its straddling loss
+    assert abs(profile.altitude_m[peak] - altitude_m) < 6.0
+    assert -1.5 < power_db[0, peak] < 0.3
+
+
+def test_profile_is_in_absolute_units():
+    """Twice the amplitude is 6.02 dB more, in the profile and in the threshold."""
+    profile = RangeProfile(W, LEVEL)
+    frames = point_return(W, np.array([500.0])) + 0.3 * noise(1)
+    once, twice = (np.stack(profile.process(a * frames)) for a in (1.0, 2.0))
+    np.testing.assert_allclose(twice - once, 20 * np.log10(2.0), atol=1e-3)
+
+
+def test_noise_floor_lies_the_processing_gain_below_its_power():
+    """White noise of unit power in a cell of one half sweep: 10 log10(1 / (N / 2)) = -35.7 dB over a unit return."""
+    profile = RangeProfile(W, LEVEL)
+    power_db, _ = profile.process(noise(100))
+    floor_db = 10 * np.log10(np.mean(10 ** (power_db / 10)))
+    assert abs(floor_db - 10 * np.log10(2 / N)) < 1.0
+
+
+def test_profile_exceeds_the_threshold_where_the_altimeter_detects():
+    profile, altimeter = RangeProfile(W, LEVEL), Altimeter(W, LEVEL)
+    altitudes = np.linspace(100.0, 1400.0, 200)
+    amplitudes = np.tile([0.0, 0.05, 0.075, 0.3], 50)  # nothing, in the noise, at the edge, clear
+    frames = amplitudes[:, None] * point_return(W, altitudes) + noise(200)
+    power_db, threshold_db = profile.process(frames)
+    crossed = (power_db > threshold_db).any(axis=1)
+    valid = altimeter.process(frames)["valid"]
+    assert 0.3 < valid.mean() < 0.8
+    assert (
+        np.mean(crossed == valid) > 0.95
+    )  # between cells the curves are interpolated, so the edge is not exact
+    assert crossed[3::4].all() and not crossed[0::4].all()
+
+
+def test_silence_and_broken_frames_show_as_no_power():
+    frames = np.zeros((2, N), dtype=complex)
+    frames[1, 5] = np.nan
+    for curve in RangeProfile(W, LEVEL).process(frames):
+        assert np.isfinite(curve).all() and (curve < -190).all()
+
+
+def test_range_profile_block_shows_every_fiftieth_frame():
+    scene = load_scene("paper_qpsk")
+    frames = (point_return(W, np.linspace(100.0, 900.0, 23)) + 0.1 * noise(23)).astype(np.complex64)
+    block = radalt.range_profile(scene, points=128, every=5)
+    power_db, threshold_db = collected(frames, block, 2, 128, N)
+    wanted = RangeProfile(scene.waveform, scene.altimeter_settings, 128).process(frames[::5])
+    np.testing.assert_array_equal(power_db, wanted[0])
+    np.testing.assert_array_equal(threshold_db, wanted[1])
+
+
+# -- altitude strip ---------------------------------------------------------------------------------------------------
+
+
+def test_strip_is_the_same_for_every_way_of_cutting_the_stream():
+    altitudes = np.arange(2 * 95, dtype=float).reshape(2, 95)
+    altitudes[1, 60] = np.nan
+    whole, ragged = AltitudeStrip(2, 8, 10), AltitudeStrip(2, 8, 10)
+    whole.push(altitudes)
+    for part in np.split(altitudes, [1, 4, 27, 28, 61, 90], axis=1):
+        ragged.push(part)
+    np.testing.assert_array_equal(whole.rows, ragged.rows)
+    np.testing.assert_array_equal(whole.rows, altitudes[:, 0:95:10][:, -8:])
+
+
+def test_altitude_strip_block_rolls_and_hides_what_was_not_detected():
+    altitudes = np.arange(60, dtype=np.float32)
+    altitudes[40] = np.nan
+    block = radalt.altitude_strip(altitude_m=25.0, inputs=1, points=4, every=20)
+    true, chart = collected(altitudes, block, 2, 4)
+    off = block.OFF_CHART_M
+    np.testing.assert_array_equal(true, [[off, off, off, 25], [off, off, 25, 25], [off, 25, 25, 25]])
+    np.testing.assert_array_equal(chart, [[off, off, off, 0], [off, off, 0, 20], [off, 0, 20, off]])
+
+
+# -- by hand ----------------------------------------------------------------------------------------------------------
+
+
+def test_altitude_by_hand_starts_after_the_preamble():
+    """Timing is taken at altitude zero: an altitude set from the start must not shift it."""
+    scene = by_hand(load_scene("paper_qpsk"))
+    preamble = scene.altitude.preamble_frames
+    top = gr.top_block()
+    source = radalt.fmcw_chirp_source(scene, altitude_m=300.0, frames=preamble + 2)
+    sink = blocks.vector_sink_c()
+    top.connect(source, sink)
+    top.run()
+    sweeps = np.array(sink.data()).reshape(-1, N)
+    np.testing.assert_allclose(sweeps[:preamble], np.tile(W.beat_shifted(0.0), (preamble, 1)), atol=1e-6)
+    np.testing.assert_allclose(sweeps[preamble:], np.tile(W.beat_shifted(300.0), (2, 1)), atol=1e-6)
+
+
+def test_scene_by_hand_has_no_end_and_nothing_that_needs_one():
+    scene = parse_scene(
+        {
+            "altitude": {
+                "programme_m": [900, 400],
+                "frames": 3,
+                "mode": "true_delay",
+                "vertical_speed_m_per_s": 3,
+            },
+            "channel": {"jammer_clock_ppm": 2.0, "drops": {"count": 1}},
+        }
+    )
+    live = by_hand(scene)
+    programme = live.altitude.programme
+    late = np.array([programme.total_frames, 10**12])
+    assert programme.is_trial(late).all() and (programme.altitude_m(late) == 400.0).all()
+    assert not scene.altitude.programme.is_trial(late).any()
+    assert live.altitude.mode == "synthetic"
+    assert live.channel.drops.count == 0 and live.channel.jammer_clock_ppm == 0.0
+
+
+def test_method_is_exchanged_between_frames():
+    scene = load_scene("paper_qpsk")
+    frames = (point_return(W, np.full(4, 300.0)) + 2.0 * noise(4)).astype(np.complex64)
+    block = radalt.mitigation(scene, "whitening")
+    out = np.empty_like(frames)
+    block.work([frames[:2]], [out[:2]])
+    block.set_method("nlms")
+    block.work([frames[2:]], [out[2:]])
+    np.testing.assert_array_equal(out[:2], create("whitening", W).process(frames[:2]))
+    np.testing.assert_array_equal(out[2:], create("nlms", W).process(frames[2:]))
+    assert block.status()["method"] == "nlms"
+
+
+def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
+    """With a clock that only moves while the block sleeps, the sleeps add up to the length of the signal."""
+    module = sys.modules[radalt.simulated_channel.__module__]
+    now = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(module.time, "sleep", lambda s: now.__setitem__(0, now[0] + s))
+    top = gr.top_block()
+    source = blocks.vector_source_c([0j] * (50 * N))
+    channel = radalt.simulated_channel(load_scene("paper_qpsk"), jammer=False, realtime=True)
+    top.connect(source, channel, blocks.null_sink(gr.sizeof_gr_complex))
+    top.run()
+    assert 0.8 * 50 * W.sweep_s < now[0] - 100.0 <= 50 * W.sweep_s
+
+
+# -- the whole view ---------------------------------------------------------------------------------------------------
+
+
+def run(*command: object) -> str:
+    environment = os.environ | {"QT_QPA_PLATFORM": "offscreen", "GR_CONF_LOG_LOG_LEVEL": "warn"}
+    done = subprocess.run(
+        [sys.executable, *map(str, command)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def view(tmp_path_factory) -> dict:
+    """What the altimeters of the live view measured after each of its controls was moved."""
+    folder = tmp_path_factory.mktemp("live")
+    lines = [
+        line for line in run(ROOT / "tests/live_probe.py", folder).splitlines() if line.startswith("PROBE ")
+    ]
+    return json.loads(lines[0].removeprefix("PROBE ")) | {"folder": folder}
+
+
+def test_controls_work_while_it_runs(view):
+    assert view["in time"] and view["errors"] == []
+    for step, altitude_m in (("start", 300.0), ("higher", 700.0), ("radar only", 700.0)):
+        assert view[step] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": altitude_m}, step
+    assert view["method"] == "nlms"
+
+
+def test_jammer_and_transmitter_are_switched(view):
+    """60 dB below the jammer nothing is found without mitigation; without the radar nobody finds anything."""
+    assert view["jammed"]["none"] < 0.2
+    assert max(view["off"][name] for name in ("none", "tcae", "selected")) < 0.2
+
+
+def test_picture_shows_the_view(view):
+    from PIL import Image
+
+    picture = Image.open(view["folder"] / "live.png").convert("RGB")
+    assert min(picture.size) > 300
+    assert len(picture.getcolors(maxcolors=1 << 24)) > 100

@@ -1,0 +1,272 @@
+"""Methods of your own: in an embedded block, as a file, as a network; and the live path as embedded blocks."""
+
+import dataclasses
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.mitigation import MitigationError, create
+from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.scene import load_scene
+from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation import flowgraph
+from gnuradio.radalt.evaluation.embedded import embed
+
+ROOT = Path(__file__).resolve().parent.parent
+FLOWGRAPHS = ROOT / "flowgraphs"
+OWN = FLOWGRAPHS / "own_method.py"
+W = Waveform()
+
+FRAMES = point_return(W, np.array([200.0, 400.0, 900.0])).astype(np.complex64)
+
+
+def small_scene(**changes):
+    """The paper's case where no mitigation breaks, 12 frames."""
+    scene = load_scene("paper_qpsk").at(overlap=1.0, sir_db=-28.0)
+    altitude = dataclasses.replace(scene.altitude, programme_m=(900.0, 400.0), frames=6)
+    return dataclasses.replace(scene, altitude=altitude, **changes)
+
+
+def method(folder: Path, source: str) -> Path:
+    path = folder / "mine.py"
+    path.write_text(source)
+    return path
+
+
+# -- a method in a file -----------------------------------------------------------------------------------------------
+
+
+def test_function_of_a_file_cleans_the_frames(tmp_path):
+    path = method(tmp_path, "def mitigate(frames, waveform):\n    return frames * waveform.sweep_s\n")
+    custom = create("custom", W, file=path)
+    np.testing.assert_allclose(custom.process(FRAMES), FRAMES * 1e-3, rtol=1e-6)
+    status = custom.status()
+    assert (status["method"], status["model"], status["frames"]) == ("custom", "mine.py", 3)
+
+
+def test_class_of_a_file_keeps_its_state_until_it_is_reset(tmp_path):
+    source = (
+        "from gnuradio.radalt.core.mitigation import Mitigation\n"
+        "class Counting(Mitigation):\n"
+        "    def reset(self):\n"
+        "        super().reset()\n"
+        "        self.seen = 0\n"
+        "    def _clean(self, batch):\n"
+        "        self.seen += len(batch)\n"
+        "        return batch * self.seen\n"
+    )
+    custom = create("custom", W, file=method(tmp_path, source))
+    np.testing.assert_array_equal(
+        custom.process(FRAMES[:1]), FRAMES[:1]
+    )  # the check on loading left no trace
+    np.testing.assert_array_equal(custom.process(FRAMES[:2]), FRAMES[:2] * 3)
+    custom.reset()
+    np.testing.assert_array_equal(custom.process(FRAMES[:1]), FRAMES[:1])
+
+
+def test_method_that_works_in_place_does_not_touch_the_frames_of_others(tmp_path):
+    source = "def mitigate(frames, waveform):\n    frames *= 0\n    return frames\n"
+    custom = create("custom", W, file=method(tmp_path, source))
+    before = FRAMES.copy()
+    assert not custom.process(FRAMES).any()
+    np.testing.assert_array_equal(FRAMES, before)
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("def mitigate(frames, waveform:\n    pass\n", r"mine.py, line 1: SyntaxError"),
+        ("import nowhere_to_be_found\n", r"mine.py, line 1: ModuleNotFoundError: No module named"),
+        (
+            "\ndef mitigate(frames, waveform):\n    return frames + gain\n",
+            r"mine.py, line 3: NameError: name 'gain'",
+        ),
+        ("def mitigate(frames):\n    return frames\n", r"mine.py: TypeError: .*positional argument"),
+        (
+            "def mitigate(frames, waveform):\n    return frames[:, 1:]\n",
+            r"shape \(1, 7499\); expected .*\(1, 7500\)",
+        ),
+        (
+            "def mitigate(frames, waveform):\n    return None\n",
+            r"gives object of shape \(\); expected complex",
+        ),
+        ("gain = 2\n", r"it needs a function mitigate\(frames, waveform\) or one subclass of Mitigation"),
+    ],
+    ids=["syntax", "import", "name", "arguments", "shape", "nothing", "empty"],
+)
+def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path, source, said):
+    with pytest.raises(MitigationError, match=said) as caught:
+        create("custom", W, file=method(tmp_path, source))
+    assert "\n" not in str(caught.value)
+
+
+def test_failure_in_a_later_frame_names_the_file_and_the_line(tmp_path):
+    source = (
+        "def mitigate(frames, waveform):\n    assert abs(frames[0, 0]) < 2, 'too strong'\n    return frames\n"
+    )
+    custom = create("custom", W, file=method(tmp_path, source))
+    with pytest.raises(MitigationError, match=r"mine.py, line 2: AssertionError: too strong"):
+        custom.process(5 * FRAMES)
+
+
+def test_missing_file_is_named():
+    with pytest.raises(MitigationError, match="nowhere.py: cannot be read"):
+        create("custom", W, file="nowhere.py")
+    with pytest.raises(MitigationError, match="--method-file"):
+        create("custom", W)
+
+
+# -- the same flowgraph with one more chain ---------------------------------------------------------------------------
+
+
+def test_own_method_is_one_more_chain_and_nothing_else_changes():
+    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
+    more = flowgraph.with_custom(data)
+    assert more["blocks"][: len(data["blocks"])] == data["blocks"]
+    added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
+    assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}
+    assert more["connections"] == data["connections"] + [
+        ["frame_segmenter", "0", "mitigation_custom", "0"],
+        ["mitigation_custom", "0", "altimeter_custom", "0"],
+    ]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The simulated flowgraph with a method from a file, and what it measured."""
+    folder = tmp_path_factory.mktemp("plain")
+    scene = small_scene(method_options={"custom": {"file": str(OWN)}})
+    prepared = flowgraph.prepare(scene, ["none", "lms", "whitening", "tcae", "custom"], folder)
+    return scene, flowgraph.run_point(prepared, scene, time_limit_s=60.0).results
+
+
+def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str, np.ndarray]:
+    """Results of the altimeters of any flowgraph."""
+    name = data["options"]["parameters"]["id"]
+    prepared = flowgraph.Prepared(flowgraph.generate(data, folder), name, (), ())
+    parameters = {"scene_file": str(flowgraph.write_scene(scene, folder / "scene.yaml"))}
+    if any(block["name"] == "drop_when_slow" for block in data["blocks"]):
+        parameters["drop_when_slow"] = 0
+    if any(block["name"] == "sir_db" for block in data["blocks"]):
+        parameters["sir_db"] = 999
+    top = flowgraph.load_class(prepared)(**parameters)
+    flowgraph.run_flowgraph(top, 60.0)
+    return {name: getattr(top, f"altimeter_{name}").results() for name in names}
+
+
+def same(first: np.ndarray, second: np.ndarray) -> None:
+    assert len(first) > 12
+    for field in first.dtype.names:
+        np.testing.assert_array_equal(first[field], second[field], err_msg=field)
+
+
+def test_embedded_block_measures_what_the_file_does(plain, tmp_path):
+    """bring_your_own.grc, its block and the file hold the same method, and the shipped ones stand beside it."""
+    scene, results = plain
+    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    own = run_flowgraph(data, scene, tmp_path, ["mine", "none", "whitening", "tcae"])
+    same(own["mine"], results["custom"])
+    for name in ("none", "whitening", "tcae"):
+        same(own[name], results[name])
+    assert results["custom"]["valid"].sum() > results["none"]["valid"].sum()
+
+
+def test_embedded_method_is_ten_lines():
+    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    (block,) = (b for b in data["blocks"] if b["id"] == "epy_block")
+    code = block["parameters"]["_source_code"].split('"""')[2]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 10
+
+
+def test_bring_your_own_prints_the_scores(tmp_path):
+    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    module = flowgraph.generate(data, tmp_path)
+    scene = flowgraph.write_scene(small_scene(), tmp_path / "scene.yaml")
+    printed = call(module, "--scene-file", scene)
+    assert printed.returncode == 0, printed.stderr
+    rows = [line.split() for line in printed.stdout.splitlines()]
+    scores = {row[0]: row for row in rows if row and row[-1] == "12"}
+    assert list(scores) == ["mine", "none", "whitening", "tcae"]
+    assert float(scores["mine"][1]) == pytest.approx(int(scores["mine"][2]) / 12, abs=6e-4)
+
+
+# -- the live path as embedded blocks ---------------------------------------------------------------------------------
+
+
+def test_embedded_flowgraph_gives_equal_results(plain, tmp_path):
+    scene, results = plain
+    names = ["none", "lms", "whitening", "tcae"]
+    data = flowgraph.simulate(flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc"), "ota_embedded_sim")
+    data = embed(flowgraph.prune(data, names, True), "ota_embedded_sim")
+    assert not [b for b in data["blocks"] if b["id"].startswith("radalt_")]
+    embedded = run_flowgraph(data, scene, tmp_path, names)
+    for name in names:
+        same(embedded[name], results[name])
+
+
+def test_embedding_changes_our_blocks_and_the_places_alone():
+    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
+    embedded = embed(data)
+    assert embedded["connections"] == data["connections"]
+    for before, after in zip(data["blocks"], embedded["blocks"], strict=True):
+        assert after["name"] == before["name"]
+        if before["id"].startswith("radalt_"):
+            assert after["id"] == "epy_block"
+            name = before["id"].removeprefix("radalt_")
+            assert f"class {name}(radalt.{name}):" in after["parameters"]["_source_code"]
+        else:
+            assert (after["id"], after["parameters"]) == (before["id"], before["parameters"])
+
+
+def test_shipped_flowgraphs_are_the_mechanical_ones():
+    """After a change of ota_b210.grc, ota_live.grc or a block description: `make flowgraphs`."""
+    spec = importlib.util.spec_from_file_location("make_flowgraphs", FLOWGRAPHS / "make_flowgraphs.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for name, data in module.made().items():
+        assert flowgraph.load_grc(FLOWGRAPHS / name) == data, name
+
+
+# -- the command line -------------------------------------------------------------------------------------------------
+
+
+def call(*command: object) -> subprocess.CompletedProcess:
+    path = f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"
+    return subprocess.run(
+        [sys.executable, *map(str, command)],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_method_file_and_model_are_scored_beside_the_others(tmp_path):
+    model = shutil.copy(ROOT / "models/tcae.onnx", tmp_path / "mine.onnx")
+    case = "--sim --methods none --overlap 1 --sir-db=-28 --altitudes 400 --frames 5 --jobs 1".split()
+    out = tmp_path / "out"
+    done = call(FLOWGRAPHS / "ota_eval.py", *case, "--method-file", OWN, "--model", model, "--out", out)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((out / "report.json").read_text())
+    rows = {row["method"]: row for row in report["rows"]}
+    assert set(rows) == {"none", "custom", "tcae"}
+    assert all(row["trials"] == 5 for row in rows.values())
+    assert rows["tcae"]["pd"] == 1.0
+    assert "own_method.py" in json.dumps(report) and "mine.onnx" in json.dumps(report)
+
+
+@pytest.mark.parametrize("option", ["--method-file", "--model"])
+def test_unusable_file_ends_the_program_with_one_line(tmp_path, option):
+    path = tmp_path / "mine.any"
+    path.write_text("this is neither Python nor ONNX\n")
+    done = call(FLOWGRAPHS / "ota_eval.py", "--sim", option, path, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
