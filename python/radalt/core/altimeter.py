@@ -284,18 +284,17 @@ class Altimeter:
         return out
 
     def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
-        """(n,) bool: the strongest beats of cleaned frames stand out in the frames they were made from.
+        """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is found.
 
-        In both half sweeps the received spectrum has to exceed its own noise there by the detector's floor, and to be
-        within 8 dB of its own strongest cell: more than a first side lobe, less than the loss by interference.
+        In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
+        own strongest cell: more than a first side lobe, less than the loss by interference.
         """
         raw, clean = self.spectra(received), self.spectra(cleaned)
-        span = slice(self.cfar.margin + self._first, self.cfar.margin + self._last)
-        cell = np.argmax(clean.power[..., span], axis=-1)[..., None] + self._first
-        power = np.take_along_axis(raw.power, cell + self.cfar.margin, axis=-1)[..., 0]
-        noise = np.take_along_axis(raw.noise, cell, axis=-1)[..., 0]
-        strong = (power > _FLOOR * noise) & (power > raw.power.max(axis=-1) / 6.0)
-        return strong.all(axis=-1)
+        reason, pair = self._pair(clean)
+        power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
+        noise = np.take_along_axis(raw.noise, pair[..., None], axis=-1)[..., 0]
+        strong = (power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)
+        return strong.all(axis=-1) | (reason != Reason.OK)
 
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
@@ -319,8 +318,9 @@ class Altimeter:
         pair += first
         around = self._climb(spectra.power, pair)
         cut, beyond = self._on_flank(around, pair)
-        reason[found & (cut | self._is_side_lobe(spectra.power, pair))] = Reason.SWEEPS_DISAGREE
-        reason[found & beyond] = Reason.OUT_OF_RANGE
+        side_lobe, outshone = self._outshone(spectra.power, pair)
+        reason[found & (cut | side_lobe)] = Reason.SWEEPS_DISAGREE
+        reason[found & (beyond | outshone)] = Reason.OUT_OF_RANGE
         return reason, pair
 
     def _best_pair(self, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -366,13 +366,19 @@ class Altimeter:
         edge = ((pair <= self._first) & (lower > upper)) | ((pair >= self._last - 1) & (upper > lower))
         return (flank & ~edge).any(axis=1), (flank & edge).any(axis=1)
 
-    def _is_side_lobe(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """(n,) flags: a cell is no more than a side lobe of the strongest of its half sweep."""
+    def _outshone(self, power: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) flags by the strongest cell of each half sweep: a cell is no more than its side lobe; it is the return.
+
+        The latter where it lies beyond the span of altitudes in both half sweeps, 10 dB above the cells found.
+        """
         rows, halves = np.arange(len(pair))[:, None], np.arange(2)[None, :]
         cell = pair + self.cfar.margin
         strongest = np.argmax(power, axis=-1)
-        lobe = self._side_lobes[np.abs(strongest - cell)] * power[rows, halves, strongest]
-        return (power[rows, halves, cell] <= lobe).any(axis=1)
+        here, top = power[rows, halves, cell], power[rows, halves, strongest]
+        side_lobe = here <= self._side_lobes[np.abs(strongest - cell)] * top
+        outside = (strongest < self.cfar.margin + self._first) | (strongest >= self.cfar.margin + self._last)
+        beyond = outside & (top > 10.0 * here)
+        return side_lobe.any(axis=1), beyond.all(axis=1) & (self.settings.strategy == "strongest")
 
     def _snr_db(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """Peak over CFAR noise in the beat spectrum, mean of both halves, in decibels."""

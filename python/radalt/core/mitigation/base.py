@@ -8,7 +8,7 @@ import numpy as np
 
 from ..waveform import Waveform
 
-__all__ = ["Mitigation", "MitigationError"]
+__all__ = ["Mitigation", "MitigationError", "peak_scale"]
 
 
 class MitigationError(ValueError):
@@ -70,6 +70,22 @@ class Mitigation(ABC):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         """(n, N) finite complex64 in, the same shape out, as a new array."""
 
+    @property
+    def carries_altitude(self) -> bool:
+        """Whether the output still holds the return's delay; where it does not, no altitude of it means anything."""
+        return True
+
     def status(self) -> dict[str, object]:
         """Counters and state a report should show."""
-        return {"method": self.name, "frames": self.frames, "diverged_frames": self.diverged_frames}
+        return {
+            "method": self.name,
+            "frames": self.frames,
+            "diverged_frames": self.diverged_frames,
+            "carries_altitude": self.carries_altitude,
+        }
+
+
+def peak_scale(batch: np.ndarray) -> np.ndarray:
+    """(n, 1) float32 largest rail value of each (n, N) complex64 frame, 1 where it is zero or denormal."""
+    peak = np.max(np.abs(batch.view(np.float32)), axis=1, keepdims=True)
+    return np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, signal
 
 from ..waveform import Waveform, altitude_to_delay_s
-from .base import Mitigation, MitigationError
+from .base import Mitigation, MitigationError, peak_scale
 
 __all__ = ["Blanking"]
 
@@ -79,8 +79,7 @@ class Blanking(Mitigation):
         return fft.fft(views * self._taper, axis=-1)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        peak = np.max(np.abs(batch.view(np.float32)), axis=1, keepdims=True)
-        scale = np.where(peak > 0, peak, np.float32(1))
+        scale = peak_scale(batch)
         plane = self._stft(batch / scale)
         power = plane.real**2 + plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))

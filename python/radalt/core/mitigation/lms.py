@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..waveform import Waveform
+from ..altimeter import Altimeter, AltimeterSettings
+from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError
 
 __all__ = ["BlockLms", "Nlms"]
@@ -42,6 +43,10 @@ class BlockLms(Mitigation):
     -----
     On divergence (weights beyond 1e6 or not finite) the rest of the frame is silent, the frame is counted in
     ``diverged_frames`` and adaptation starts anew with the next frame.
+
+    With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
+    beyond the filter all look like an altitude. So a frame whose strongest beats do not stand out in the received frame
+    too is silenced, and counted in ``unconfirmed_frames``.
     """
 
     name = "lms"
@@ -68,11 +73,19 @@ class BlockLms(Mitigation):
         self.restart = restart
         if wiring == "reference_input":
             self.name = "lms_reference_input"
+        self._check = self._altimeter(waveform) if wiring == "reference_input" else None
         super().__init__(waveform)
+
+    def _altimeter(self, waveform: Waveform) -> Altimeter:
+        """Beat spectra over the altitudes that the filter's length reaches."""
+        reach = float(delay_to_altitude_m(self.length / waveform.rate_hz))
+        top = min(max(reach, 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
+        return Altimeter(waveform, AltimeterSettings(max_altitude_m=top, max_vertical_speed_m_per_s=0.0))
 
     def reset(self) -> None:
         """See `Mitigation.reset`: weights and delay line start at zero."""
         super().reset()
+        self.unconfirmed_frames = 0
         self.weights = np.zeros(self.length, dtype=np.complex64)
         self._line = np.zeros(self.length - 1 + self.waveform.samples_per_frame, dtype=np.complex64)
 
@@ -84,6 +97,10 @@ class BlockLms(Mitigation):
                 self._filter(frame, reference, cleaned)
             else:
                 self._filter(reference, frame, cleaned)
+        if self._check is not None:
+            unconfirmed = ~self._check.confirms(batch, out)
+            self.unconfirmed_frames += int(unconfirmed.sum())
+            out[unconfirmed] = 0
         return out
 
     def _filter(self, source: np.ndarray, desired: np.ndarray, out: np.ndarray) -> None:
@@ -96,14 +113,15 @@ class BlockLms(Mitigation):
         line[:past] = line[line.size - past :]
         line[past:] = source
         taps = np.lib.stride_tricks.sliding_window_view(line, self.length)
+        gains = self._gains(line)
         diverged = False
         with np.errstate(over="ignore", invalid="ignore"):
-            for first in range(0, source.size, self.block):
+            for gain, first in zip(gains, range(0, source.size, self.block), strict=True):
                 span = slice(first, min(first + self.block, source.size))
                 x = taps[span]
                 np.matmul(x, self.weights, out=out[span])
                 error = desired[span] - out[span]
-                self.weights = self.weights + np.complex64(self._gain(x)) * (np.conj(error) @ x).conj()
+                self.weights = self.weights + gain * (np.conj(error) @ x).conj()
                 if not np.abs(self.weights).max() < _WEIGHT_LIMIT:
                     out[span.start :] = 0
                     diverged = True
@@ -113,17 +131,27 @@ class BlockLms(Mitigation):
             self.weights = np.zeros_like(self.weights)
             self._line[:] = 0
 
-    def _gain(self, x: np.ndarray) -> float:
-        """Step size of one block of tap vectors ``x`` (block, L)."""
-        return self.step
+    def _gains(self, line: np.ndarray) -> np.ndarray:
+        """Step size of every block, from the delay line ``(L - 1 + N,)``."""
+        blocks = -(-(line.size - self.length + 1) // self.block)
+        return np.full(blocks, self.step, dtype=np.complex64)
+
+    @property
+    def carries_altitude(self) -> bool:
+        """See `Mitigation.carries_altitude`: towards the reference, every altitude is filtered to zero."""
+        return self.wiring == "reference_input"
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`."""
-        return super().status() | {"wiring": self.wiring, "step": self.step}
+        return super().status() | {
+            "wiring": self.wiring,
+            "step": self.step,
+            "unconfirmed_frames": self.unconfirmed_frames,
+        }
 
 
 class Nlms(BlockLms):
-    """Block LMS with the step normalised by the block's energy: ``mu / (eps + trace(X^H X))``, 0 < ``mu`` < 2.
+    """Block LMS with the step normalised by the block's energy: ``mu / trace(X^H X)``, 0 < ``mu`` < 2.
 
     The bound ``mu lambda_max < 2`` then holds for every input power, because the trace of ``X^H X`` bounds its largest
     eigenvalue (S. Haykin, Adaptive Filter Theory, 4th ed., ch. 6).
@@ -142,7 +170,7 @@ class Nlms(BlockLms):
         *,
         length: int = 96,
         block: int = 25,
-        step: float = 1.9,
+        step: float = 0.8,
         wiring: str = "reference_input",
         restart: bool = True,
     ) -> None:
@@ -152,9 +180,12 @@ class Nlms(BlockLms):
             raise MitigationError(f"nlms.step is {step!r}; it has to be below 2 to be stable")
         self.name = "nlms"
 
-    def _gain(self, x: np.ndarray) -> float:
-        # trace of X^H X: the sum of all eigenvalues, so never below the largest
-        first, last = x[:, -1], x[0, :-1]
-        energy = np.vdot(first, first).real * self.length
-        edge = np.vdot(last, last).real * self.length
-        return self.step / (1e-12 + energy + edge)
+    def _gains(self, line: np.ndarray) -> np.ndarray:
+        energy = np.concatenate(
+            [[0.0], np.cumsum(line.real.astype(float) ** 2 + line.imag.astype(float) ** 2)]
+        )
+        in_taps = energy[self.length :] - energy[: -self.length]  # of one tap vector
+        trace = np.add.reduceat(in_taps, np.arange(0, in_taps.size, self.block))
+        # differences of a running sum know no block that is far weaker than the frame
+        floor = 1e-12 * (1.0 + energy[-1])
+        return (self.step / np.maximum(trace, floor)).astype(np.complex64)

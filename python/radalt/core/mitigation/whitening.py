@@ -6,9 +6,11 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError
+from .base import Mitigation, MitigationError, peak_scale
 
 __all__ = ["Whitening"]
+
+_ROUNDING = 1e-14  # of a frame's energy; a return 80 dB under a tone has 1e-12 a cell
 
 
 class Whitening(Mitigation):
@@ -19,7 +21,9 @@ class Whitening(Mitigation):
     smoothing_hz : float
         Width of the running mean. Narrower resolves tones better, wider disturbs the return's own spectrum less.
     exponent : float
-        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``.
+        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``, which narrows the sweep to what is
+        least disturbed: more sensitive where little is, ambiguous where much is (5 MHz NR at -35 dB: 0.60 of the
+        altitudes right, against 0.90 with 0.6).
 
     Notes
     -----
@@ -29,7 +33,7 @@ class Whitening(Mitigation):
 
     name = "whitening"
 
-    def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 1.0) -> None:
+    def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:
         if not 0 < smoothing_hz <= waveform.rate_hz:
             raise MitigationError(
                 f"whitening.smoothing_hz is {smoothing_hz!r}; within 0..{waveform.rate_hz:g}"
@@ -41,8 +45,7 @@ class Whitening(Mitigation):
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        peak = np.max(np.abs(batch.view(np.float32)), axis=1, keepdims=True)
-        scale = np.where(peak > 0, peak, np.float32(1))
+        scale = peak_scale(batch)
         spectrum = fft.fft(batch / scale, axis=1)
         power = spectrum.real**2 + spectrum.imag**2
         smooth = ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap")
