@@ -27,13 +27,17 @@ class MitigationBlock(gr.sync_block):
             raise ValueError(f"batch is {batch}; it has to be at least 1 frame")
         self.method = method
         self._batch = int(batch)
+        self.active = True
         self._milliseconds: deque[float] = deque(maxlen=_TIMES)
         quiet_buffer(self, n)
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Clean what is there, at most ``batch`` frames at a time."""
+        """Clean what is there, at most ``batch`` frames at a time; pass it on where the method is not active."""
         frames, out = input_items[0], output_items[0]
+        if not self.active:
+            out[:] = frames
+            return len(out)
         for first in range(0, len(out), self._batch):
             span = slice(first, first + self._batch)
             begin = time.thread_time_ns()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pmt
@@ -66,7 +67,9 @@ class altimeter_sink(gr.sync_block):
         self._streaming = bool(stream)
         self.set_batch(1)
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
+        self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
         self._count = 0
+        self.active = True
         self._port = pmt.intern("result")
         self.message_port_register_out(self._port)
         self._keys = {
@@ -96,6 +99,10 @@ class altimeter_sink(gr.sync_block):
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
         """Measure every frame that is there in one batch."""
         frames = input_items[0]
+        if not self.active:
+            if output_items:
+                output_items[0][:] = np.nan
+            return len(frames)
         tags = read_frame_tags(self, len(frames))
         if self._batch > 1:
             self._gather(frames, tags)
@@ -139,6 +146,8 @@ class altimeter_sink(gr.sync_block):
         results = self.altimeter.process(frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
+        self._when[at, 0] = tags[:, 1]
+        self._when[at, 1] = time.perf_counter()
         self._count += len(results)
         if self._messages or self._socket is not None:
             truth = self._programme.altitude_m(index)
@@ -183,6 +192,26 @@ class altimeter_sink(gr.sync_block):
         if self._count <= self._store.size:
             return self._store[: self._count].copy()
         return np.roll(self._store, -(self._count % self._store.size))
+
+    @property
+    def count(self) -> int:
+        """Results since the start."""
+        return self._count
+
+    def results_since(self, count: int) -> tuple[int, np.ndarray]:
+        """Results after the first ``count``, as far as they are still kept, and the count for the next call.
+
+        For another thread: reading never waits for the block, nor the block for the reader.
+        """
+        now = self._count
+        # half the store is left to the block, which goes on writing meanwhile
+        first = max(count, now - self._store.size // 2)
+        return now, self._store[np.arange(first, now) % self._store.size]
+
+    def times(self) -> np.ndarray:
+        """(n, 2) sample counter of each kept frame's first sample and `time.perf_counter` at its result."""
+        kept = min(self._count, self._store.size)
+        return self._when[np.arange(self._count - kept, self._count) % self._store.size]
 
     def stop(self) -> bool:
         """Close the ZMQ socket."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from gnuradio import gr
 
@@ -9,6 +11,9 @@ from ._guard import WORK_DONE, guarded
 from .core.scene import Scene
 
 __all__ = ["fmcw_chirp_source"]
+
+
+_CHANGES = 1000
 
 
 class fmcw_chirp_source(gr.sync_block):
@@ -43,6 +48,7 @@ class fmcw_chirp_source(gr.sync_block):
         self._limit = int(frames) * self._n
         self._tables: dict[float, np.ndarray] = {}
         self._position = 0
+        self._changes: deque[tuple[int, float]] = deque(maxlen=_CHANGES)
         self.set_altitude(altitude_m)
         self._frame = self._table(0)
         self.set_min_output_buffer(8 * self._n)
@@ -56,8 +62,28 @@ class fmcw_chirp_source(gr.sync_block):
             )
         self._manual_m = float(altitude_m)
 
+    @property
+    def manual_altitude_m(self) -> float | None:
+        """Altitude set by hand; None where the programme is followed."""
+        return self._manual_m if self._manual_m >= 0 else None
+
+    def altitude_m(self, frame_index: np.ndarray) -> np.ndarray:
+        """What was sent as sweep ``frame_index``, any shape: programme and altitudes set by hand, the last thousand."""
+        index = np.asarray(frame_index)
+        changes = list(
+            self._changes
+        )  # one step under the interpreter's lock; the block may add to it meanwhile
+        out = np.asarray(self._programme.altitude_m(index), dtype=float).copy()
+        for first, altitude in changes:
+            here = index >= first
+            out[here] = self._programme.altitude_m(index[here]) if altitude < 0 else altitude
+        out[index < self._programme.preamble_frames] = 0.0
+        return out
+
     def _table(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``."""
+        if not self._changes or self._changes[-1][1] != self._manual_m:
+            self._changes.append((index, self._manual_m))
         altitude = self._manual_m if self._manual_m >= 0 else float(self._programme.altitude_m(index))
         if not self._shifting or index < self._programme.preamble_frames:
             altitude = 0.0

@@ -82,6 +82,10 @@ class frame_segmenter(gr.basic_block):
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
 
+    def reacquire(self) -> None:
+        """Take timing anew at the next opportunity; for other threads."""
+        self._reacquire = True
+
     def set_full_scale(self, full_scale: float) -> None:
         """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
         self._full_scale = float(full_scale)

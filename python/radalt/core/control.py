@@ -1,0 +1,103 @@
+"""Requests of the control socket: JSON in, a checked request or one line about what is wrong out.
+
+{"version": 1, "command": "get"}
+{"version": 1, "command": "set", "altitude_m": 200, "overlap": 0.5, "sir_db": -20, "methods": ["none", "tcae"]}
+{"version": 1, "command": "reacquire"}
+{"version": 1, "command": "stop"}
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+__all__ = ["COMMANDS", "CONTROL_VERSION", "MAX_REQUEST_BYTES", "Request", "RequestError", "parse_request"]
+
+CONTROL_VERSION = 1
+COMMANDS = ("get", "set", "reacquire", "stop")
+MAX_REQUEST_BYTES = 65_536
+SIR_LIMIT_DB = 100.0
+
+
+class RequestError(ValueError):
+    """A request that cannot be carried out; the message is the reply's ``error``."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A checked request: the command and, for ``set``, what is to be changed."""
+
+    command: str
+    changes: dict[str, Any] = field(default_factory=dict)
+
+
+def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str], jammer: bool) -> Request:
+    """Check one request.
+
+    Parameters
+    ----------
+    text : bytes
+        UTF-8 JSON object.
+    max_altitude_m : float
+        Highest altitude the altimeter looks for.
+    methods : sequence of str
+        Methods that the flowgraph holds.
+    jammer : bool
+        Whether it holds a jammer.
+
+    Raises
+    ------
+    RequestError
+        Names the key, the value and what is allowed.
+    """
+    try:
+        data = json.loads(text.decode("utf-8"))
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise RequestError(f"not JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise RequestError("expected an object like {'version': 1, 'command': 'get'}")
+    if data.get("version") != CONTROL_VERSION:
+        raise RequestError(f"version is {data.get('version')!r}; this program speaks {CONTROL_VERSION}")
+    command = data.get("command")
+    if command not in COMMANDS:
+        raise RequestError(f"command is {command!r}; allowed: {', '.join(COMMANDS)}")
+    changes = {k: v for k, v in data.items() if k not in ("version", "command")}
+    allowed = ("altitude_m", "overlap", "sir_db", "methods") if command == "set" else ()
+    stray = [k for k in changes if k not in allowed]
+    if stray:
+        raise RequestError(f"unknown key {stray[0]!r} for {command}; allowed: {', '.join(allowed) or 'none'}")
+    if command == "set" and not changes:
+        raise RequestError(f"set changes nothing; give one of: {', '.join(allowed)}")
+    if not jammer and {"overlap", "sir_db"} & changes.keys():
+        raise RequestError("overlap and sir_db need a jammer, and the scene has none")
+    limits = {
+        "altitude_m": (0.0, max_altitude_m),
+        "overlap": (0.0, 1.0),
+        "sir_db": (-SIR_LIMIT_DB, SIR_LIMIT_DB),
+    }
+    for key, (low, high) in limits.items():
+        if key in changes:
+            changes[key] = _number(key, changes[key], low, high)
+    if "methods" in changes:
+        changes["methods"] = _methods(changes["methods"], methods)
+    return Request(command, changes)
+
+
+def _number(key: str, value: Any, low: float, high: float) -> float:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not np.isfinite(value) or not low <= value <= high:
+        raise RequestError(f"{key} is {value!r}; it has to be a number within {low:g}..{high:g}")
+    return float(value)
+
+
+def _methods(value: Any, known: Sequence[str]) -> tuple[str, ...]:
+    if not isinstance(value, list) or not value or not all(isinstance(m, str) for m in value):
+        raise RequestError(f"methods is {value!r}; it has to be a list of names out of: {', '.join(known)}")
+    unknown = [m for m in value if m not in known]
+    if unknown:
+        raise RequestError(f"method {unknown[0]!r} is not in the flowgraph; it has: {', '.join(known)}")
+    return tuple(dict.fromkeys(value))
