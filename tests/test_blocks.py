@@ -123,6 +123,7 @@ SOURCES = {
     "free_running": lambda s: radalt.qpsk_jammer_source(
         s, pulse="rrc", overlap=0.3, free_running=True, frames=22
     ),
+    "nr_jammer_source": lambda s: radalt.nr_jammer_source(s, overlap=0.7, sir_db=-15, frames=22),
     "tone_jammer_source": lambda s: radalt.tone_jammer_source(s, count=3, frames=22),
     "mixture_jammer_source": lambda s: radalt.mixture_jammer_source(s, frames=22),
 }
@@ -412,6 +413,45 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
         assert message["frame_index"] == row["frame_index"] and message["valid"] == row["valid"]
         np.testing.assert_equal(message["altitude_m"], row["altitude_m"])
     assert sink.seen[7]["reason"] == "not_finite" and sink.seen[6]["reason"] == "ok"
+
+
+def test_range_profile_shows_every_so_many_frames_in_any_chunks():
+    from gnuradio.radalt.core.live import RangeProfile
+
+    scene = scene_of()
+    frames, tags, _ = frames_with_tags(40)
+    expected = RangeProfile(scene.waveform, scene.altimeter_settings, 64).process(frames[::7])
+    for seed in (None, 1, 2):
+        block, sinks = (
+            radalt.range_profile(scene, points=64, every=7),
+            (Collect(64, np.float32), Collect(64, np.float32)),
+        )
+        run(
+            Ragged(frames, seed, tags),
+            block,
+            also=sinks,
+            wires=tuple(((block, i), (s, 0)) for i, s in enumerate(sinks)),
+        )
+        for sink, wanted in zip(sinks, expected, strict=True):
+            assert sink.data.tobytes() == wanted.astype(np.float32).tobytes()
+
+
+def test_altitude_strip_rolls_by_its_step_in_any_chunks():
+    """The newest value of a step stands last; the chart is as long as asked."""
+    altitudes = np.arange(1, 201, dtype=np.float32)
+    outputs = []
+    for seed in (None, 1):
+        block = radalt.altitude_strip(altitude_m=50.0, inputs=1, points=8, every=10)
+        sinks = Collect(8, np.float32), Collect(8, np.float32)
+        source = Ragged(altitudes, seed)
+        run(source, block, also=sinks, wires=tuple(((block, i), (s, 0)) for i, s in enumerate(sinks)))
+        outputs.append([sink.data for sink in sinks])
+    assert outputs[0][0].shape == (20, 8)
+    for whole, ragged in zip(*outputs, strict=True):
+        assert whole.tobytes() == ragged.tobytes()
+    last = outputs[0][1][-1]
+    assert np.all(np.diff(last) == 10) and 190 < last[-1] <= 200
+    np.testing.assert_array_equal(outputs[0][0][-1], 50.0)
 
 
 def test_altimeter_sink_keeps_the_last_results_of_its_capacity():

@@ -56,7 +56,9 @@ def play(
     expected = 0
     for block in range(total):
         altitude = 0.0 if true_delay else float(programme.altitude_m(block))
-        tx = tables.setdefault(altitude, W.beat_shifted(altitude))
+        if altitude not in tables:
+            tables[altitude] = W.beat_shifted(altitude)
+        tx = tables[altitude]
         for counter, samples in channel.process(tx, jam.next_frame() if jam else None):
             new = []
             if counter != expected and settings.drops.tagged:
