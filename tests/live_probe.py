@@ -4,6 +4,7 @@ QT_QPA_PLATFORM=offscreen python tests/live_probe.py FOLDER
 """
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "python"))
+sys.path[:0] = [str(ROOT / "python"), str(ROOT / "tests")]
 
 LATE = 300  # frames that may be on their way between a control and an altimeter
 LOOK = 40  # frames that are then looked at
@@ -32,39 +33,71 @@ def share(results: np.ndarray, altitude_m: float) -> float:
     return float(np.mean(results["valid"] & (np.abs(results["altitude_m"] - altitude_m) < 5)))
 
 
+def on_the_air(folder: Path) -> dict[str, object]:
+    """Recorded doubles in the place of both radios; parameters of the flowgraph for an enclosed scene."""
+    import uhd_double
+    import yaml
+    from gnuradio import uhd
+
+    air = uhd_double.Air()
+    send, received = air.send, air.receive
+    heard = [0]
+
+    def send_ahead(device: str, samples: np.ndarray) -> None:
+        # a transmitter sends at the sample rate: the double's not more than 100 frames ahead of the receiver
+        while air.sent[device].size > heard[0] + 100 * 7500 and not air.ended:
+            time.sleep(0.001)
+        send(device, samples)
+
+    def receive(first: int, count: int) -> np.ndarray:
+        out = received(first, count)
+        heard[0] = first + out.size
+        return out
+
+    air.send, air.receive = send_ahead, receive
+    uhd.usrp_sink = lambda *args: uhd_double.Sink(air, *args)
+    uhd.usrp_source = lambda *args: uhd_double.Source(air, *args)
+    radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 40.0}
+    scene = {"radio": radio, "interference": {"qpsk": {"sir_db": -10.0, "bandwidth_hz": 2e6}}}
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump(scene))
+    return {"scene_file": str(path), "transmit": 1, "drop_when_slow": 1}
+
+
 def main() -> None:
     from PyQt5 import Qt
 
     from gnuradio.radalt.evaluation import flowgraph
 
     app = Qt.QApplication(sys.argv[:1])
-    folder = Path(sys.argv[1])
-    data = flowgraph.load_grc(ROOT / "flowgraphs/ota_live_sim.grc")
-    prepared = flowgraph.Prepared(flowgraph.generate(data, folder), "ota_live_sim", (), ())
-    top = flowgraph.load_class(prepared)(drop_when_slow=0)
+    folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]
+    name = "ota_live" if air else "ota_live_sim"
+    prepared = flowgraph.Prepared(
+        flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ()
+    )
+    parameters = on_the_air(folder) if air else {"drop_when_slow": 0}
+    top = flowgraph.load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.show()
     top.start()
     deadline = time.monotonic() + TIME_LIMIT_S
     altimeters = {name: getattr(top, f"altimeter_{name}") for name in ("none", "tcae", "selected")}
     report = {}
-    for step, controls in STEPS:
-        for name, value in controls.items():
-            getattr(top, f"set_{name}")(value)
+    for step, controls in STEPS[:1] if air else STEPS:
+        for control, value in controls.items():
+            getattr(top, f"set_{control}")(value)
         wanted = min(a.nitems_read(0) for a in altimeters.values()) + LATE + LOOK
         while min(a.nitems_read(0) for a in altimeters.values()) < wanted and time.monotonic() < deadline:
             app.processEvents()
             time.sleep(0.02)
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
-        report[step]["true"] = float(np.ravel(top.altitude_strip.strip.rows[0])[-1])
+        report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]
     report["in time"] = time.monotonic() < deadline
     report["errors"] = [str(b.error) for b in vars(top).values() if getattr(b, "error", None)]
-    picture = top.grab()
-    picture.save(str(folder / "live.png"))
-    top.stop()
-    top.wait()
+    top.grab().save(str(folder / "live.png"))
     print("PROBE " + json.dumps(report), flush=True)
+    os._exit(0)  # nothing more to be learnt from taking the window down
 
 
 if __name__ == "__main__":

@@ -210,14 +210,16 @@ def run(*command: object) -> str:
     return done.stdout
 
 
+def probed(folder: Path, *arguments: str) -> dict:
+    """What the altimeters of the live view measured after each of its controls was moved."""
+    printed = run(ROOT / "tests/live_probe.py", folder, *arguments)
+    (line,) = (line for line in printed.splitlines() if line.startswith("PROBE "))
+    return json.loads(line.removeprefix("PROBE ")) | {"folder": folder, "printed": printed}
+
+
 @pytest.fixture(scope="module")
 def view(tmp_path_factory) -> dict:
-    """What the altimeters of the live view measured after each of its controls was moved."""
-    folder = tmp_path_factory.mktemp("live")
-    lines = [
-        line for line in run(ROOT / "tests/live_probe.py", folder).splitlines() if line.startswith("PROBE ")
-    ]
-    return json.loads(lines[0].removeprefix("PROBE ")) | {"folder": folder}
+    return probed(tmp_path_factory.mktemp("live"))
 
 
 def test_controls_work_while_it_runs(view):
@@ -239,3 +241,30 @@ def test_picture_shows_the_view(view):
     picture = Image.open(view["folder"] / "live.png").convert("RGB")
     assert min(picture.size) > 300
     assert len(picture.getcolors(maxcolors=1 << 24)) > 100
+
+
+def test_view_runs_on_radios_set_up_in_order(tmp_path):
+    """ota_live itself, on recorded doubles of two B210s: readback printed, common start, altitude right."""
+    view = probed(tmp_path, "air")
+    assert view["in time"] and view["errors"] == []
+    assert view["start"] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": 300.0}
+    assert view["printed"].count("master clock Hz") == 3
+
+
+def test_view_transmits_nothing_without_an_enclosure(tmp_path):
+    """The interlock stands before the first radio is touched."""
+    script = (
+        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1] + '/python')\n"
+        "from PyQt5 import Qt; app = Qt.QApplication([])\n"
+        "from gnuradio import uhd\n"
+        "from gnuradio.radalt.core.interlock import InterlockError\n"
+        "from gnuradio.radalt.evaluation import flowgraph\n"
+        "uhd.usrp_sink = uhd.usrp_source = lambda *args: print('a radio was made')\n"
+        "data = flowgraph.load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
+        "made = flowgraph.Prepared(flowgraph.generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"
+        "try: flowgraph.load_class(made)(transmit=1)\n"
+        "except InterlockError as error: print('REFUSED', error)\n"
+    )
+    printed = run("-c", script, ROOT, tmp_path)
+    assert "REFUSED transmit refused: 4.2-4.4 GHz is a safety-of-life band" in printed
+    assert "a radio was made" not in printed
