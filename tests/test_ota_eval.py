@@ -159,7 +159,7 @@ def one_line(capsys) -> str:
         ("--sim --overlap 1.2", "--overlap: sweep.overlap holds 1.2; overlaps have to be within 0..1"),
         ("--sim --overlap 0:1:0", "--overlap"),
         ("--sim --sir-db loud", "--sir-db holds 'loud'; expected numbers"),
-        ("--sim --methods none,magic", "unknown mitigation method 'magic'; known: none, lms"),
+        ("--sim --methods none,magic", "methods names 'magic'; allowed: none, lms"),
         ("--sim --altitudes 90000", "90000 exceeds"),
         ("--sim --altitudes=-3", "altitudes have to be finite and 0 or above"),
         ("--sim --frames 0", "altitude.frames 0"),
