@@ -203,14 +203,14 @@ def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
 
 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
-    """Disable what the scene does not need: the chains of other methods, and the jammer's.
+    """Disable what the scene does not need: the chains of other methods, and the jammer's; add one for your own.
 
     Raises
     ------
     FlowgraphError
         If the flowgraph has no chain for a method.
     """
-    data = copy.deepcopy(data)
+    data = with_custom(data) if CUSTOM in methods else copy.deepcopy(data)
     names = {block["name"] for block in data["blocks"]}
     have = {name.removeprefix("altimeter_") for name in names if name.startswith("altimeter_")}
     unknown = [m for m in methods if m not in have]
@@ -333,10 +333,7 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str) -> Prep
     """
     flowgraph = share_dir() / "flowgraphs" / "ota_b210.grc"
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
-    data = simulate(load_grc(flowgraph), name)
-    if CUSTOM in methods:
-        data = with_custom(data)
-    data = prune(data, methods, scene.has_jammer)
+    data = prune(simulate(load_grc(flowgraph), name), methods, scene.has_jammer)
     module = generate(data, Path(build_dir))
     return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))
 
