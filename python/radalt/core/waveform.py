@@ -7,6 +7,7 @@ phase accumulator is wrong within seconds at 7.5 MS/s.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -139,10 +140,13 @@ class Waveform:
         """``f_D = 2 v f_c / c`` in hertz, in the sign convention of the dechirped beats."""
         return 2.0 * np.asarray(vertical_speed_m_per_s, dtype=float) * self.carrier_hz / C_M_PER_S
 
-    @property
+    @cached_property
     def cycles_per_frame(self) -> float:
         """Phase advance over one sweep, modulo 1 cycle: ``B T_h`` for ``0..B``, zero when centred."""
-        return 0.0 if self.centered else float(np.mod(self.bandwidth_hz * self.half_sweep_s, 1.0))
+        if self.centered:
+            return 0.0
+        # exact product: rounded to 1e-13 cycles it would be off by a thousandth after some weeks of sweeps
+        return float(Fraction(self.bandwidth_hz) * Fraction(self.half_sweep_s) % 1)
 
     def phase_cycles(self, time_s: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
         """Phase in cycles at ``time_s`` after the start of sweep ``frame_index``; any shape, any sign of time.
