@@ -138,6 +138,18 @@ def test_own_method_is_one_more_chain_and_nothing_else_changes():
     ]
 
 
+@pytest.mark.parametrize(
+    "rewrite", [lambda data: data, flowgraph.simulate, flowgraph.replay], ids=["air", "sim", "replay"]
+)
+def test_own_chain_is_there_where_it_is_asked_for(rewrite):
+    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
+    for methods, there in ((["none", "custom"], True), (["none"], False)):
+        pruned = rewrite(flowgraph.prune(data, methods, True))
+        enabled = {b["name"] for b in pruned["blocks"] if b["states"]["state"] == "enabled"}
+        assert ({"mitigation_custom", "altimeter_custom"} <= enabled) == there
+        assert "mitigation_whitening" not in enabled
+
+
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
     """The simulated flowgraph with a method from a file, and what it measured."""
