@@ -84,7 +84,7 @@ def main() -> None:
     logs = ROOT / "training" / "logs"
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
     draw_training(out / "tcae_compact.png", [logs / "compact_first.csv", logs / "compact.csv"])
-    draw_training(out / "tcae_paper.png", [logs / "paper.csv"])
+    draw_training(out / "tcae_paper.png", [logs / "paper_random_start.csv", logs / "paper.csv"])
 
 
 if __name__ == "__main__":

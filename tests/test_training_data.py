@@ -1,0 +1,88 @@
+"""Training examples: reproducible, from the core, at the powers they claim. Needs no PyTorch."""
+
+import itertools
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radalt.core.returns import point_return
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+
+
+@pytest.fixture(scope="module")
+def data(root):
+    """The module `training/data.py`, which is no part of the package."""
+    sys.path.insert(0, str(root / "training"))
+    import data
+
+    yield data
+    sys.path.remove(str(root / "training"))
+    del sys.modules["data"]
+
+
+def test_an_example_is_a_function_of_seed_and_index(data):
+    config = data.CONFIGS["paper"]
+    first, again = (data.example(config, W, 20, 7) for _ in range(2))
+    np.testing.assert_array_equal(first[0], again[0])
+    assert not np.array_equal(first[0], data.example(config, W, 20, 8)[0])
+    assert not np.array_equal(first[0], data.example(config, W, 21, 7)[0])
+
+
+def test_paper_set_has_the_papers_size_and_a_validation_part_of_its_own(data):
+    config = data.CONFIGS["paper"]
+    assert (config.size, config.validation, config.sir_db) == (50_000, 10_000, (-20.0, 0.0))
+    _, clean, altitude_m = data.validation_batch(config, W, 2)
+    received, wanted, altitude = data.example(config, W, config.seed, 50_000)
+    np.testing.assert_array_equal(clean[0, 0], wanted.real)
+    assert altitude_m[0] == altitude
+
+
+def test_clean_part_is_the_cores_return(data):
+    """Without echoes the target is the core's delayed sweep, up to its carrier phase."""
+    config = replace(data.CONFIGS["paper"], max_vertical_speed_m_per_s=0.0)
+    _, clean, altitude_m = data.example(config, W, 1, 3)
+    wanted = point_return(W, np.array([altitude_m]))[0]
+    coherence = abs(np.vdot(wanted, clean)) / 7500
+    assert coherence == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["tones", "qpsk_rectangular"])
+@pytest.mark.parametrize("sir_db", [-30.0, 3.0])
+def test_interference_has_its_sir_over_the_whole_frame(data, kind, sir_db):
+    config = replace(
+        data.CONFIGS["paper"],
+        kinds=((kind, 1.0),),
+        counts=(0.0, 1.0),
+        sir_db=(sir_db, sir_db),
+        snr_db=(80.0, 80.0),
+    )
+    for index in range(4):
+        received, clean, _ = data.example(config, W, 5, index)
+        extra = np.mean(np.abs(received.astype(complex) - clean) ** 2)
+        assert -10 * np.log10(extra) == pytest.approx(sir_db, abs=0.02)
+
+
+def test_extended_return_keeps_unit_power(data):
+    config = replace(data.CONFIGS["paper"], multipath=0.0, extended=1.0)
+    _, clean, _ = data.example(config, W, 2, 0)
+    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.0, rel=1e-5)
+
+
+def test_every_epoch_holds_every_example_once_in_its_own_order(data):
+    config = replace(data.CONFIGS["paper"], size=8, validation=0)
+    epochs = [batch[2] for batch in itertools.islice(data.batches(config, W, 8), 2)]
+    np.testing.assert_array_equal(np.sort(epochs[0]), np.sort(epochs[1]))
+    assert not np.array_equal(epochs[0], epochs[1])
+    # resumed after half an epoch, the second half comes
+    resumed = next(data.batches(config, W, 4, first=4))[2]
+    np.testing.assert_array_equal(resumed, epochs[0][4:])
+
+
+def test_content_hash_tells_sets_apart(data):
+    config = data.CONFIGS["paper"]
+    assert data.content_hash(config, W, 2) == data.content_hash(config, W, 2)
+    assert data.content_hash(config, W, 2) != data.content_hash(replace(config, snr_db=(4.0, 20.0)), W, 2)
