@@ -122,12 +122,12 @@ def test_other_sweeps_work_as_well(w):
 @pytest.mark.parametrize("window", ["boxcar", "hann", "hamming", "blackman"])
 @pytest.mark.parametrize("strategy", ["strongest", "leading_edge", "centroid"])
 def test_every_window_and_strategy_finds_a_point_target(window, strategy):
-    """The strongest cell's interpolation is exact for one tone; the others keep to a tenth of the 20 m cell."""
+    """Interpolation and leading edge are exact for one tone; the centroid keeps to a twentieth of the 20 m cell."""
     altitudes = np.linspace(60, 1400, 97)
     settings = AltimeterSettings(window=window, strategy=strategy)
     result = Altimeter(W, settings).process(frames_of("synthetic", altitudes))
     error = result["altitude_m"] - altitudes
-    assert np.abs(error).max() < {"strongest": 0.01, "leading_edge": 2.0, "centroid": 1.0}[strategy]
+    assert np.abs(error).max() < {"strongest": 0.01, "leading_edge": 0.02, "centroid": 1.0}[strategy]
 
 
 def test_leading_edge_reads_the_nearest_point_of_an_extended_return():

@@ -11,7 +11,7 @@ Both half sweeps are turned so that an altitude shows as a *positive* beat: cell
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import fft, ndimage, signal
@@ -22,7 +22,7 @@ from .clusters import centroid_of, edge_of
 from .decimator import Decimator
 from .waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 
-__all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"]
+__all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
 _FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
 _SHAPE_POINTS = 1 << 15
@@ -91,6 +91,11 @@ class Altimeter:
     def false_alarms_per_frame(self) -> float:
         """Bound of the probability that white noise alone gives an altitude: ``pfa`` times the cells searched."""
         return min(1.0, self.settings.pfa * (self._last - self._first))
+
+    @property
+    def doppler_cells(self) -> int:
+        """Cells by which the beats of the two half sweeps of one target may differ."""
+        return self._doppler_reach
 
     # -- construction ---------------------------------------------------------------------------------------------
 
@@ -413,9 +418,17 @@ class Altimeter:
         return self._over_clusters(spectra, pair, centroid_of)
 
     def _leading_edge(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
-        """(n, 2) beats of the -6 dB point on the rise of the cluster that holds the peak."""
-        width = self._main_lobe_6db_cells
-        return self._over_clusters(spectra, pair, lambda p, c: edge_of(p, c) + width)
+        """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
+        power, distance = self._main_lobe
+        cells = pair + self.cfar.margin
+        straddle = np.abs(self._interpolate(spectra, pair) - self.beat_hz[cells]) / self.cell_hz
+        # what a peak between two cells loses, at most half a cell from the nearer one
+        loss = np.interp(np.minimum(straddle, 0.5), distance[::-1], power[::-1])
+        edges = np.empty(cells.shape)
+        for at, cell in np.ndenumerate(cells):
+            row = spectra.power[at]
+            edges[at] = edge_of(row, int(cell), float(row[cell] / loss[at]), self._main_lobe)
+        return self.beat_hz[0] + self.cell_hz * edges
 
     def _over_clusters(self, spectra: Spectra, pair: np.ndarray, rule) -> np.ndarray:  # noqa: ANN001
         """Apply a rule (power of one half, peak cell) -> fractional cell to every half of every frame."""
@@ -427,11 +440,19 @@ class Altimeter:
         return self.beat_hz[0] + self.cell_hz * out
 
     @cached_property
-    def _main_lobe_6db_cells(self) -> float:
-        """Distance in cells from a point target's peak to its -6 dB point."""
+    def _main_lobe(self) -> tuple[np.ndarray, np.ndarray]:
+        """Main lobe of a point target down to a tenth: relative power, rising, and distance from its peak in cells."""
         half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
         window = self._window(half)
-        cells = np.linspace(0, 6, 601)
+        distance = np.linspace(0, 6, 601)
         step = self.cell_hz * self.waveform.half_sweep_s / half
-        lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(cells, np.arange(half))) @ window) ** 2
-        return float(cells[np.argmax(lobe < 0.25 * lobe[0])])
+        lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(distance, np.arange(half))) @ window) ** 2
+        lobe /= lobe[0]
+        keep = slice(0, int(np.argmax(lobe < 0.1)))
+        return lobe[keep][::-1], distance[keep][::-1]
+
+
+@lru_cache(maxsize=16)
+def shared_altimeter(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
+    """One altimeter for all who measure the same sweep in the same way: it has tables, but no state."""
+    return Altimeter(waveform, settings)

@@ -18,17 +18,24 @@ def centroid_of(power: np.ndarray, cell: int) -> float:
     return float(np.dot(weights, np.arange(low, high + 1)) / total)
 
 
-def edge_of(power: np.ndarray, cell: int) -> float:
-    """Fractional cell where the rise towards ``cell`` crosses a quarter of its power, nearest edge of the run."""
-    level = 0.25 * power[cell]
-    low, _ = _run(power > level, cell)
-    if low == 0:
-        return 0.0
-    # interpolate in decibels: the flank of a main lobe is close to a parabola there
-    below, above, crossing = np.log(np.maximum([power[low - 1], power[low], level], 1e-37))
-    if not above > below:  # a forced decision on a cell without power, or one that is not finite
-        return float(low)
-    return low - 1 + float((crossing - below) / (above - below))
+def edge_of(power: np.ndarray, cell: int, peak: float, lobe: tuple[np.ndarray, np.ndarray]) -> float:
+    """Fractional cell of the nearest target on the rise towards ``cell``.
+
+    The first cell of the run above a quarter of the peak lies on the near flank of the nearest target's main lobe; its
+    level says how far before that target it lies. Exact for a point target, for which the run is the main lobe.
+
+    Parameters
+    ----------
+    power : (J,) power by cell
+    cell : int
+        Peak cell.
+    peak : float
+        Power of the peak between the cells, at least ``power[cell]``.
+    lobe : (power, distance)
+        Main lobe of a point target: rising relative power, and the distance from its peak in cells.
+    """
+    low, _ = _run(power > 0.25 * peak, cell)
+    return low + float(np.interp(power[low] / max(peak, 1e-37), *lobe))
 
 
 def _run(mask: np.ndarray, cell: int) -> tuple[int, int]:
