@@ -36,10 +36,11 @@ format: $(VENV)/.test ## write the code in ruff's format
 	@$(PYTHON) -m ruff format .
 
 # The companion runs in the system's Python: the module and the packages of the environment come by PYTHONPATH.
+# Without a terminal program what a flowgraph prints stays in the console of the companion, where it can be read.
 grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without installing (FLOWGRAPH=...)
 	@test -n "$${DISPLAY:-}$${WAYLAND_DISPLAY:-}" || { echo "make grc: no display; set DISPLAY, or use xvfb-run" >&2; exit 2; }
 	@PYTHONPATH="$(CURDIR)/python:$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')$${PYTHONPATH:+:$$PYTHONPATH}" \
-	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" gnuradio-companion $(FLOWGRAPH)
+	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null gnuradio-companion $(FLOWGRAPH)
 
 flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
 	@$(PYTHON) flowgraphs/make_flowgraphs.py

@@ -1,8 +1,12 @@
 """Runs gnuradio-companion itself, has it draw flowgraphs, and prints as JSON what it shows; no test, used by them.
 
-xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--png FOLDER] FLOWGRAPH.grc ...
+Run as `xvfb-run -a /usr/bin/python3 tests/companion_probe.py [--run] [--png FOLDER] FLOWGRAPH.grc ...`.
+
+--run executes the first flowgraph as the button does and adds what the companion's console then holds; Python is
+generated beside the flowgraph. --png saves a picture of each canvas.
 """
 
+import argparse
 import json
 import os
 import runpy
@@ -54,10 +58,24 @@ def windows(name: str) -> int:
     return len(found.stdout.split())
 
 
-def probe(png: Path | None) -> bool:
+def finish(report: dict) -> None:
+    print("PROBE " + json.dumps(report), flush=True)
+    os._exit(0)  # the companion would ask what to do with open pages
+
+
+def executed(page, window, report: dict) -> bool:
+    """Called by the main loop until the flowgraph has ended."""
+    if page.process is not None:
+        return True
+    text = window.console.text_display.get_buffer()
+    finish(report | {"console": text.get_text(*text.get_bounds(), False)})
+    return False
+
+
+def probe(png: Path | None, run: bool) -> bool:
     """Called by the companion's own main loop until its window is on the screen: print, then quit."""
-    from gi.repository import Gtk
-    from gnuradio.grc.gui import Utils
+    from gi.repository import GLib, Gtk
+    from gnuradio.grc.gui import Actions, Utils
 
     window = Gtk.Application.get_default().main_window
     title = window.get_title()
@@ -69,24 +87,28 @@ def probe(png: Path | None) -> bool:
         report["pages"].append(described(page))
         if png:
             Utils.make_screenshot(page.flow_graph, str(png / f"{Path(page.file_path).stem}.png"))
-    print("PROBE " + json.dumps(report), flush=True)
-    os._exit(0)  # the companion would ask what to do with open pages
+    if not run:
+        finish(report)
+    window.current_page = window.get_pages()[0]
+    Actions.FLOW_GRAPH_EXEC()
+    GLib.timeout_add(200, executed, window.current_page, window, report)
+    return False
 
 
 def main() -> None:
-    arguments = sys.argv[1:]
-    png = None
-    if arguments[:1] == ["--png"]:
-        png = Path(arguments[1])
-        arguments = arguments[2:]
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--run", action="store_true")
+    parser.add_argument("--png", type=Path)
+    parser.add_argument("flowgraphs", nargs="+")
+    arguments = parser.parse_args()
     import gi
 
     gi.require_version("Gtk", "3.0")
     from gi.repository import GLib
 
-    GLib.timeout_add(300, probe, png)
+    GLib.timeout_add(300, probe, arguments.png, arguments.run)
     companion = shutil.which("gnuradio-companion")
-    sys.argv = [companion, *arguments]
+    sys.argv = [companion, *arguments.flowgraphs]
     runpy.run_path(companion, run_name="__main__")
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sysconfig
 from pathlib import Path
@@ -15,17 +16,19 @@ FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
 SECTIONS_FROM = 216  # below options, parameters and variables
 
 
-def companion(folder: Path, paths: list[Path], descriptions: str) -> dict:
+def companion(folder: Path, paths: list[Path], descriptions: str, *options: str) -> dict:
     """What one run of the companion says of these flowgraphs, with the environment of `make grc`."""
     packages = sysconfig.get_path("purelib")
     environment = os.environ | {
         "HOME": str(folder),
         "PYTHONPATH": f"{ROOT / 'python'}:{packages}",
         "GRC_BLOCKS_PATH": descriptions,
+        "GR_CONF_GRC_XTERM_EXECUTABLE": "/dev/null",
         # GNU Radio's own, and not what may be installed of ours
         "GR_CONF_GRC_GLOBAL_BLOCKS_PATH": f"{gr.prefix()}/share/gnuradio/grc/blocks",
     }
-    command = ["xvfb-run", "-a", "/usr/bin/python3", str(ROOT / "tests/companion_probe.py"), *map(str, paths)]
+    probe = ["/usr/bin/python3", str(ROOT / "tests/companion_probe.py"), *options, *map(str, paths)]
+    command = ["xvfb-run", "-a", *probe]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100, check=False
     )
@@ -103,3 +106,34 @@ def test_embedded_flowgraph_opens_where_our_descriptions_are_missing(tmp_path):
     assert embedded["connections"] == plain["connections"] > 10
     ours = {b["name"] for b in on_file(paths[1])["blocks"] if b["id"].startswith("radalt_")}
     assert {b["name"] for b in plain["blocks"] if b["dummy"]} == ours
+
+
+def test_button_runs_the_flowgraph_and_the_console_shows_the_scores(tmp_path):
+    """In the environment of `make grc`, with nothing installed."""
+    path = Path(shutil.copy(ROOT / "flowgraphs/bring_your_own.grc", tmp_path))
+    report = companion(tmp_path, [path], str(ROOT / "grc"), "--run")
+    console = report["console"]
+    assert ">>> Done" in console and "Traceback" not in console
+    rows = [line.split() for line in console.splitlines()]
+    scores = {row[0]: int(row[2]) for row in rows if row and row[-1] == "150"}
+    assert list(scores) == ["mine", "none", "whitening", "tcae"]
+    assert scores["none"] < scores["mine"] < scores["whitening"]
+
+
+def test_make_grc_sets_this_environment():
+    """What the tests above set by hand is what the target hands to the companion."""
+    done = subprocess.run(
+        ["make", "-n", "grc", "FLOWGRAPH=it.grc"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+    )
+    (line,) = (line for line in done.stdout.replace("\\\n", " ").splitlines() if line.endswith(" it.grc"))
+    for part in (
+        f'PYTHONPATH="{ROOT}/python:',
+        f'GRC_BLOCKS_PATH="{ROOT}/grc',
+        "GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null",
+    ):
+        assert part in line
