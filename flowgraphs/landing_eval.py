@@ -35,23 +35,19 @@ except ImportError:
     sys.exit(2)
 
 try:
-    from gnuradio.radalt.evaluation import (
-        landing,
-        landing_figures,
-        landing_points,
-        landing_report,
-        landing_rows,
-        workers,
-    )
+    from gnuradio.radalt.evaluation import workers
+    from gnuradio.radalt.evaluation.landing import figures as landing_figures
+    from gnuradio.radalt.evaluation.landing import points as landing_points
+    from gnuradio.radalt.evaluation.landing import report as landing_report
+    from gnuradio.radalt.evaluation.landing import rows as landing_rows
+    from gnuradio.radalt.evaluation.landing import study as landing
 except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.evaluation import (
-        landing,
-        landing_figures,
-        landing_points,
-        landing_report,
-        landing_rows,
-        workers,
-    )
+    from radalt.evaluation import workers
+    from radalt.evaluation.landing import figures as landing_figures
+    from radalt.evaluation.landing import points as landing_points
+    from radalt.evaluation.landing import report as landing_report
+    from radalt.evaluation.landing import rows as landing_rows
+    from radalt.evaluation.landing import study as landing
 
 POINT_LIMIT_S = 1800.0  # a point takes seconds; on a slow machine with a slow network, minutes
 

@@ -14,8 +14,11 @@ from radalt.core.altimeter import AltimeterSettings
 from radalt.core.landing import LandingSpec
 from radalt.core.returns import point_return
 from radalt.core.waveform import Waveform
-from radalt.evaluation import landing, landing_points, landing_report, landing_rows
-from radalt.evaluation.landing_variants import VARIANTS
+from radalt.evaluation.landing import points as landing_points
+from radalt.evaluation.landing import report as landing_report
+from radalt.evaluation.landing import rows as landing_rows
+from radalt.evaluation.landing import study as landing
+from radalt.evaluation.landing.variants import VARIANTS
 
 SMALL = """
 seed: 3

@@ -24,6 +24,7 @@ import numpy as np
 from ..core.mitigation import CUSTOM
 from ..core.paths import share_dir
 from ..core.scene import Scene, scene_to_mapping
+from .plan import left_out
 
 __all__ = [
     "FlowgraphError",
@@ -225,39 +226,6 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
         if block["name"] == CHANNEL and not jammer:
             block["parameters"]["jammer"] = "False"
     return data
-
-
-def left_out(scene: Scene, methods: Sequence[str]) -> list[str]:
-    """What a scene does not need and is therefore neither built nor imported, each with its reason."""
-    from ..core.mitigation import METHODS
-
-    out = []
-    if not scene.has_jammer:
-        out.append("jammer source and second B210: the scene has no interference (or overlap 0)")
-    absent = [m for m in METHODS if m not in methods]
-    if absent:
-        out.append(f"methods {', '.join(absent)}: not asked for")
-    if "tcae" not in methods:
-        out.append("onnxruntime: no network among the methods")
-    channel = scene.channel
-    off = [
-        name
-        for name, on in (
-            ("noise", channel.snr_db is not None),
-            ("DC offset", channel.dc_offset),
-            ("IQ imbalance", channel.iq_gain_db or channel.iq_phase_deg),
-            ("converter", channel.adc_bits),
-            ("jammer clock and LO", channel.jammer_clock_ppm or channel.jammer_lo_offset_hz),
-            ("lost samples", channel.drops.count),
-            ("leakage", channel.leakage_db is not None),
-        )
-        if not on
-    ]
-    if off:
-        out.append(f"channel impairments {', '.join(off)}: off in the scene")
-    if scene.altitude.mode == "synthetic":
-        out.append("true delay and Doppler: altitudes are synthetic beat shifts")
-    return out
 
 
 # -- generation -----------------------------------------------------------------------------------------------------

@@ -54,7 +54,7 @@ def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.Tempora
 def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
     """Generate ``ota_b210.grc`` for the air: without the chains and without the second radio a scene does not need."""
     _, module, name = _generated(tuple(methods), scene.has_jammer)
-    out = tuple(item for item in left_out(scene, methods) if not item.startswith("channel impairments"))
+    out = tuple(left_out(scene, methods, simulated=False))
     return Prepared(module, name, tuple(methods), out)
 
 

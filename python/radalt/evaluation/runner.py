@@ -209,9 +209,7 @@ def evaluate(
         tasks, left_out = _tasks(scene, [p for p, _ in todo], out / "flowgraph")
     else:
         tasks = [Task(scene_at(scene, p), p, hardware=hardware) for p, _ in todo]
-        off = flowgraph.left_out(scene, scene.methods)
-        left_out = ["simulated channel: the radios are real"]
-        left_out += [item for item in off if not item.startswith("channel impairments")]
+        left_out = flowgraph.left_out(scene, scene.methods, simulated=False)
     if capture:
         tasks = [replace(task, capture=out / "captures" / _file_name(task.point)) for task in tasks]
     folder.begin(left_out)

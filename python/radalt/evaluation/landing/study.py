@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from ..core.altimeter import AltimeterSettings
-from ..core.interference import Interferer, QpskEmitter, interference_frames
-from ..core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
-from ..core.mitigation import MitigationError, create
-from ..core.parsing import build, plain
-from ..core.scene import SceneError, interference_from_yaml, interferer_to_mapping
-from ..core.terrain import (
+from ...core.altimeter import AltimeterSettings
+from ...core.interference import Interferer, QpskEmitter, interference_frames
+from ...core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
+from ...core.mitigation import MitigationError, create
+from ...core.parsing import build, plain
+from ...core.scene import SceneError, interference_from_yaml, interferer_to_mapping
+from ...core.terrain import (
     MIN_HEIGHT_M,
     AircraftState,
     TerrainError,
@@ -29,7 +29,7 @@ from ..core.terrain import (
     TrajectoryError,
     reflectivity,
 )
-from ..core.waveform import Waveform
+from ...core.waveform import Waveform
 
 __all__ = [
     "ApproachSpec",
@@ -185,7 +185,7 @@ class LandingStudy:
                 for rho in self.curve.overlap
                 for sinr in self.curve.sinr_db
             ]
-        from .landing_variants import VARIANTS
+        from .variants import VARIANTS
 
         variants = [Point("variant", f"variant/{v.name}", variant=v.name) for v in VARIANTS]
         return approach + curve + (variants if self.curve.sensitivity_trials else [])

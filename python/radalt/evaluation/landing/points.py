@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ..core.altimeter import Altimeter, Spectra
-from ..core.interference import interference_frames
-from ..core.mitigation import create
-from ..core.returns import point_return
-from ..core.terrain import GroundReturn
-from .landing import LandingStudy, Point, accuracy_limit_m
-from .landing_variants import VARIANTS
-from .metrics import CORRECT_LIMIT_M, wilson_interval
+from ...core.altimeter import Altimeter, Spectra
+from ...core.interference import interference_frames
+from ...core.mitigation import create
+from ...core.returns import point_return
+from ...core.terrain import GroundReturn
+from ..metrics import CORRECT_LIMIT_M, wilson_interval
+from .study import LandingStudy, Point, accuracy_limit_m
+from .variants import VARIANTS
 
 __all__ = ["COLUMNS", "Truth", "approach_frames", "impaired", "measure", "run_point", "statistics"]
 

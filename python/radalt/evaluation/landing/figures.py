@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..core.altimeter import Altimeter
-from ..core.mitigation import create
-from .figures import series_style
-from .landing import LandingStudy, accuracy_limit_m
-from .landing_points import _seed, approach_frames, impaired
-from .landing_report import asked_db, clean_rows, condition, curve
-from .metrics import CORRECT_LIMIT_M
+from ...core.altimeter import Altimeter
+from ...core.mitigation import create
+from ..figures import series_style
+from ..metrics import CORRECT_LIMIT_M
+from .points import _seed, approach_frames, impaired
+from .report import asked_db, clean_rows, condition, curve
+from .study import LandingStudy, accuracy_limit_m
 
 __all__ = ["draw_figures"]
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .landing_points import COLUMNS
+from .points import COLUMNS
 
 __all__ = ["RowFile", "read_rows"]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from ..core.interference import Interferer, QpskEmitter, ToneEmitter
-from ..core.nr import NrEmitter
-from ..core.receiver_filter import check_receiver, receiver_taps
-from .landing import LandingStudy
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter
+from ...core.nr import NrEmitter
+from ...core.receiver_filter import check_receiver, receiver_taps
+from .study import LandingStudy
 
 __all__ = ["VARIANTS", "Variant"]
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..core.altimeter import Reason
-from ..core.bounds import altitude_crb_m
-from ..core.mitigation import create
-from .folder import flatten, read_report, versions
-from .landing import LandingStudy, StudyError, accuracy_limit_m, study_dict
-from .landing_variants import VARIANTS
-from .metrics import CORRECT_LIMIT_M
+from ...core.altimeter import Reason
+from ...core.bounds import altitude_crb_m
+from ...core.mitigation import create
+from ..folder import flatten, read_report, versions
+from ..metrics import CORRECT_LIMIT_M
+from .study import LandingStudy, StudyError, accuracy_limit_m, study_dict
+from .variants import VARIANTS
 
 __all__ = ["SCHEMA", "approach_table", "break_points", "comparison", "open_folder", "write_report"]
 
