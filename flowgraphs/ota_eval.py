@@ -69,6 +69,11 @@ def _parser() -> argparse.ArgumentParser:
         "--method-file", type=Path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
     )
     add("--out", type=Path, help="result folder (default: results/SCENE-DATE-TIME)")
+    add(
+        "--plan",
+        action="store_true",
+        help="print what would be built and what is left out, and why; run nothing",
+    )
     add("--resume", action="store_true", help="complete the run that --out holds")
     add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
     add("--time-limit-s", type=float, default=120.0, help="longest time for one point (default: %(default)g)")
@@ -223,6 +228,16 @@ def _check(args: argparse.Namespace) -> int:
     return 0 if allowed else 2
 
 
+def _plan(args: argparse.Namespace) -> int:
+    from gnuradio.radalt.evaluation.plan import make_plan
+    from gnuradio.radalt.evaluation.runner import check_scene
+
+    scene = _scene(args)
+    check_scene(scene)
+    print(make_plan(scene, scene.methods, simulated=args.sim).text())
+    return 0
+
+
 def _calibrate(args: argparse.Namespace) -> int:
     from gnuradio.radalt.evaluation.hardware import calibrate
 
@@ -315,7 +330,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     progress = _Progress()
     known = (SceneError, MitigationError, InterlockError, CalibrationError, RecordingError)
     try:
-        for wanted, command in ((args.check, _check), (args.calibrate, _calibrate), (args.replay, _replay)):
+        for wanted, command in (
+            (args.plan, _plan),
+            (args.check, _check),
+            (args.calibrate, _calibrate),
+            (args.replay, _replay),
+        ):
             if wanted:
                 return command(args)
         report = _run(args, progress)

@@ -11,7 +11,7 @@ from gnuradio import gr
 
 from ._frames import read_frame_tags
 from ._guard import guarded
-from .core.altimeter import RESULT_DTYPE, Altimeter, Reason
+from .core.altimeter import RESULT_DTYPE, Reason, shared_altimeter
 from .core.scene import Scene
 
 __all__ = ["altimeter_sink"]
@@ -61,7 +61,7 @@ class altimeter_sink(gr.sync_block):
         outputs = [np.float32] if stream else None
         gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], outputs)
         self.method = method
-        self.altimeter = Altimeter(scene.waveform, scene.altimeter_settings)
+        self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
         self._messages = bool(messages)
         self._streaming = bool(stream)

@@ -24,7 +24,10 @@ from .stability_cases import coloured_noise, noisy
 __all__ = ["altitudes_of", "determinism_rows", "flowgraph_rows", "long_run_rows", "step_limit_rows"]
 
 _FAR = 100_000_000_000  # samples: 3.7 hours at 7.5 MS/s
-_CODE = "from {package}.evaluation.stability_checks import altitudes_of; print(altitudes_of({method!r}).tobytes().hex())"
+_CODE = (
+    "from {package}.evaluation.stability_checks import altitudes_of; "
+    "print(altitudes_of({method!r}).tobytes().hex())"
+)
 _NETWORK_BOUND_M = (
     0.01  # ONNX Runtime takes other kernels for other batch sizes; the rest is equal bit for bit
 )

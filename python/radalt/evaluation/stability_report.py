@@ -133,16 +133,18 @@ def _markdown(report: dict[str, Any]) -> str:
 
 def _what_it_is() -> str:
     return (
-        "Every case is a handful of frames with a known truth. A row passes if each frame ends in an altitude within the "
-        "case's bound or in `valid = false` with a reason, nothing is raised or warned of, and the clean frame that follows "
-        "is measured as if nothing had happened before. Wrong altitudes are allowed at the CFAR's design rate where noise "
-        "or interference can pass for a return, and nowhere else. *WRONG* is a wrong altitude declared beyond that; *FAIL* "
-        "an exception, a clean chain that misses what it has to find, or a frame after the case that is not right again. "
-        "*Flagged* methods state that their output carries no altitude (the paper's LMS, filtered towards the reference: "
-        "every altitude becomes zero). *Refused* is a method that says in one line why it does not fit the sweep.\n\n"
-        "`output` is the relative error of the cleaned frames against a float64 reference written apart, up to one factor "
-        "a frame; `altitude` the difference of altitudes against a float64 transform at the same peak, where interference "
-        "leaves one: with noise between the samples the two interpolate different things and differ by its error."
+        "Every case is a handful of frames with a known truth. A row passes if each frame ends in an altitude "
+        "within the case's bound or in `valid = false` with a reason, nothing is raised or warned of, and the "
+        "clean frame that follows is measured as if nothing had happened before. Wrong altitudes are allowed at "
+        "the CFAR's design rate where noise or interference can pass for a return, and nowhere else. *WRONG* is a "
+        "wrong altitude declared beyond that; *FAIL* an exception, a clean chain that misses what it has to find, "
+        "or a frame after the case that is not right again. *Flagged* methods state that their output carries no "
+        "altitude (the paper's LMS, filtered towards the reference: every altitude becomes zero). *Refused* is a "
+        "method that says in one line why it does not fit the sweep.\n\n"
+        "`output` is the relative error of the cleaned frames against a float64 reference written apart, up to "
+        "one factor a frame; `altitude` the difference of altitudes against a float64 transform at the same peak, "
+        "where interference leaves one: with noise between the samples the two interpolate different things and "
+        "differ by its error."
     )
 
 
