@@ -62,6 +62,8 @@ def draw_training(path: Path, logs: list[Path]) -> None:
             [float(row["validation_loss"]) for row in rows],
             dash,
             color=colour,
+            marker="o",
+            ms=3,
             label=log.stem,
         )
     axis.set(xlabel="examples", ylabel="validation loss")
