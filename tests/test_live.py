@@ -166,6 +166,14 @@ def test_scene_by_hand_has_no_end_and_nothing_that_needs_one():
     assert live.channel.drops.count == 0 and live.channel.jammer_clock_ppm == 0.0
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "flowgraphs/scenes").glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_shipped_scene_can_be_driven_by_hand(path):
+    live = by_hand(load_scene(path))
+    assert live.altimeter_settings.max_altitude_m >= 300.0  # where the view starts
+    assert live.altitude.programme.is_trial(10**9)
+    assert live.return_model == "point"
+
+
 def test_method_is_exchanged_between_frames():
     scene = load_scene("paper_qpsk")
     frames = (point_return(W, np.full(4, 300.0)) + 2.0 * noise(4)).astype(np.complex64)

@@ -19,14 +19,18 @@ _FLOOR_DB = -200.0  # stands for no power at all
 def by_hand(scene: Scene) -> Scene:
     """The scene for a flowgraph without end whose altitude a person sets.
 
-    Altitudes are synthetic, the preamble (altitude zero, jammer silent) comes once, and what the simulated channel can
-    only play over a run of known length, lost samples and the jammer's clock drift, is off.
+    Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
+    preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
+    length, lost samples and the jammer's clock drift, is off.
     """
     altitude = dataclasses.replace(
         scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
     )
     channel = dataclasses.replace(scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0)
-    return dataclasses.replace(scene, altitude=altitude, channel=channel)
+    altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
+    return dataclasses.replace(
+        scene, altitude=altitude, channel=channel, altimeter=altimeter, return_model="point", landing=None
+    )
 
 
 class RangeProfile:
