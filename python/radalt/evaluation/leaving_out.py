@@ -145,15 +145,15 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, repeats: int) -> str:
     header += ["decimation, FFT", "results bit-identical"]
     parts = [
         "# Leaving out what a scene does not need",
-        "The planner (`python/radalt/evaluation/plan.py`) turns a scene into what is built, imported and computed; `python "
-        "flowgraphs/ota_eval.py --sim --scene NAME --plan` prints it. The flowgraph disables the chains of methods that "
-        "were not asked for and, without interference, the jammer's, so that no second B210 is needed; onnxruntime, "
-        "terrain, matplotlib, UHD and Qt are not imported where nothing uses them. Beat band, decimation and FFT size "
-        "follow from the highest altitude that the scene flies, the reach between the two half sweeps from its vertical "
-        "speed.",
-        f"Made by `{command}`: each scene pruned and with all methods and the jammer chain built, by turns, each run in "
-        f"a process of its own, median of {repeats}. CPU time of the whole process while the flowgraph runs, over all "
-        "its frames, preamble included. Ratios are what to look at: the machine was shared.",
+        "The planner (`python/radalt/evaluation/plan.py`) turns a scene into what is built, imported and "
+        "computed; `python flowgraphs/ota_eval.py --sim --scene NAME --plan` prints it. The flowgraph "
+        "disables the chains of methods that were not asked for and, without interference, the jammer's, so "
+        "that no second B210 is needed; onnxruntime, terrain, matplotlib, UHD and Qt are not imported where "
+        "nothing uses them. Beat band, decimation and FFT size follow from the highest altitude that the "
+        "scene flies, the reach between the half sweeps from its vertical speed.",
+        f"Made by `{command}`: each scene pruned and with all methods and the jammer chain built, by turns, each run "
+        f"in a process of its own, median of {repeats}. CPU time of the whole process while the flowgraph runs, over "
+        "all its frames, preamble included. Ratios are what to look at: the machine was shared.",
         table(header, lines),
         "## What each leaves out",
     ]

@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+"""Error of every method and model variant against its CPU time, on the same frames, in one process, by turns.
+
+python flowgraphs/error_vs_runtime.py                         # some minutes, into results/error_vs_runtime
+python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
+python flowgraphs/error_vs_runtime.py --out docs              # docs/error_vs_runtime.md and its figure
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+HERE = Path(__file__).resolve().parent
+if (HERE.parent / "python" / "radalt").is_dir():
+    sys.path.insert(0, str(HERE.parent / "python"))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure errors, times and memory and write the report; returns 0, or 2 after one line about what does not fit."""
+    parser = argparse.ArgumentParser(
+        prog="error_vs_runtime", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
+    parser.add_argument(
+        "--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)"
+    )
+    parser.add_argument("--frames", type=int, default=100, help="frames a point (default: %(default)s)")
+    parser.add_argument("--rounds", type=int, default=20, help="rounds of timing (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of the frames (default: %(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/error_vs_runtime"), help="folder (default: %(default)s)"
+    )
+    args = parser.parse_args(argv)
+    if args.frames < 2 or args.rounds < 2 or args.seed < 0:
+        parser.error("--frames and --rounds have to be at least 2, --seed at least 0")
+
+    from gnuradio.radalt.core.mitigation import MitigationError
+    from gnuradio.radalt.core.paths import model_path
+    from gnuradio.radalt.evaluation import runtime
+    from gnuradio.radalt.evaluation.points import parse_axis
+    from gnuradio.radalt.evaluation.runtime_report import write_runtime_report
+
+    models = args.models if args.models is not None else sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
+    candidates = runtime.variants(models)
+
+    def progress(text: str) -> None:
+        print(text, flush=True)
+
+    try:
+        sirs = parse_axis(args.sir_db, "--sir-db")
+        facts = {}
+        for variant in candidates:
+            _, altimeter = variant.build()
+            memory = runtime.measure_memory(variant, 8)
+            facts[variant.label] = {
+                "precision": variant.precision,
+                "model_bytes": variant.model_bytes,
+                "memory_bytes": memory,
+                "decimation": altimeter.decimation,
+                "fft_size": altimeter.fft_size,
+            }
+        rows = list(runtime.measure_errors(candidates, sirs, args.frames, args.seed, progress))
+        times = runtime.measure_times(candidates, (1, 8), args.rounds, progress)
+    except (MitigationError, ValueError) as error:
+        print(f"error_vs_runtime: {error}", file=sys.stderr)
+        return 2
+    print(write_runtime_report(args.out, rows, times, facts, "python flowgraphs/error_vs_runtime.py"))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
