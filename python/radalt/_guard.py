@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
+import threading
 import traceback
 from collections.abc import Callable
 
@@ -30,6 +31,7 @@ def guarded(work: Callable) -> Callable:
 
     @functools.wraps(work)
     def wrapper(self, input_items, output_items):  # noqa: ANN001, ANN202 - GNU Radio's signature
+        self.thread_id = threading.get_native_id()  # for CPU time by block
         try:
             return work(self, input_items, output_items)
         except Exception as error:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from gnuradio import gr
 
+from ._frames import gather_frames
 from ._guard import WORK_DONE, guarded
 from .core.interference import Interferer
 from .core.jamming import JammerStream
@@ -44,7 +45,7 @@ class JammerSource(gr.sync_block):
         self._limit = int(frames)
         self._frame = np.zeros(0, dtype=np.complex64)
         self._at = 0
-        self.set_min_output_buffer(8 * self._n)
+        gather_frames(self, self._n)
 
     def set_overlap(self, overlap: float) -> None:
         """Active fraction from the next sweep on."""

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 from gnuradio import gr
 
+from ._frames import gather_frames
 from ._guard import WORK_DONE, guarded
 from .core.scene import Scene
 
@@ -51,7 +52,7 @@ class fmcw_chirp_source(gr.sync_block):
         self._changes: deque[tuple[int, float]] = deque(maxlen=_CHANGES)
         self.set_altitude(altitude_m)
         self._frame = self._table(0)
-        self.set_min_output_buffer(8 * self._n)
+        gather_frames(self, self._n)
 
     def set_altitude(self, altitude_m: float) -> None:
         """Synthetic altitude from the next sweep on; below 0 follows the programme."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 
 import numpy as np
@@ -62,6 +63,9 @@ class frame_segmenter(gr.basic_block):
         self._start_counter = 0
         self._calibrated: float | None = None
         self._latency = float("nan")
+        self.arrivals: deque[tuple[int, float]] | None = (
+            None  # (sample counter, time) of each chunk, where wanted
+        )
         adc = scene.channel
         # the largest value of a converter of that many bits; without one nothing saturates
         self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
@@ -124,6 +128,8 @@ class frame_segmenter(gr.basic_block):
         if self.drop_when_slow:
             bite = input_items[0]
         self._take(bite)
+        if self.arrivals is not None:
+            self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
         self.consume(0, bite.size)
         done = self._hand_on(out)
         self._report()

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from gnuradio import gr
 
-from ._frames import RX_TIME_KEY, time_tag
+from ._frames import RX_TIME_KEY, gather_frames, time_tag
 from ._guard import guarded
 from .core.channel import SimulatedChannel, TerrainPlayer
 from .core.scene import Scene
@@ -63,7 +63,7 @@ class simulated_channel(gr.basic_block):
         self._realtime = bool(realtime)
         self._start_s = 0.0  # of sample 0, by the monotonic clock
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self.set_min_output_buffer(8 * self._n)
+        gather_frames(self, self._n)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         """A whole frame of each input, unless finished samples wait."""

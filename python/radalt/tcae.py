@@ -23,16 +23,23 @@ class tcae(MitigationBlock):
     threads : int
         ONNX Runtime's threads; 1 is fastest inside a flowgraph.
     batch : int
-        Frames a run of the network takes at most; more amortise the call, at that many milliseconds of latency.
+        Frames a run of the network takes at most; more amortise the call, at that many milliseconds of latency
+        and with the last bit of a result depending on which frames came together.
+    skip_clean : bool
+        Frames that show no interference pass without the network (`InterferenceDetector`).
 
     Example
     -------
     ``clean = radalt.tcae(scene, model="models/tcae.onnx")``
     """
 
-    def __init__(self, scene: Scene, model: str = "", threads: int = 1, batch: int = 1) -> None:
+    def __init__(
+        self, scene: Scene, model: str = "", threads: int = 1, batch: int = 1, skip_clean: bool = False
+    ) -> None:
         options = dict(scene.method_options.get("tcae", {}))
         if model:
             options["model"] = model
         options.setdefault("threads", threads)
+        if skip_clean:
+            options["skip_clean"] = True
         super().__init__("radalt_tcae", create("tcae", scene.waveform, **options), batch)

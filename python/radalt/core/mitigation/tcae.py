@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..detector import InterferenceDetector
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 
@@ -44,6 +45,9 @@ class Tcae(Mitigation):
         centering; whatever does not fit the waveform is refused on construction in one line.
     threads : int
         Intra-op threads; 1 is fastest inside a flowgraph (FIELD_NOTES).
+    skip_clean : bool
+        Frames that show no interference pass unchanged, without the network; see `InterferenceDetector` for what it
+        misses.
 
     Raises
     ------
@@ -53,7 +57,15 @@ class Tcae(Mitigation):
 
     name = "tcae"
 
-    def __init__(self, waveform: Waveform, *, model: str | Path | None = None, threads: int = 1) -> None:
+    def __init__(
+        self,
+        waveform: Waveform,
+        *,
+        model: str | Path | None = None,
+        threads: int = 1,
+        skip_clean: bool = False,
+    ) -> None:
+        self._detector = InterferenceDetector(waveform) if skip_clean else None
         self.model = Path(model) if model else default_model_path()
         self._session = self._load(threads)
         self.metadata = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -116,11 +128,26 @@ class Tcae(Mitigation):
     def _probe(self) -> None:
         """One frame through the network: shape and finiteness, before any flowgraph starts."""
         frame = self.waveform.reference[None]
-        out = self._clean(frame)
+        out = self._infer(frame)
         if out.shape != frame.shape or not np.isfinite(out.view(np.float32)).all():
             raise MitigationError(f"tcae model {self.model} gives {out.shape} or values that are not finite")
 
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        super().reset()
+        self.skipped_frames = 0
+
     def _clean(self, batch: np.ndarray) -> np.ndarray:
+        if self._detector is None:
+            return self._infer(batch)
+        out = batch.copy()
+        present = self._detector.present(batch)
+        self.skipped_frames += int(np.count_nonzero(~present))
+        if present.any():
+            out[present] = self._infer(np.ascontiguousarray(batch[present]))
+        return out
+
+    def _infer(self, batch: np.ndarray) -> np.ndarray:
         n, samples = batch.shape
         planes = np.ascontiguousarray(batch.view(np.float32).reshape(n, samples, 2).transpose(0, 2, 1))
         scale = self._scale(planes)
@@ -159,5 +186,6 @@ class Tcae(Mitigation):
             "model": self.model.name,
             "sha256": self.sha256,
             "placeholder": self.placeholder,
+            "skipped_frames": self.skipped_frames,
             "providers": self._session.get_providers(),
         }

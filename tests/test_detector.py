@@ -1,0 +1,77 @@
+"""The detector of interference: what it misses and what it takes for interference, measured."""
+
+import numpy as np
+import pytest
+
+from radalt.core.detector import InterferenceDetector
+from radalt.core.interference import Interferer, interference_frames
+from radalt.core.returns import point_return
+from radalt.core.scene import parse_scene
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+FRAMES = 100
+
+
+def clean(rng, snr_db, count=FRAMES, shifted=False):
+    altitude = rng.uniform(5.0, 1400.0, count)
+    if shifted:
+        frames = np.stack([W.beat_shifted(a) for a in altitude])
+    else:
+        frames = point_return(W, altitude)
+    noise = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    return frames + 10 ** (-snr_db / 20) / np.sqrt(2) * noise
+
+
+EMITTERS = {
+    "qpsk": {"qpsk": {"bandwidth_hz": 2.0025e6}},
+    "wide qpsk": {"qpsk": {"bandwidth_hz": 7e6}},
+    "tones": {"tones": {}},
+    "pulses": {"pulsed_radar": {}},
+    "nr": {"nr": {}},
+}
+
+
+def emitter(name):
+    return parse_scene({"interference": EMITTERS[name]}).interference[0].emitter
+
+
+@pytest.mark.parametrize("overlap", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("name", list(EMITTERS))
+def test_interference_at_10_db_is_missed_in_less_than_one_of_a_thousand(name, overlap):
+    rng = np.random.default_rng(7)
+    frames = clean(rng, 10.0)
+    power = np.mean(np.abs(point_return(W, 300.0)) ** 2)
+    frames += interference_frames(
+        [Interferer(emitter(name), sir_db=10.0, overlap=overlap)],
+        FRAMES, W.samples_per_frame, W.rate_hz, rng, return_power=power,
+    )  # fmt: skip
+    levels = InterferenceDetector(W).residual_db(frames)
+    # stronger than counting a hundred: the threshold lies more than 3.1 standard deviations below the mean
+    assert (levels.mean() - -8.0) / levels.std() > 3.1
+    assert (levels >= -8.0).all()
+
+
+@pytest.mark.parametrize("shifted", [False, True])
+def test_clean_frames_are_let_pass(shifted):
+    levels = InterferenceDetector(W).residual_db(clean(np.random.default_rng(3), 10.0, shifted=shifted))
+    assert (-8.0 - levels.mean()) / levels.std() > 3.1
+    assert (levels < -8.0).all()
+
+
+def test_without_interference_the_residual_is_the_noise():
+    levels = InterferenceDetector(W).residual_db(clean(np.random.default_rng(4), 3.0, count=50, shifted=True))
+    assert np.allclose(levels, -3.0, atol=0.3)
+    assert InterferenceDetector(W).present(clean(np.random.default_rng(4), 3.0, count=5)).all()
+
+
+def test_frames_without_signal_or_not_finite_are_not_let_pass():
+    frames = np.zeros((3, W.samples_per_frame), np.complex64)
+    frames[1] = np.nan
+    frames[2, 17] = np.inf
+    assert InterferenceDetector(W).present(frames).all()
+
+
+def test_a_threshold_out_of_range_is_named():
+    with pytest.raises(ValueError, match="within -15..10"):
+        InterferenceDetector(W, threshold_db=20.0)

@@ -1,0 +1,88 @@
+"""The live path's own accounts: CPU by block, latency, drops; frames that skip the network; no result by batch."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import realtime_benchmark
+
+from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings
+from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.scene import load_scene
+from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.realtime import long_scene, measure, prepare_benchmark
+
+pytestmark = pytest.mark.timeout(60)
+
+W = Waveform()
+
+
+def frames(count, noise=0.2, seed=1):
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    return (W.beat_shifted(250.0) + noise * white).astype(np.complex64)
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
+    scene = load_scene("paper_qpsk")
+    scene = long_scene(
+        dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=(200.0,))), 0.4
+    )
+    assert scene.altitude.programme.trial_frames == 400
+    prepared = prepare_benchmark(
+        scene, ("none", "whitening"), tmp_path, realtime=realtime, batch=1, skip_clean=False
+    )
+    result = measure(prepared, scene, realtime=realtime, time_limit_s=50)
+    total = scene.altitude.programme.total_frames
+    for count in result.frames.values():
+        assert total <= count + result.dropped_frames <= total + 3
+    assert {"chirp_source", "simulated_channel", "frame_segmenter", "altimeter_none"} <= result.cpu_s.keys()
+    assert result.real_time_factor > 0
+    if realtime:
+        for latency in result.latency_ms.values():
+            # a frame waits for the next one to confirm its timing: 1 ms, less what the chunks bring together
+            assert latency.size > 0.9 * (total - result.dropped_frames)
+            assert (latency > 0).all()
+    else:
+        assert result.dropped_frames == 0
+        assert not any(latency.size for latency in result.latency_ms.values())
+
+
+def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
+    import json
+
+    file = tmp_path / "numbers.json"
+    arguments = ["--seconds", "0.2", "--methods", "none", "--free-only", "--json", str(file)]
+    code = realtime_benchmark.main(arguments)
+    printed = capsys.readouterr().out
+    numbers = json.loads(file.read_text())["as fast as it goes"]
+    assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
+    for word in ("real-time factor", "frame_segmenter", "dropped frames", "memory"):
+        assert word in printed
+    assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_clean_frames_skip_the_network_and_others_do_not():
+    method = create("tcae", W, skip_clean=True)
+    always = create("tcae", W)
+    clean = frames(3)
+    interfered = clean.copy()
+    interfered[1, 1000:3000] += 8.0
+    out = method.process(interfered)
+    assert method.status()["skipped_frames"] == 2
+    assert out[0].tobytes() == interfered[0].tobytes()
+    assert out[2].tobytes() == interfered[2].tobytes()
+    assert out[1].tobytes() == always.process(interfered[1:2])[0].tobytes()
+    assert always.status()["skipped_frames"] == 0
+
+
+@pytest.mark.parametrize("highest_m", [300.0, 1500.0])
+def test_a_result_does_not_depend_on_the_batch(highest_m):
+    altimeter = Altimeter(W, AltimeterSettings(max_altitude_m=highest_m))
+    batch = frames(12, noise=1.0)
+    whole = altimeter.process(batch, frame_index=0)
+    for size in (1, 2, 3, 5):
+        parts = [altimeter.process(batch[k : k + size], frame_index=0) for k in range(0, 12, size)]
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
