@@ -49,8 +49,10 @@ def on_file(path: Path) -> dict:
 
 
 def overlaps(first: list[float], second: list[float]) -> bool:
-    """Whether two boxes (left, top, right, bottom) share any point."""
-    return first[0] < second[2] and second[0] < first[2] and first[1] < second[3] and second[1] < first[3]
+    """Whether two boxes (left, top, right, bottom) come nearer than half a grid step, 4 pixels."""
+    across = min(first[2], second[2]) - max(first[0], second[0])
+    down = min(first[3], second[3]) - max(first[1], second[1])
+    return across > -4 and down > -4
 
 
 def test_window_shows_a_flowgraph(seen):
