@@ -34,6 +34,7 @@ __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
 
 _START_S = 3.0  # from start_together to the first sample, at most
 _POLL_S = 0.02
+_COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
 
 
@@ -163,6 +164,7 @@ def run_hardware(
         "calibrated": latency is not None,
         "latency_samples": segmenter.latency_samples,
     }
+    log("counters: " + ", ".join(f"{key} {result.segmenter[key]}" for key in _COUNTERS))
     return result
 
 
