@@ -138,10 +138,10 @@ def _markdown(report: dict[str, Any]) -> str:
         + ", ".join(f"{k} {v}" for k, v in report["versions"].items())
         + ".",
         f"Point target, 10..1450 m, SNR 10 dB; {len(INTERFERERS)} interferers at SIR {sirs[0]:g}..{sirs[-1]:g} dB, "
-        f"{trials} frames a point, the same for every variant. Time is CPU time of the one thread that computes, method "
-        "and altimeter together, all variants by turns in one process. The machine was shared while this ran, so ratios "
-        "say more than milliseconds. Two halves of the frames rank the variants by Pd with Kendall's tau "
-        f"{report['agreement']['pd']:.2f}, two halves of the rounds by time with {report['agreement']['time']:.2f}.",
+        f"{trials} frames a point, the same for every variant. Time is CPU time of the one thread that computes, "
+        "method and altimeter together, all variants by turns in one process. The machine was shared while this "
+        "ran, so ratios say more than milliseconds. Two halves of the frames rank the variants by Pd with Kendall's "
+        f"tau {report['agreement']['pd']:.2f}, two halves of the rounds by time with {report['agreement']['time']:.2f}.",
         "![Error and protection against run time](figures/error_vs_runtime.png)",
         "## All variants",
         _main_table(report),
@@ -198,8 +198,9 @@ def _main_table(report: dict[str, Any]) -> str:
     ]
     note = (
         "\n\nThe Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound without interference is "
-        f"{report['crb_m']:.3f} m. Pooled is over all interferers and SIRs; *wrong* the share of frames with a declared "
-        "altitude more than 5 m off. Memory is what a method adds to the peak resident memory of a process, at batch 8."
+        f"{report['crb_m']:.3f} m. Pooled is over all interferers and SIRs; *wrong* the share of frames with an "
+        "altitude declared more than 5 m off. Memory is what a method adds to the peak resident memory of a "
+        "process, at batch 8."
     )
     return table([*header, "RMSE forced / m", "mean gain / dB"], lines) + note
 

@@ -90,7 +90,6 @@ def _markdown(report: dict[str, Any]) -> str:
         [m, *(str(sum(r["verdict"] == v for r in rows if r["method"] == m)) for v in _COLOURS)]
         for m in methods
     ]
-    bad = failures(report)
     parts = [
         "# Stability on stiff and extreme cases",
         f"Made by `{report['command']}`. "
@@ -100,7 +99,7 @@ def _markdown(report: dict[str, Any]) -> str:
         table(["method", *_COLOURS], lines),
         "![Verdict of every case and method](figures/stability.png)",
         "## What did not pass",
-        "\n".join(f"- {line}" for line in bad) or "Nothing.",
+        _not_passed(report),
         "## Step size of block LMS against theory",
         "Largest stable step, by bisection, on noise whose spectrum spans the given range, against "
         "2 / (block lambda_max): 32 taps, blocks of 100.",
@@ -129,6 +128,18 @@ def _markdown(report: dict[str, Any]) -> str:
     for group, title in _GROUPS.items():
         parts += [f"## {title}", _group_table([r for r in rows if r["group"] == group])]
     return "\n\n".join(parts) + "\n"
+
+
+def _not_passed(report: dict[str, Any]) -> str:
+    """Cases that did not pass, a line for every method."""
+    lines = []
+    for method in dict.fromkeys(r["method"] for r in report["rows"]):
+        bad = [r for r in report["rows"] if r["method"] == method and r["verdict"] in ("WRONG", "FAIL")]
+        if bad:
+            names = "; ".join(f"{r['case']} ({r['wrong']} of {r['frames']} wrong)" for r in bad)
+            lines.append(f"- **{method}**, {len(bad)}: {names}")
+    lines += [f"- {line}" for line in failures(report | {"rows": []})]
+    return "\n".join(lines) or "Nothing."
 
 
 def _what_it_is() -> str:

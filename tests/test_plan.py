@@ -1,0 +1,111 @@
+"""The planner: what a scene leaves out is not built and not imported, and changes no result."""
+
+import subprocess
+import sys
+
+import ota_eval
+import pytest
+
+from gnuradio.radalt.core.scene import load_scene, parse_scene
+from gnuradio.radalt.evaluation import flowgraph, leaving_out, plan
+from gnuradio.radalt.evaluation.plan import make_plan
+
+RUN = """
+import sys, tempfile
+from gnuradio.radalt.core.scene import parse_scene
+from gnuradio.radalt.evaluation.flowgraph import prepare, run_point
+scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
+with tempfile.TemporaryDirectory() as folder:
+    result = run_point(prepare(scene, scene.methods, folder), scene)
+assert result.results["none"]["valid"].all()
+print("IMPORTED", *sys.modules)
+"""
+
+
+def scene(**data):
+    return parse_scene({"altitude": {"programme_m": [300.0, 20.0], "frames": 3}, **data})
+
+
+@pytest.mark.parametrize("name", ["no interference, whitening"])
+def test_left_out_parts_change_no_bit_of_the_results(name):
+    """Against the flowgraph with every method's chain and a jammer that sends nothing."""
+    pruned, full = (leaving_out._in_process(name, 2, unpruned) for unpruned in (False, True))
+    assert pruned["digest"] == full["digest"]
+    assert "onnxruntime" in full["modules"]
+    assert pruned["modules"] == []
+    assert pruned["memory_bytes"] < full["memory_bytes"]
+
+
+def test_what_the_plan_leaves_out_is_not_imported():
+    absent = make_plan(scene(), ("none", "whitening")).absent_modules
+    assert {"onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5"} <= set(absent)
+    code = f"import sys; sys.path[:0] = {sys.path!r}\n{RUN}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    line = next((x for x in done.stdout.splitlines() if x.startswith("IMPORTED")), done.stderr)
+    assert line.startswith("IMPORTED"), line
+    imported = line.split()[1:]
+    for module in absent:
+        assert not [
+            m
+            for m in imported
+            if m == module or m.endswith(f".{module}") or m.startswith(f"gnuradio.{module}")
+        ]
+
+
+def test_without_interference_there_is_no_jammer_chain_and_no_second_radio():
+    clear = make_plan(scene(), ("none",))
+    jammed = make_plan(scene(interference={"qpsk": {}}), ("none",))
+    silent = make_plan(scene(interference={"qpsk": {"overlap": 0.0}}), ("none",))
+    assert (clear.radios, jammed.radios, silent.radios) == (1, 2, 1)
+    data = flowgraph.prune(
+        flowgraph.load_grc(flowgraph.share_dir() / "flowgraphs" / "ota_b210.grc"), ("none",), False
+    )
+    state = {b["name"]: b["states"]["state"] for b in data["blocks"]}
+    assert state[flowgraph.JAMMER_SINK] == state["jammer_source"] == "disabled"
+    assert state[flowgraph.RADAR_SINK] == "enabled"
+
+
+def test_beat_band_decimation_and_fft_follow_the_highest_altitude():
+    low, high = (
+        make_plan(scene(altitude={"programme_m": [top], "frames": 1}), ("none",)) for top in (100.0, 15_000.0)
+    )
+    assert low.span_m == (0.0, 100.0)
+    assert low.band_hz[1] < high.band_hz[1] / 50
+    assert low.decimation > high.decimation
+    assert low.fft_size < high.fft_size
+
+
+def test_doppler_is_searched_where_the_scene_flies_it():
+    still = scene()
+    climbing = scene(altitude={"programme_m": [300.0], "mode": "true_delay", "vertical_speed_m_per_s": -40.0})
+    assert still.altimeter_settings.max_vertical_speed_m_per_s == 0.0
+    assert climbing.altimeter_settings.max_vertical_speed_m_per_s == 40.0
+    assert make_plan(climbing, ("none",)).doppler_cells > make_plan(still, ("none",)).doppler_cells
+    assert scene(altimeter={"max_altitude_m": 900.0}).altimeter_settings.max_altitude_m == 900.0
+
+
+def test_every_part_has_a_reason_and_the_flowgraph_lists_the_same():
+    shipped = load_scene("paper_qpsk")
+    made = make_plan(shipped, shipped.methods)
+    assert all(part.why for part in made.parts)
+    assert (
+        flowgraph.left_out(shipped, shipped.methods)
+        == plan.left_out(shipped, shipped.methods)
+        == made.left_out
+    )
+
+
+def test_methods_share_one_altimeter():
+    """Tables are made once a process, whatever the number of methods."""
+    from gnuradio.radalt import altimeter_sink
+
+    one, other = (altimeter_sink(scene(), method=m) for m in ("none", "whitening"))
+    assert one.altimeter is other.altimeter
+
+
+def test_plan_is_printed_and_nothing_runs(capsys):
+    assert ota_eval.main(["--sim", "--plan", "--scene", "clear", "--methods", "none"]) == 0
+    text = capsys.readouterr().out
+    assert "jammer source and second B210: the scene has no interference" in text
+    assert "onnxruntime: no network among the methods" in text
+    assert "radios on the air: 1" in text

@@ -1,0 +1,135 @@
+"""Stability: stiff, extreme and broken frames end in a right altitude or in none, and the judge can say otherwise."""
+
+import dataclasses
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings, Reason
+from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.mitigation.base import Mitigation
+from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation import stability_cases as cases
+from gnuradio.radalt.evaluation import stability_checks as checks
+from gnuradio.radalt.evaluation.stability import Subject, judge, run_cases, subjects
+from gnuradio.radalt.evaluation.stability_report import failures, write_stability_report
+
+W = Waveform()
+
+
+def not_passed(rows):
+    return [
+        f"{r['case']}: {r['method']}: {r['verdict']} {r['reasons']}"
+        for r in rows
+        if r["verdict"] not in ("pass", "refused")
+    ]
+
+
+@pytest.mark.parametrize("method", ["none", "whitening", "blanking", "nlms"])
+def test_number_range_and_converters(method):
+    """Zeros, denormals, NaN, infinity, 1e38, one bit: no exception, no wrong altitude, the next frame right again."""
+    assert not not_passed(run_cases(cases.number_cases(), subjects([method])))
+
+
+def test_extreme_altitudes_and_speeds():
+    everything = [*cases._altitude_cases(), *cases._speed_cases()]
+    assert not not_passed(run_cases(everything, subjects(["none", "whitening"])))
+
+
+def test_other_sweeps():
+    """10 us to 10 ms, 6.7 to 20 MHz, B T_h not whole; the command has 0.1 to 200 MHz and 100 ms."""
+    assert not not_passed(run_cases(islice(cases.waveform_cases(), 6), subjects(["none", "whitening"])))
+
+
+def test_stiff_inputs():
+    assert not not_passed(run_cases(cases.stiff_cases(), subjects(["none", "whitening"])))
+
+
+@pytest.mark.parametrize("speed", [220.0, 250.0, 300.0, -300.0])
+def test_a_speed_beyond_dopplers_reach_is_invalid_with_a_reason(speed):
+    """Paired with a side lobe of the other half sweep it was a valid altitude 12 to 25 m off."""
+    frame = point_return(W, 500.0, vertical_speed_m_per_s=speed)[None]
+    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0)).process(frame)[0]
+    assert not result["valid"]
+    assert result["reason"] == Reason.SWEEPS_DISAGREE
+
+
+def test_nlms_as_shipped_keeps_the_altitude_and_forgets_the_last_one():
+    altitudes = np.array([1100.0, 100.0, 1100.0])
+    result = Altimeter(W).process(
+        create("nlms", W).process(W.reference * 0 + np.stack([W.beat_shifted(a) for a in altitudes]))
+    )
+    np.testing.assert_allclose(result["altitude_m"], altitudes, atol=2.0)
+
+
+def test_lms_steps_are_stable_to_two_over_lambda_max():
+    rows = list(checks.step_limit_rows((1.0, 1e6)))
+    assert rows[1]["condition"] > 1e5
+    for row in rows:
+        assert 0.7 < row["ratio"] < 1.5
+
+
+def test_phase_and_timing_after_1e11_samples():
+    rows = list(checks.long_run_rows())
+    assert [r["check"] for r in rows if r["verdict"] == "FAIL"] == []
+
+
+@pytest.mark.parametrize("method", ["none", "whitening", "nlms"])
+def test_batches_of_any_size_give_the_same_altitudes(method):
+    whole = checks.altitudes_of(method)
+    np.testing.assert_array_equal(checks.altitudes_of(method, (1,)), whole)
+    np.testing.assert_array_equal(checks.altitudes_of(method, (5, 1, 3)), whole)
+
+
+def test_broken_frames_in_a_running_flowgraph():
+    assert [r for r in checks.flowgraph_rows(("whitening",)) if r["verdict"] != "pass"] == []
+
+
+# -- the judge can fail -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def case():
+    return next(c for c in cases.number_cases() if c.name == "8-bit converter")
+
+
+def test_a_wrong_truth_is_a_wrong_altitude(case):
+    lie = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
+    row = judge(lie, Subject("none", "none"))
+    assert (row["verdict"], row["wrong"]) == ("FAIL", 4)
+    assert judge(lie, Subject("whitening", "whitening"))["verdict"] == "WRONG"
+
+
+class Grudge(Mitigation):
+    """Silent for ever after its first batch."""
+
+    name = "grudge"
+
+    def _clean(self, batch):
+        return batch * (self.frames == len(batch))
+
+
+class Overflow(Mitigation):
+    name = "overflow"
+
+    def _clean(self, batch):
+        return batch * np.float32(1e30) * np.float32(1e30)
+
+
+@pytest.mark.parametrize("method", [Grudge, Overflow])
+def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
+    monkeypatch.setattr(
+        "gnuradio.radalt.evaluation.stability.create", lambda name, waveform: method(waveform)
+    )
+    assert judge(case, Subject("bad", "bad"))["verdict"] == "FAIL"
+
+
+def test_report_names_what_did_not_pass(case, tmp_path):
+    bad = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
+    rows = list(run_cases([case, bad], subjects(["none"])))
+    report = write_stability_report(tmp_path, rows, [], [], command="test")
+    assert failures(report) == ["8-bit converter: none: FAIL"]
+    assert "8-bit converter: none: FAIL" in (tmp_path / "stability.md").read_text()
+    assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
