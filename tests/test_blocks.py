@@ -469,11 +469,8 @@ def test_results_are_published_over_zmq_as_json():
     frames, tags, _ = frames_with_tags(20)
     frames[4] = 0
     context = zmq.Context()
-    probe = context.socket(zmq.PAIR)
-    port = probe.bind_to_random_port("tcp://127.0.0.1")
-    probe.close()
-    endpoint = f"tcp://127.0.0.1:{port}"
-    block = radalt.altimeter_sink(scene, method="none", endpoint=endpoint, messages=False)
+    block = radalt.altimeter_sink(scene, method="none", endpoint="tcp://127.0.0.1:*", messages=False)
+    endpoint = block._socket.getsockopt_string(zmq.LAST_ENDPOINT)  # the port the system chose
     subscriber = context.socket(zmq.SUB)
     subscriber.setsockopt(zmq.SUBSCRIBE, b"")
     subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
