@@ -19,6 +19,7 @@ from .waveform import Waveform, altitude_to_delay_s, exp_cycles
 __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
 
 _HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
+_SPARE_BLOCKS = 8
 _STEPS = 256  # sub-sample resolution of a drifting clock
 
 
@@ -154,7 +155,10 @@ class _DelayLine:
 
     def __init__(self, block: int, max_delay: float) -> None:
         self._block = block
-        self._history = np.zeros(int(np.ceil(max_delay)) + 2 * _HALF_TAPS + 2 + block, dtype=np.complex64)
+        self._length = int(np.ceil(max_delay)) + 2 * _HALF_TAPS + 2 + block
+        # room for some blocks more, so that the history is moved once in a while and not with every block
+        self._store = np.zeros(self._length + _SPARE_BLOCKS * block, dtype=np.complex64)
+        self._end = self._length
         # 2048 points stay in the first-level cache and take half the time of one transform over a whole frame
         self._size = fft.next_fast_len(min(block + 2 * _HALF_TAPS, 2048))
         self._hop = self._size - 2 * _HALF_TAPS
@@ -164,24 +168,29 @@ class _DelayLine:
 
     def push(self, samples: np.ndarray) -> None:
         """Append one block."""
-        self._history[: -self._block] = self._history[self._block :]
-        self._history[-self._block :] = samples
+        if self._end + self._block > self._store.size:
+            keep = self._length - self._block
+            self._store[:keep] = self._store[self._end - keep : self._end].copy()
+            self._end = keep
+        self._store[self._end : self._end + self._block] = samples
+        self._end += self._block
 
     def read(self, delay: float) -> np.ndarray:
         """(block,) samples that lie ``delay`` >= 0 samples before the block pushed last."""
         whole = int(np.floor(delay))
         fraction = round((delay - whole) * _STEPS * 16) / (_STEPS * 16)
-        first = self._history.size - self._block - whole
+        history = self._store[self._end - self._length : self._end]
+        first = history.size - self._block - whole
         if fraction == 0:
-            return self._history[first : first + self._block]
+            return history[first : first + self._block]
         # the kernel looks half its length ahead, so the newest samples needed are those of the block itself only if the
         # delay is at least that; shorter delays are served by the caller's base latency
-        span = self._history[first - _HALF_TAPS : first + self._block + _HALF_TAPS]
+        span = history[first - _HALF_TAPS : first + self._block + _HALF_TAPS]
         if span.size < self._block + 2 * _HALF_TAPS:
             raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {_HALF_TAPS}")
         # a radar repeats its sweep: the same samples at the same delay give the same output, to the bit
         known = self._last.get(delay)
-        if known is not None and np.array_equal(known[0], span):
+        if known is not None and _same_bits(known[0], span):
             return known[1]
         out = self._filter(span, self._kernel(fraction))
         if len(self._last) >= 4:
@@ -192,10 +201,11 @@ class _DelayLine:
     def _filter(self, span: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         """(block,) overlap-save convolution in short transforms."""
         tail = 2 * _HALF_TAPS
-        padded = np.zeros(self._parts * self._hop + tail, dtype=np.complex64)
-        padded[: span.size] = span
-        parts = np.lib.stride_tricks.sliding_window_view(padded, self._size)[:: self._hop]
-        spectrum = fft.fft(parts, axis=1)
+        parts = np.zeros((self._parts, self._size), dtype=np.complex64)
+        for k, part in enumerate(parts):
+            piece = span[k * self._hop : k * self._hop + self._size]
+            part[: piece.size] = piece
+        spectrum = fft.fft(parts, axis=1, overwrite_x=True)
         spectrum *= kernel
         return fft.ifft(spectrum, axis=1, overwrite_x=True)[:, tail:].reshape(-1)[: self._block]
 
@@ -211,6 +221,11 @@ class _DelayLine:
             )
             self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
         return self._kernels[fraction]
+
+
+def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two contiguous complex64 arrays of one shape are the same to the bit; a first look saves most of it."""
+    return a[0] == b[0] and bool((a.view(np.int64) == b.view(np.int64)).all())
 
 
 class SimulatedChannel:

@@ -100,6 +100,13 @@ class Programme:
         """Range rate of frames, any shape."""
         return self.vertical_speed_m_per_s * self.is_trial(frame_index)
 
+    def at(self, frame_index: int) -> tuple[float, float]:
+        """Altitude and range rate of one frame, without the overhead of arrays: asked once a frame."""
+        altitude, trial = self._table
+        if 0 <= frame_index < altitude.size:
+            return float(altitude[frame_index]), self.vertical_speed_m_per_s * bool(trial[frame_index])
+        return float(self.altitude_m(frame_index)), float(self.speed_m_per_s(frame_index))
+
     def _look_up(self, table: np.ndarray, frame_index: np.ndarray | int) -> np.ndarray:
         index = np.asarray(frame_index)
         inside = (index >= 0) & (self.hold_last | (index < table.size))

@@ -367,7 +367,7 @@ class FrameSegmenter:
 
     def _bank(self, index: int) -> np.ndarray:
         """(5, N) conjugate expected frames at -2..+2 samples, unit energy each."""
-        key = (float(self.programme.altitude_m(index)), float(self.programme.speed_m_per_s(index)))
+        key = self.programme.at(index)
         if key not in self._expected:
             if len(self._expected) >= 64:
                 self._expected.clear()
