@@ -57,10 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         sirs = parse_axis(args.sir_db, "--sir-db")
         facts = {}
         for variant in candidates:
-            _, altimeter = variant.build()
+            method, altimeter = variant.build()
             memory = runtime.measure_memory(variant, 8)
             facts[variant.label] = {
-                "precision": variant.precision,
+                "precision": getattr(method, "metadata", {}).get("radalt_precision", variant.precision),
                 "model_bytes": variant.model_bytes,
                 "memory_bytes": memory,
                 "decimation": altimeter.decimation,

@@ -88,6 +88,7 @@ def judge(case: Case, subject: Subject) -> dict[str, Any]:
         method = subject.build(case.waveform)
     except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
         return row | _empty(f"refused: {error}") | {"verdict": "refused"}
+    row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", subject.precision)
     altimeter = _altimeter(case)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # an overflow that nobody expected shows as an exception here

@@ -194,8 +194,11 @@ def flowgraph_rows(methods: tuple[str, ...], time_limit_s: float = 60.0) -> Iter
     for method in methods:
         wanted = Altimeter(w, _scene((method,)).altimeter_settings).process(create(method, w).process(bad))
         have, error = _through_blocks(method, bad, time_limit_s)
-        same = error is None and np.array_equal(have["altitude_m"], wanted["altitude_m"], equal_nan=True)
-        same = same and np.array_equal(have["valid"], wanted["valid"])
+        bound = (
+            _NETWORK_BOUND_M if method == "tcae" else 0.0
+        )  # blocks take one frame at a time, this one batch
+        same = error is None and np.array_equal(have["valid"], wanted["valid"])
+        same = same and _difference(have["altitude_m"], wanted["altitude_m"]) <= bound
         row = {
             "check": f"{method}: zeros, NaN, infinity and 1e30 among {len(bad)} frames",
             "unit": "frames valid",

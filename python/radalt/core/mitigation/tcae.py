@@ -48,6 +48,10 @@ class Tcae(Mitigation):
     skip_clean : bool
         Frames that show no interference pass unchanged, without the network; see `InterferenceDetector` for what it
         misses.
+    dither_db : float or None
+        White noise added before the network, relative to the frame's power, the same in every frame. Networks see
+        noise in training; on a frame almost without any (SNR above 50 dB) the shipped one lost the altitude or made
+        one up, and with -50 dB it does not.
 
     Raises
     ------
@@ -64,10 +68,14 @@ class Tcae(Mitigation):
         model: str | Path | None = None,
         threads: int = 1,
         skip_clean: bool = False,
+        dither_db: float | None = -50.0,
     ) -> None:
+        if dither_db is not None and not -120 <= dither_db <= 0:
+            raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
         self.model = Path(model) if model else default_model_path()
         self._session = self._load(threads)
+        self._dither = None if dither_db is None else _dither(waveform.samples_per_frame, dither_db)
         self.metadata = dict(self._session.get_modelmeta().custom_metadata_map)
         self._check(waveform)
         self.normalisation = self.metadata["radalt_normalisation"]
@@ -151,7 +159,10 @@ class Tcae(Mitigation):
         n, samples = batch.shape
         planes = np.ascontiguousarray(batch.view(np.float32).reshape(n, samples, 2).transpose(0, 2, 1))
         scale = self._scale(planes)
+        empty = np.max(np.abs(planes), axis=(1, 2), keepdims=True) < np.finfo(np.float32).tiny
         planes /= scale
+        if self._dither is not None:
+            planes += self._dither * np.sqrt(2 * np.mean(planes**2, axis=(1, 2), keepdims=True))
         session = self._session
         try:
             cleaned = session.run(None, {session.get_inputs()[0].name: planes})[0]
@@ -163,7 +174,9 @@ class Tcae(Mitigation):
             raise MitigationError(
                 f"tcae model {self.model} gives shape {cleaned.shape}; expected {planes.shape}"
             )
-        cleaned = cleaned * scale
+        # a network may make something of nothing; and what it makes of 1e38 need not fit a float32
+        with np.errstate(over="ignore"):
+            cleaned = cleaned * np.where(empty, np.float32(0), scale)
         return np.ascontiguousarray(cleaned.transpose(0, 2, 1), dtype=np.float32).view(np.complex64)[..., 0]
 
     def _scale(self, planes: np.ndarray) -> np.ndarray:
@@ -174,11 +187,11 @@ class Tcae(Mitigation):
             peak = np.max(
                 np.abs(planes), axis=(1, 2), keepdims=True
             )  # first, so that squares cannot overflow
-            peak = np.where(peak > 0, peak, np.float32(1))
+            peak = np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
             return peak * np.sqrt(2 * np.mean((planes / peak) ** 2, axis=(1, 2), keepdims=True)).clip(1e-30)
         axes = (2,) if self.normalisation == "per_channel_peak" else (1, 2)
         peak = np.max(np.abs(planes), axis=axes, keepdims=True)
-        return np.where(peak > 0, peak, np.float32(1))
+        return np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`: model file, hash, providers, threads."""
@@ -189,3 +202,9 @@ class Tcae(Mitigation):
             "skipped_frames": self.skipped_frames,
             "providers": self._session.get_providers(),
         }
+
+
+def _dither(samples: int, level_db: float) -> np.ndarray:
+    """(2, samples) float32 white noise of a fixed seed, complex power ``level_db``."""
+    noise = np.random.default_rng(0x7CAE).standard_normal((2, samples))
+    return (noise * 10.0 ** (level_db / 20.0) / np.sqrt(2.0)).astype(np.float32)
