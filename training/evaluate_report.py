@@ -206,7 +206,9 @@ def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
 
 
 def draw_gain(path: Path, table: dict, names: list[str]) -> None:
-    """Protection gain against none: one row a case, one marker a method."""
+    """Protection gain against none: one row a case, one marker a method; nothing without none to compare with."""
+    if "none" not in names:
+        return
     figure, axis = plt.subplots(figsize=(8, 0.28 * len(table) + 1.5), layout="constrained")
     labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in table]
     for method in [m for m in names if m != "none"]:
