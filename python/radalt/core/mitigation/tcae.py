@@ -159,7 +159,7 @@ class Tcae(Mitigation):
         n, samples = batch.shape
         planes = np.ascontiguousarray(batch.view(np.float32).reshape(n, samples, 2).transpose(0, 2, 1))
         scale = self._scale(planes)
-        empty = np.max(np.abs(planes), axis=(1, 2), keepdims=True) < np.finfo(np.float32).tiny
+        empty = _peak(planes, (1, 2)) < np.finfo(np.float32).tiny
         planes /= scale
         if self._dither is not None:
             planes += self._dither * np.sqrt(2 * np.mean(planes**2, axis=(1, 2), keepdims=True))
@@ -177,20 +177,20 @@ class Tcae(Mitigation):
         # a network may make something of nothing; and what it makes of 1e38 need not fit a float32
         with np.errstate(over="ignore"):
             cleaned = cleaned * np.where(empty, np.float32(0), scale)
-        return np.ascontiguousarray(cleaned.transpose(0, 2, 1), dtype=np.float32).view(np.complex64)[..., 0]
+        out = np.empty((n, samples), dtype=np.complex64)
+        out.real, out.imag = cleaned[:, 0], cleaned[:, 1]
+        return out
 
     def _scale(self, planes: np.ndarray) -> np.ndarray:
         """(n, 1|2, 1) factor by which the frame is divided before, and multiplied after, the network."""
         if self.normalisation == "none":
             return np.ones((planes.shape[0], 1, 1), dtype=np.float32)
         if self.normalisation == "joint_rms":
-            peak = np.max(
-                np.abs(planes), axis=(1, 2), keepdims=True
-            )  # first, so that squares cannot overflow
+            peak = _peak(planes, (1, 2))  # first, so that squares cannot overflow
             peak = np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
             return peak * np.sqrt(2 * np.mean((planes / peak) ** 2, axis=(1, 2), keepdims=True)).clip(1e-30)
         axes = (2,) if self.normalisation == "per_channel_peak" else (1, 2)
-        peak = np.max(np.abs(planes), axis=axes, keepdims=True)
+        peak = _peak(planes, axes)
         return np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
 
     def status(self) -> dict[str, object]:
@@ -202,6 +202,11 @@ class Tcae(Mitigation):
             "skipped_frames": self.skipped_frames,
             "providers": self._session.get_providers(),
         }
+
+
+def _peak(planes: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Largest magnitude along axes, which stay; a third of the time of ``max(abs())``, which makes an array."""
+    return np.maximum(planes.max(axis=axes, keepdims=True), -planes.min(axis=axes, keepdims=True))
 
 
 def _dither(samples: int, level_db: float) -> np.ndarray:
