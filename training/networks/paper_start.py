@@ -10,7 +10,8 @@ reduced-rank Wiener estimator of the returns into it:
 - dense: principal components of random returns, their weights ``lambda / (lambda + noise)``, and their codes in the
   decoder by least squares (conjugate gradients).
 
-Nothing here looks at interference. Training goes on from there by the paper's recipe.
+No weight is fitted to interference, but the half of the band was chosen: the paper's interferer sits at the centre.
+Training goes on from there by the paper's recipe.
 """
 
 from __future__ import annotations
