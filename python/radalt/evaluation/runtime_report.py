@@ -141,7 +141,8 @@ def _markdown(report: dict[str, Any]) -> str:
         f"{trials} frames a point, the same for every variant. Time is CPU time of the one thread that computes, "
         "method and altimeter together, all variants by turns in one process. The machine was shared while this "
         "ran, so ratios say more than milliseconds. Two halves of the frames rank the variants by Pd with Kendall's "
-        f"tau {report['agreement']['pd']:.2f}, two halves of the rounds by time with {report['agreement']['time']:.2f}.",
+        f"tau {report['agreement']['pd']:.2f}, two halves of the rounds by time with "
+        f"{report['agreement']['time']:.2f}.",
         "![Error and protection against run time](figures/error_vs_runtime.png)",
         "## All variants",
         _main_table(report),
