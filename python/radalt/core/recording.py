@@ -7,6 +7,7 @@ and, as annotations, altitude and jammer state by frame. sigmf is imported when 
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -224,6 +225,7 @@ def open_capture(path: Path | str) -> Capture:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
+            json.loads(meta.read_text(encoding="utf-8"))  # sigmf leaves a file that is no JSON open
             recording = sigmf.sigmffile.fromfile(str(meta))
             recording.validate()
     except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
