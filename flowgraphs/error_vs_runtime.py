@@ -71,7 +71,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (MitigationError, ValueError) as error:
         print(f"error_vs_runtime: {error}", file=sys.stderr)
         return 2
-    print(write_runtime_report(args.out, rows, times, facts, "python flowgraphs/error_vs_runtime.py"))
+    command = "python flowgraphs/error_vs_runtime.py"
+    if args.models:
+        command += " --models " + " ".join(m.name for m in args.models)
+    print(write_runtime_report(args.out, rows, times, facts, command))
     return 0
 
 

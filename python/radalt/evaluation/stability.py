@@ -87,7 +87,10 @@ def judge(case: Case, subject: Subject) -> dict[str, Any]:
     try:
         method = subject.build(case.waveform)
     except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
-        return row | _empty(f"refused: {error}") | {"verdict": "refused"}
+        note = str(error)
+        for name, value in subject.options:
+            note = note.replace(str(value), Path(value).name) if name == "model" else note
+        return row | _empty(f"refused: {note}") | {"verdict": "refused"}
     row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", subject.precision)
     altimeter = _altimeter(case)
     with warnings.catch_warnings():
