@@ -142,5 +142,5 @@ def test_report_names_what_did_not_pass(case, tmp_path):
     rows = list(run_cases([case, bad], subjects(["none"])))
     report = write_stability_report(tmp_path, rows, [], [], command="test")
     assert failures(report) == ["8-bit converter: none: FAIL"]
-    assert "8-bit converter: none: FAIL" in (tmp_path / "stability.md").read_text()
+    assert "- **none**, 1: 8-bit converter (4 of 4 wrong)" in (tmp_path / "stability.md").read_text()
     assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
