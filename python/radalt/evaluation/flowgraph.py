@@ -44,7 +44,7 @@ __all__ = [
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
-_BATCH = 8  # frames an altimeter measures at once in a headless run
+_BATCH = 16  # frames an altimeter measures at once in a headless run
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
 
 

@@ -7,6 +7,7 @@ a flowgraph does when something is wrong, so each worker here has its own pipe a
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import sys
 import time
@@ -65,8 +66,8 @@ def run_tasks(
     todo = iter(range(len(tasks)))
     workers: list[_Worker] = []
     try:
-        for _ in range(min(jobs, len(tasks))):
-            workers.append(_start(context, function))
+        for number in range(min(jobs, len(tasks))):
+            workers.append(_start(context, function, number))
             _hand_out(workers[-1], tasks, todo, time_limit_s)
         while busy := [w for w in workers if w.task >= 0]:
             patience = max(0.0, min(w.deadline for w in busy) - time.monotonic())
@@ -84,9 +85,9 @@ def run_tasks(
         _stop(workers)
 
 
-def _start(context: Any, function: Callable[[Any], Any]) -> _Worker:
+def _start(context: Any, function: Callable[[Any], Any], number: int) -> _Worker:
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, function), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, function, number), daemon=True)
     process.start()
     theirs.close()  # so that the worker's death shows as the end of the pipe
     return _Worker(process, ours)
@@ -136,8 +137,20 @@ def _stop(workers: Sequence[_Worker]) -> None:
             worker.process.join()
 
 
-def _serve(pipe: Connection, function: Callable[[Any], Any]) -> None:
+def _keep_to_one_core(number: int) -> None:
+    """Worker ``number`` on a core of its own.
+
+    A flowgraph's threads share one interpreter, so a second core wins nothing and every handover between cores costs:
+    `none` and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one of them.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[number % len(cores)]})
+
+
+def _serve(pipe: Connection, function: Callable[[Any], Any], number: int) -> None:
     """Life of a worker: tasks until the pipe ends."""
+    _keep_to_one_core(number)
     # Ctrl-C reaches the whole process group; the parent decides what becomes of the workers
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:

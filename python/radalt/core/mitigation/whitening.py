@@ -52,7 +52,6 @@ class Whitening(Mitigation):
         level = smooth.mean(axis=1, keepdims=True)
         # floor: cells 60 dB under the mean are not worth raising to it
         smooth = np.maximum(smooth / np.where(level > 0, level, 1), np.float32(1e-6))
-        # a power costs as much as a transform, the default exponent needs none
-        gain = np.reciprocal(smooth) if self.exponent == 1.0 else smooth ** np.float32(-self.exponent)
-        spectrum *= gain
+        # exp and log of float32 are vectorised, a power is not and costs as much as a transform
+        spectrum *= np.exp(np.float32(-self.exponent) * np.log(smooth))
         return fft.ifft(spectrum, axis=1, overwrite_x=True)
