@@ -26,10 +26,13 @@ TITLE = {
 RECIPE = {
     "tcae": (
         "Loss: log of the beat spectrum's error share after the best complex scale (`training/losses.py`). Adam, "
-        "gradient norm limited to 1. First recipe `compact_first` (data `fresh`, SIR -50..5 dB, peak rate 2e-3, "
-        "stopped after 2,750 steps of 32 = 88,000 examples), then from that checkpoint `compact` (data `deep`, "
-        "SIR -62..2 dB, peak rate 1.5e-3, cosine to zero). The examples above count the second part alone; 248,000 "
-        "in all. float32 on one core of a shared two-core machine, half an hour in all."
+        "gradient norm limited to 1. Three parts, each from the checkpoint of the one before: `compact_first` (data "
+        "`fresh`, SIR -50..5 dB, peak rate 2e-3, stopped after 2,750 steps of 32 = 88,000 examples), `compact_deep` "
+        "(data `deep`, SIR -62..2 dB, peak rate 1.5e-3, cosine to zero, 160,000 examples), `compact` (data `heard`: "
+        "half of the interferers through a fractional delay and a carrier offset, a quarter of the frames with three "
+        "at once, 6 % through a converter of 1 to 8 bits; peak rate 1e-3, cosine to zero). The examples above count "
+        "the third part alone. The weight of samples off the mean modulus was added before the third part. float32 "
+        "on one core of a shared two-core machine, an hour and a half in all."
     ),
     "paper": (
         "The paper's set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam, bfloat16 "
@@ -41,10 +44,13 @@ RECIPE = {
         "does not give the probability of dropout, 0.02 here. Weights are stored as int8 with one scale a row and "
         "widened when the file is loaded; the arithmetic is float32."
     ),
-    "cnn": "Same data and loss as `compact_first`, Adam, peak rate 2e-3, cosine; a few minutes on one core.",
+    "cnn": (
+        "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, peak rate 1e-3, cosine to zero, "
+        "batches of 128. Weights are stored as int8 with one scale a row and widened when the file is loaded."
+    ),
     "fc": (
-        "Same data and loss as `compact_first`, Adam, peak rate 1e-3, cosine; a few minutes on one core. Weights are "
-        "stored as int8 with one scale a row and widened when the file is loaded."
+        "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, peak rate 1e-3, cosine to zero, "
+        "batches of 128. Weights are stored as int8 with one scale a row and widened when the file is loaded."
     ),
 }
 LIMITS = {

@@ -20,7 +20,7 @@ from radalt.core.nr import NrEmitter
 from radalt.core.returns import point_return
 from radalt.core.waveform import Waveform
 
-__all__ = ["CONFIGS", "SceneConfig", "batches", "content_hash", "example", "make_batch"]
+__all__ = ["CONFIGS", "SceneConfig", "batches", "content_hash", "example", "make_batch", "return_parts"]
 
 _BANK = 48  # different long signals a slow emitter is cut from
 _BANK_SAMPLES = 65536
@@ -50,6 +50,9 @@ class SceneConfig:
     impaired : float
         Probability that the interferer comes through a fractional sample delay and a frequency offset
         (another clock).
+    converter : float
+        Probability that the frame went through a converter of 1, 2, 3, 4, 6 or 8 bits that clips at one to four
+        times the frame's RMS.
     size, validation : int
         Examples of a finite set and of its validation part; 0 stands for endless fresh data.
     seed : int
@@ -71,6 +74,7 @@ class SceneConfig:
     multipath: float = 0.15
     extended: float = 0.15
     impaired: float = 0.2
+    converter: float = 0.0
     size: int = 0
     validation: int = 0
     seed: int = 1
@@ -91,6 +95,26 @@ CONFIGS: dict[str, SceneConfig] = {
         counts=(0.05, 0.6, 0.18, 0.17),
         seed=2,
     ),
+    # third part of `compact`: half of the interferers with a clock of their own, more of several at once, coarse
+    # converters
+    "heard": SceneConfig(
+        sir_db=(-58.0, 2.0),
+        snr_db=(0.0, 25.0),
+        kinds=(
+            ("tones", 0.8),
+            ("qpsk_rectangular", 1.4),
+            ("qpsk_shaped", 1.0),
+            ("nr5", 1.2),
+            ("nr10", 0.9),
+        ),
+        counts=(0.05, 0.52, 0.18, 0.25),
+        full_overlap=0.5,
+        impaired=0.5,
+        converter=0.06,
+        seed=3,
+    ),
+    # autoencoders without any notion of the sweep: levels from which they can learn it
+    "mild": SceneConfig(sir_db=(-25.0, 5.0), seed=4),
     # the paper: QPSK bursts and tones at -20..0 dB, 50,000 + 10,000 examples
     "paper": SceneConfig(
         sir_db=(-20.0, 0.0),
@@ -202,7 +226,20 @@ def _interference(config: SceneConfig, waveform: Waveform, rng: np.random.Genera
     return total * np.sqrt(10.0 ** (-rng.uniform(*config.sir_db) / 10.0) / power)
 
 
-def _facets(config: SceneConfig, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _convert(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The frame as a coarse converter gives it."""
+    bits = int(rng.choice([1, 2, 3, 4, 6, 8]))
+    rails = frame.view(np.float64)
+    full_scale = rng.uniform(1.0, 4.0) * np.sqrt(np.mean(rails**2))
+    step, top = (
+        2.0 * full_scale / 2**bits,
+        2 ** (bits - 1),
+    )  # mid-tread, but for one bit, which would lose zero
+    codes = np.sign(rails) * 0.5 if bits == 1 else np.clip(np.rint(rails / step), -top, top - 1)
+    return (step * codes).view(np.complex128)
+
+
+def return_parts(config: SceneConfig, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """(m,) excess ranges in metres and (m,) complex amplitudes of the return's parts, the nearest first."""
     draw = rng.random()
     if draw < config.multipath:
@@ -241,13 +278,15 @@ def example(
     rng = np.random.default_rng([seed, index])
     altitude_m = float(rng.uniform(*config.altitude_m))
     speed = config.max_vertical_speed_m_per_s * float(rng.uniform(-1, 1))
-    excess, amplitude = _facets(config, rng)
+    excess, amplitude = return_parts(config, rng)
     parts = point_return(waveform, altitude_m + excess, vertical_speed_m_per_s=speed)
     clean = amplitude @ parts
     clean /= np.sqrt(np.mean(np.abs(clean) ** 2))
     sigma = np.sqrt(0.5 * 10.0 ** (-rng.uniform(*config.snr_db) / 10.0))
     noise = sigma * rng.standard_normal((clean.size, 2)).view(np.complex128)[:, 0]
     received = clean + noise + _interference(config, waveform, rng)
+    if rng.random() < config.converter:
+        received = _convert(received, rng)
     return received.astype(np.complex64), clean.astype(np.complex64), altitude_m
 
 
@@ -296,8 +335,11 @@ def validation_batch(
 
 
 def description(config: SceneConfig) -> str:
-    """The configuration as canonical JSON."""
-    return json.dumps(asdict(config), sort_keys=True)
+    """The configuration as canonical JSON; ``converter`` only where there is one, so that older hashes stay."""
+    entries = asdict(config)
+    if not config.converter:
+        del entries["converter"]
+    return json.dumps(entries, sort_keys=True)
 
 
 def content_hash(config: SceneConfig, waveform: Waveform, count: int) -> str:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from data import SceneConfig, return_parts
 from evaluate_report import break_point_db, write_report
 
 from radalt.core.altimeter import Altimeter
@@ -35,6 +36,7 @@ SNR_DB = 10.0
 TOLERANCE_M = 5.0
 SIRS_DB = tuple(np.arange(0.0, -62.6, -2.5))
 OVERLAPS = (0.3, 0.6, 1.0)
+OTHER_RETURNS = (("clean", ""), ("qpsk_shaped", -30.0), ("qpsk_rectangular_delayed", -27.5), ("nr5", -30.0))
 CLASSICAL = ("none", "lms", "lms_reference_input", "nlms", "whitening", "blanking")
 NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
 COLUMNS = (
@@ -81,16 +83,25 @@ class Scenes:
     frames: np.ndarray
 
     @classmethod
-    def draw(cls, waveform: Waveform, trials: int, seed: int) -> Scenes:
-        """Point returns over 3-1500 m, up to 10 m/s, at the evaluation's SNR."""
+    def draw(cls, waveform: Waveform, trials: int, seed: int, ground: SceneConfig | None = None) -> Scenes:
+        """Returns over 3-1500 m, up to 10 m/s, at the evaluation's SNR: points, or what ``ground`` says.
+
+        The altitude is that of the nearest part of a return.
+        """
         rng = np.random.default_rng([SEED, seed])
         altitude_m = rng.uniform(3.0, 1500.0, trials)
-        frames = point_return(
-            waveform,
-            altitude_m,
-            vertical_speed_m_per_s=rng.uniform(-10, 10, trials),
-            phase_cycles=rng.random(trials),
-        )
+        speed = rng.uniform(-10, 10, trials)
+        if ground is None:
+            frames = point_return(
+                waveform, altitude_m, vertical_speed_m_per_s=speed, phase_cycles=rng.random(trials)
+            )
+        else:
+            rows = []
+            for altitude, v in zip(altitude_m, speed, strict=True):
+                excess_m, amplitude = return_parts(ground, rng)
+                rows.append(amplitude @ point_return(waveform, altitude + excess_m, vertical_speed_m_per_s=v))
+            frames = np.stack(rows)
+            frames /= np.sqrt(np.mean(np.abs(frames) ** 2, axis=1, keepdims=True))
         noise = rng.standard_normal((trials, frames.shape[1], 2)).view(np.complex128)[..., 0]
         frames = frames + np.sqrt(0.5 * 10.0 ** (-SNR_DB / 10.0)) * noise
         return cls(waveform, altitude_m, frames.astype(np.complex64))
@@ -229,6 +240,29 @@ def clean_and_paper(rows: Rows, altimeter: Altimeter, made: dict[str, Mitigation
                 rows.add(row | score(altimeter, one, frames, scenes.altitude_m))
 
 
+def other_returns(rows: Rows, altimeter: Altimeter, made: dict[str, Mitigation], trials: int) -> None:
+    """Echoes (1-3, 6-25 dB down, 5-120 m behind) and extended ground, alone and with whole-frame interference."""
+    grounds = {
+        "multipath": SceneConfig(multipath=1.0, extended=0.0),
+        "extended": SceneConfig(multipath=0.0, extended=1.0),
+    }
+    for number, (name, ground) in enumerate(grounds.items()):
+        scenes = Scenes.draw(altimeter.waveform, trials, 2 + number, ground)
+        for interferer, sir_db in OTHER_RETURNS:
+            frames = scenes.frames
+            if interferer != "clean":
+                frames = scenes.with_interference(emitters()[interferer], 1.0, sir_db, 91)
+            for method, one in made.items():
+                row = {
+                    "interferer": f"{interferer}, {name}",
+                    "overlap": 1.0,
+                    "sir_db": sir_db,
+                    "method": method,
+                }
+                if rows.find(**row) is None:
+                    rows.add(row | score(altimeter, one, frames, scenes.altitude_m))
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
@@ -250,6 +284,7 @@ def main() -> None:
     rows = Rows(args.out / "rows.csv")
     start = time.monotonic()
     clean_and_paper(rows, altimeter, made, args.clean_trials)
+    other_returns(rows, altimeter, made, args.clean_trials)
     sweep(rows, altimeter, made, args.trials, lambda text: print(text, flush=True))
     hashes = {
         n: hashlib.sha256((args.models / NETWORKS[n]).read_bytes()).hexdigest()

@@ -31,6 +31,7 @@ STYLES = {
 }
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
+SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
 
 
 def break_point_db(sir_db: np.ndarray, pd: np.ndarray, level: float = 0.9) -> tuple[float, str]:
@@ -53,7 +54,7 @@ def _cases(rows: Any) -> list[tuple[str, float]]:
     """Interferer and overlap of every swept case, in the order measured."""
     seen: dict[tuple[str, float], None] = {}
     for row in rows.rows:
-        if row["interferer"] != "clean" and "sinr" not in row["interferer"]:
+        if row["interferer"] in SWEPT:
             seen[row["interferer"], float(row["overlap"])] = None
     return list(seen)
 
@@ -136,6 +137,18 @@ def _rmse_table(rows: Any, names: list[str], sir_db: float) -> str:
     return _markdown(["interferer", "overlap", *names], lines)
 
 
+def _returns_table(rows: Any, names: list[str]) -> str:
+    """One line a return and interferer; a name with a comma is such a case."""
+    lines = []
+    for case in dict.fromkeys(row["interferer"] for row in rows.rows if ", " in row["interferer"]):
+        found = {row["method"]: row for row in _special(rows, case)}
+        interferer, ground = case.split(", ")
+        sir_db = next(iter(found.values()))["sir_db"]
+        cells = [f"{float(found[m]['pd']):.2f} / {found[m]['rmse_detected_m'] or '-'}" for m in names]
+        lines.append([ground, interferer, sir_db or "-", *cells])
+    return _markdown(["return", "interferer, whole frame", "SIR / dB", *names], lines)
+
+
 def write_report(folder: Path, rows: Any, names: list[str], about: dict[str, Any]) -> None:
     """``report.md`` and the figures of a finished sweep."""
     table = break_table(rows, names)
@@ -162,6 +175,7 @@ def write_report(folder: Path, rows: Any, names: list[str], about: dict[str, Any
         "## Rectangular QPSK, 100 % overlap, SINR -15 dB\n\n"
         + _score_table(rows, "qpsk_rectangular_sinr_-15")
     )
+    text.append("## Other returns: Pd / RMSE of detections in m\n\n" + _returns_table(rows, names))
     for sir_db in (-10.0, -20.0, -30.0, -40.0):
         text.append(f"## Pd / forced RMSE in m at SIR {sir_db:g} dB\n\n" + _rmse_table(rows, names, sir_db))
     draw_pd(folder / "pd.png", rows, names)

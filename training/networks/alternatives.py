@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from radalt.core.waveform import Waveform
 
-from .layers import FourierBank, GatedBlock, log_power
+from .layers import FourierBank, GatedBlock, from_blocks, log_power, to_blocks
 
 __all__ = ["Mask", "Residual"]
 
@@ -35,12 +35,12 @@ class Mask(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        cells = self.bank(x)
+        cells = self.bank(to_blocks(x, self.bank.stride))
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
         gain = torch.sigmoid(self.leave(self.blocks(self.enter(features) + self.position)))
-        return self.bank.back(cells * torch.cat([gain, gain], 1))
+        return from_blocks(self.bank.back(cells * torch.cat([gain, gain], 1)))
 
 
 class Residual(nn.Module):

@@ -6,7 +6,7 @@ Three stages, all inside one feed-forward graph of an IQ frame:
    what is received: ``x - A x/|x|`` with ``A`` the local mean of ``|x|`` takes it away and leaves half of the
    return and its image, whatever the SIR (the locally optimum zero-memory nonlinearity). A small gated
    network decides where, from the spread of the envelope and from how much of the power lies on the sweep.
-   It also levels bursts in time.
+   It also levels bursts in time, and how far samples off the mean modulus (symbol edges) count.
 2. *Spectrum*. A DFT of the frame, a learned soft limit on the smoothed power spectrum, the inverse DFT:
    stationary interference narrower than the sweep.
 3. *Beat-domain autoencoder*. Multiplication by the conjugate sweep, a strided filterbank over the beat band
@@ -26,7 +26,7 @@ from torch.nn import functional as nnf
 
 from radalt.core.waveform import Waveform
 
-from .layers import Dechirp, FourierBank, GatedBlock, MatrixDft, log_power
+from .layers import Dechirp, FourierBank, GatedBlock, MatrixDft, from_blocks, log_power, to_blocks
 
 __all__ = ["Compact", "CompactSettings"]
 
@@ -48,6 +48,19 @@ class CompactSettings:
     spectrum: bool = True
 
 
+def _local_mean(hop: int) -> Tensor:
+    """(hop, 2, 3) weights that turn means over half blocks (of this and its neighbours) into the running mean
+    over three of them, interpolated linearly to the samples of a block."""
+    half = hop // 2
+    ramp = _ramp(half)[:, 0]  # (half, 3): from half block j - 1, j, j + 1
+    weights = torch.zeros(hop, 6)  # half blocks 2t - 2 ... 2t + 3
+    for which in (0, 1):
+        for tap in range(3):
+            for neighbour in (-1, 0, 1):
+                weights[which * half : (which + 1) * half, 1 + which + tap + neighbour] += ramp[:, tap] / 3
+    return weights.reshape(hop, 3, 2).transpose(1, 2).contiguous()
+
+
 def _ramp(hop: int) -> Tensor:
     """(hop, 1, 3) weights of linear interpolation from block values to samples, as a convolution."""
     position = (torch.arange(hop) + 0.5) / hop - 0.5
@@ -55,71 +68,70 @@ def _ramp(hop: int) -> Tensor:
     return torch.stack([before, 1 - before - after, after], 1)[:, None]
 
 
-def _interpolate(blocks: Tensor, ramp: Tensor, samples: int) -> Tensor:
-    """(B, 1, L) -> (B, 1, samples = L hop)."""
-    padded = torch.cat([blocks[..., :1], blocks, blocks[..., -1:]], 2)
-    return nnf.conv1d(padded, ramp).transpose(1, 2).reshape(-1, 1, samples)
+def _spread(blocks: Tensor, weights: Tensor) -> Tensor:
+    """(B, C, L) values of blocks -> (B, 1, hop, L) of samples, the outermost blocks going on outside."""
+    return nnf.conv1d(nnf.pad(blocks, (1, 1), mode="replicate"), weights)[:, None]
 
 
 class _Modulus(nn.Module):
-    """Stage 1: (B, 2, N) -> (B, 2, N)."""
+    """Stage 1 on blocks: (B, 2, hop, L) -> (B, 2, hop, L)."""
 
-    def __init__(self, settings: CompactSettings, bins: int, samples: int) -> None:
+    def __init__(self, settings: CompactSettings, bins: int) -> None:
         super().__init__()
-        self.samples = samples
-        self.hop, self.kernel = settings.hop, settings.kernel
-        width = 16
+        hop, width = settings.hop, 16
+        self.hop = hop
         self.enter = nn.Conv1d(bins + 5, width, 4, stride=2, padding=1)
         self.blocks = nn.Sequential(*(GatedBlock(width, d) for d in (1, 4)))
-        self.leave = nn.ConvTranspose1d(width, 2, 4, stride=2, padding=1)
+        self.leave = nn.ConvTranspose1d(width, 3, 4, stride=2, padding=1)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
-            self.leave.bias.copy_(torch.tensor([-2.0, 3.0]))  # subtract little, level nothing
-        self.fine = self.hop // 2  # spacing of the local amplitude
-        self.register_buffer("ramp", _ramp(self.hop), persistent=False)
-        self.register_buffer("fine_ramp", _ramp(self.fine), persistent=False)
-
-    def _pool(self, x: Tensor) -> Tensor:
-        """Mean over a kernel about each block."""
-        pad = (self.kernel - self.hop) // 2
-        return nnf.avg_pool1d(x, self.kernel, self.hop, padding=pad, count_include_pad=False)
+            # subtract little, level nothing, hardly prefer samples near the mean modulus
+            self.leave.bias.copy_(torch.tensor([-2.0, 3.0, -4.0]))
+        self.register_buffer("ramp", _ramp(hop), persistent=False)
+        self.register_buffer("local", _local_mean(hop), persistent=False)
+        halves = torch.zeros(2, hop)
+        halves[0, : hop // 2] = halves[1, hop // 2 :] = 2.0 / hop
+        self.register_buffer("halves", halves, persistent=False)
 
     def forward(self, x: Tensor, beat_power: Tensor) -> tuple[Tensor, Tensor]:
-        """Cleaned frame and (B, 5, L) envelope features, from the frame and its beat-band cell powers."""
+        """Cleaned blocks and (B, 5, L) envelope features, from the frame and its beat-band cell powers."""
         squares = x * x
-        power = squares[:, :1] + squares[:, 1:]
+        power = squares[:, 0] + squares[:, 1]
         modulus = torch.sqrt(power + 1e-12)
-        mean, mean_power = self._pool(modulus), self._pool(power)
-        level = log_power(mean_power)
-        spread = log_power((mean_power - mean * mean).clamp(min=0) / (mean_power + 1e-12) + 1e-7)
-        # short blocks see the edges of bursts
-        short = log_power(nnf.avg_pool1d(power, self.hop, self.hop))
-        on_sweep = log_power(beat_power.sum(1, keepdim=True) / (mean_power + 1e-12) + 1e-6)
+        halves = torch.matmul(self.halves, modulus)  # mean modulus of half blocks, (B, 2, L)
+        short = torch.matmul(self.halves, power).mean(1, keepdim=True)
+        means = torch.cat([halves.mean(1, keepdim=True), short], 1)
+        means = nnf.avg_pool1d(means, 3, 1, padding=1, count_include_pad=False)
+        mean, mean_power = means[:, :1], means[:, 1:]
+        variance = (mean_power - mean * mean).clamp(min=0)
+        share = torch.cat([variance, beat_power.sum(1, keepdim=True)], 1) / (mean_power + 1e-12)
+        logs = torch.log(torch.cat([share + 1e-7, means[:, 1:] + 1e-9, short + 1e-9, beat_power + 1e-9], 1))
+        level = logs[:, 2:3]
         average = level.mean(2, keepdim=True)
-        envelope = torch.cat(
-            [level - average, spread, short - average, on_sweep, level - (level - average)], 1
-        )
-        h = self.enter(torch.cat([envelope, log_power(beat_power) - average], 1) * 0.25)
-        control = torch.sigmoid(self.leave(self.blocks(h)))
-        subtract, keep = (_interpolate(control[:, i : i + 1], self.ramp, self.samples) for i in (0, 1))
-        # local amplitude, sharper than the feature: three halves of a hop
-        local = nnf.avg_pool1d(modulus, 3 * self.fine, self.fine, padding=self.fine, count_include_pad=False)
-        local = _interpolate(local, self.fine_ramp, self.samples)
-        return x * (keep * (1 + subtract) * (1 - subtract * local / modulus)), envelope
+        over = logs[:, 2:] - average
+        envelope = torch.cat([over[:, :1], logs[:, :1], over[:, 1:2], logs[:, 1:2], level - over[:, :1]], 1)
+        h = self.enter(torch.cat([envelope, over[:, 2:]], 1) * 0.25)
+        control = self.leave(self.blocks(h))
+        subtract, keep = (_spread(torch.sigmoid(control[:, i : i + 1]), self.ramp) for i in (0, 1))
+        prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), self.ramp)
+        ratio = _spread(halves, self.local) / modulus[:, None]
+        off = 1 - ratio
+        # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
+        return x * (keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))), envelope
 
 
 class _Spectrum(nn.Module):
     """Stage 2: soft limit on the smoothed spectrum, (B, 2, N) -> (B, 2, N)."""
 
-    def __init__(self, samples: int, smooth: int = 25, step: int = 5) -> None:
+    def __init__(self, samples: int, step: int = 5) -> None:
         super().__init__()
-        self.samples, self.smooth, self.step = samples, smooth, step
+        self.samples, self.step = samples, step
         factors = _factors(samples)
         self.forward_dft = MatrixDft(factors)
         self.inverse_dft = MatrixDft(factors, inverse=True)
         self.hidden = nn.Conv1d(4, 8, 3, padding=1)
         self.out = nn.Conv1d(8, 2, 3, padding=1)
-        self.register_buffer("repeat", torch.ones(step, 1, 1), persistent=False)
+        self.register_buffer("repeat", torch.ones(1, step), persistent=False)
         # gain = (1 + S/(c H))^-a: c starts at 4, a at 1
         self.depth = nn.Parameter(torch.tensor(1.0))
         self.offset = nn.Parameter(torch.tensor(1.4))
@@ -131,10 +143,9 @@ class _Spectrum(nn.Module):
         """See the class."""
         spectrum = self.forward_dft(x)
         squares = spectrum * spectrum
-        power = squares[:, :1] + squares[:, 1:]
-        half = (self.smooth - self.step) // 2
-        wrapped = torch.cat([power[..., -half:], power, power[..., :half]], 2)
-        smooth = nnf.avg_pool1d(wrapped, self.smooth, self.step) + 1e-6
+        power = nnf.avg_pool1d(squares[:, :1] + squares[:, 1:], self.step, self.step)
+        wrapped = torch.cat([power[..., -2:], power, power[..., :2]], 2)  # the band is a circle
+        smooth = nnf.avg_pool1d(wrapped, 5, 1) + 1e-6
         floor = 1.0 / (1.0 / smooth).mean(2, keepdim=True)  # harmonic mean: the quiet part of the band
         wide = nnf.avg_pool1d(smooth, 15, 1, padding=7, count_include_pad=False)
         level = torch.log(smooth)
@@ -143,9 +154,11 @@ class _Spectrum(nn.Module):
         features = torch.cat([over, torch.log(wide) - level, level - middle, over - (level - middle)], 1)
         change = self.out(torch.tanh(self.hidden(0.3 * features)))
         exponent = self.depth * torch.exp(change[:, 1:])
-        gain = torch.exp(-exponent * nnf.softplus(over - self.offset + change[:, :1]))
-        gain = nnf.conv1d(gain, self.repeat).transpose(1, 2).reshape(-1, 1, self.samples)
-        return self.inverse_dft(spectrum * gain)
+        excess = torch.exp((over - self.offset + change[:, :1]).clamp(max=60.0))
+        gain = torch.exp(-exponent * torch.log(1 + excess))
+        # every gain for `step` cells; a product with ones, since ONNX Runtime is slow with short broadcasts
+        wide_gain = torch.matmul(gain.transpose(1, 2), self.repeat).reshape(-1, 1, self.samples)
+        return self.inverse_dft(spectrum * wide_gain)
 
 
 def _factors(samples: int) -> tuple[int, int, int]:
@@ -168,9 +181,9 @@ class Compact(nn.Module):
         self.settings = settings
         samples = waveform.samples_per_frame
         bins = range(-settings.reach, settings.reach + 1)
-        self.dechirp = Dechirp(waveform)
+        self.dechirp = Dechirp(waveform, settings.hop)
         self.bank = FourierBank(samples, settings.kernel, settings.hop, bins)
-        self.modulus = _Modulus(settings, len(bins), samples) if settings.modulus else None
+        self.modulus = _Modulus(settings, len(bins)) if settings.modulus else None
         self.spectrum = _Spectrum(samples) if settings.spectrum else None
         c, b = settings.channels, len(bins)
         entering = 3 * b + 1 + (5 + b if settings.modulus else 0)
@@ -185,14 +198,15 @@ class Compact(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Clean frames."""
         extra: list[Tensor] = []
+        z = to_blocks(x, self.settings.hop)
         if self.modulus is not None:
-            raw_power = self.bank.power(self.bank(self.dechirp(x)))
-            x, envelope = self.modulus(x, raw_power)
+            raw_power = self.bank.power(self.bank(self.dechirp(z)))
+            z, envelope = self.modulus(z, raw_power)
             extra = [0.25 * envelope, 0.25 * log_power(raw_power)]
         if self.spectrum is not None:
-            x = self.spectrum(x)
-        cells = self.bank(self.dechirp(x))
-        return self.dechirp.back(self.bank.back(cells * self._gain(cells, extra)))
+            z = to_blocks(self.spectrum(from_blocks(z)), self.settings.hop)
+        cells = self.bank(self.dechirp(z))
+        return from_blocks(self.dechirp.back(self.bank.back(cells * self._gain(cells, extra))))
 
     def _gain(self, cells: Tensor, extra: list[Tensor]) -> Tensor:
         """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the envelope."""

@@ -10,7 +10,16 @@ from torch.nn import functional as nnf
 
 from radalt.core.waveform import Waveform
 
-__all__ = ["Dechirp", "FourierBank", "GatedBlock", "MatrixDft", "log_power"]
+__all__ = [
+    "Dechirp",
+    "FourierBank",
+    "GatedBlock",
+    "MatrixDft",
+    "from_blocks",
+    "log_power",
+    "shifted",
+    "to_blocks",
+]
 
 
 def _constant(values: np.ndarray) -> Tensor:
@@ -22,81 +31,102 @@ def log_power(power: Tensor) -> Tensor:
     return torch.log(power + 1e-9)
 
 
+def to_blocks(x: Tensor, hop: int) -> Tensor:
+    """(B, 2, N) -> (B, 2, hop, N / hop): sample ``hop t + m`` at row m, column t.
+
+    Sums over a block, steps from block to block and the filterbank are matrix products in this order, where
+    strided convolutions over 7500 samples spend their time gathering.
+    """
+    return x.reshape(x.shape[0], 2, -1, hop).transpose(2, 3)
+
+
+def from_blocks(z: Tensor) -> Tensor:
+    """Inverse of `to_blocks`."""
+    return z.transpose(2, 3).reshape(z.shape[0], 2, -1)
+
+
+def shifted(x: Tensor, columns: int) -> Tensor:
+    """Columns moved to the right (left if negative), zeros coming in."""
+    return nnf.pad(x, (columns, -columns)) if columns else x
+
+
 class Dechirp(nn.Module):
-    """``x conj(reference)`` and back: (B, 2, N) in, (B, 2, N) out, with the sweep as a constant of the graph.
+    """``x conj(reference)`` and back on blocks, with the sweep as a constant of the graph.
 
     Both halves keep their sign, so a return has beats of ``-k tau`` on the way up and ``+k tau`` on the way
     down and the product is continuous over the apex.
     """
 
-    def __init__(self, waveform: Waveform) -> None:
+    def __init__(self, waveform: Waveform, hop: int) -> None:
         super().__init__()
         reference = waveform.reference.astype(np.complex128)
-        self.register_buffer(
-            "direct", _constant(np.stack([reference.real, reference.imag])), persistent=False
-        )
+        cosine, sine = to_blocks(torch.tensor(np.stack([reference.real, reference.imag]))[None], hop)[0]
+        self.register_buffer("cosine", cosine.float().contiguous(), persistent=False)
+        self.register_buffer("sine", torch.stack([sine, -sine]).float().contiguous(), persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Towards the beat domain."""
-        # (i + jq)(c - js) = (ic + qs) + j (qc - is)
-        i, q = x[:, :1], x[:, 1:]
-        c, s = self.direct[:1], self.direct[1:]
-        return torch.cat([i * c + q * s, q * c - i * s], 1)
+        """Towards the beat domain: (i + jq)(c - js) = (ic + qs) + j (qc - is)."""
+        return x * self.cosine + x[:, [1, 0]] * self.sine
 
     def back(self, z: Tensor) -> Tensor:
-        """Back to the received band."""
-        re, im = z[:, :1], z[:, 1:]
-        c, s = self.direct[:1], self.direct[1:]
-        return torch.cat([re * c - im * s, re * s + im * c], 1)
+        """Back to the received band: (re + j im)(c + js)."""
+        return z * self.cosine - z[:, [1, 0]] * self.sine
 
 
 class FourierBank(nn.Module):
     """Strided filterbank of a two-channel (I, Q) signal, started as a Hann-windowed DFT and learned from
-    there.
+    there; a matrix product a block and a sum over neighbouring blocks.
 
     Parameters
     ----------
     samples, kernel, stride : int
-        Length of the signal, of a filter, and hop; ``kernel - stride`` is padded, half on each side.
+        Length of the signal, of a filter, and hop: ``samples`` is a multiple of ``stride``, ``kernel`` an odd
+        one; ``kernel - stride`` is padded, half on each side.
     bins : sequence of int
         Which DFT bins of ``kernel`` points are kept.
     """
 
     def __init__(self, samples: int, kernel: int, stride: int, bins: range) -> None:
         super().__init__()
-        self.kernel, self.stride, self.bins = kernel, stride, len(bins)
-        self.pad = (kernel - stride) // 2
-        self.steps = (samples + 2 * self.pad - kernel) // stride + 1
+        self.stride, self.bins, self.steps = stride, len(bins), samples // stride
+        self.spans, pad = kernel // stride, (kernel - stride) // 2
         n = np.arange(kernel)
         window = 0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / kernel)
         atoms = window * np.exp(2j * np.pi * np.outer(list(bins), n - 0.5 * (kernel - 1)) / kernel)
         # real part: <atom, x>, imaginary part: its quadrature; channel order re(all bins), im(all bins)
-        analysis = np.stack(
-            [
-                np.concatenate([atoms.real, -atoms.imag]),
-                np.concatenate([atoms.imag, atoms.real]),
-            ],
-            1,
+        filters = np.stack(
+            [np.concatenate([atoms.real, -atoms.imag]), np.concatenate([atoms.imag, atoms.real])], 1
         )
-        total = np.zeros(self.stride * (self.steps - 1) + kernel)
+        total = np.zeros(samples + 2 * pad)
         for step in range(self.steps):
             total[step * stride : step * stride + kernel] += window**2
-        norm = 1.0 / (kernel * total[self.pad : self.pad + samples])
-        self.analysis = nn.Parameter(_constant(analysis / np.sqrt(kernel)))
-        self.synthesis = nn.Parameter(_constant(analysis))
-        self.register_buffer("norm", _constant(norm * np.sqrt(kernel)), persistent=False)
+        norm = 1.0 / (kernel * total[pad : pad + samples])
+        # (2 bins, I and Q, blocks a filter spans, stride)
+        parts = filters.reshape(2 * self.bins, 2, self.spans, stride)
+        self.analysis = nn.Parameter(
+            _constant(parts.transpose(2, 0, 1, 3).reshape(-1, 2 * stride) / np.sqrt(kernel))
+        )
+        self.synthesis = nn.Parameter(_constant(parts.transpose(1, 3, 2, 0).reshape(2 * stride, -1)))
+        self.register_buffer(
+            "norm", _constant(norm.reshape(-1, stride).T * np.sqrt(kernel)), persistent=False
+        )
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, 2, N) -> (B, 2 bins, steps)."""
-        return nnf.conv1d(x, self.analysis, stride=self.stride, padding=self.pad)
+    def forward(self, z: Tensor) -> Tensor:
+        """(B, 2, stride, steps) blocks -> (B, 2 bins, steps)."""
+        products = torch.matmul(self.analysis, z.reshape(-1, 2 * self.stride, self.steps))
+        parts = products.split(2 * self.bins, 1)
+        return sum(shifted(part, self.spans // 2 - k) for k, part in enumerate(parts))
 
     def back(self, cells: Tensor) -> Tensor:
-        """(B, 2 bins, steps) -> (B, 2, N), the inverse over the band of the kept bins."""
-        return nnf.conv_transpose1d(cells, self.synthesis, stride=self.stride, padding=self.pad) * self.norm
+        """(B, 2 bins, steps) -> (B, 2, stride, steps), the inverse over the band of the kept bins."""
+        around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
+        blocks = torch.matmul(self.synthesis, around)
+        return blocks.reshape(-1, 2, self.stride, self.steps) * self.norm
 
     def power(self, cells: Tensor) -> Tensor:
         """(B, bins, steps) power of each cell."""
-        return cells[:, : self.bins] ** 2 + cells[:, self.bins :] ** 2
+        squares = cells * cells
+        return squares[:, : self.bins] + squares[:, self.bins :]
 
 
 class MatrixDft(nn.Module):
@@ -117,14 +147,15 @@ class MatrixDft(nn.Module):
         outer = np.exp(sign * 2j * np.pi * np.outer(np.arange(a), np.arange(b * c)) / (a * b * c))
         inner = np.exp(sign * 2j * np.pi * np.outer(np.arange(b), np.arange(c)) / (b * c))
         tables = {
-            "first": _real_coded(roots[0] * scale),
-            "second": _real_coded(roots[1]),
+            # rows in pairs (real, imaginary) where the next step multiplies by a twiddle
+            "first": _paired(_real_coded(roots[0] * scale)),
+            "second": _paired(_real_coded(roots[1])),
             "third_re": _real_coded(roots[2]).T[:, :c],
             "third_im": _real_coded(roots[2]).T[:, c:],
-            "outer_re": outer.real,
-            "outer_im": outer.imag,
-            "inner_re": inner.real,
-            "inner_im": inner.imag,
+            "outer_re": outer.real[:, None],
+            "outer_im": np.stack([-outer.imag, outer.imag], 1),
+            "inner_re": inner.real[:, None],
+            "inner_im": np.stack([-inner.imag, inner.imag], 1),
         }
         for name, values in tables.items():
             self.register_buffer(name, _constant(values), persistent=False)
@@ -139,19 +170,22 @@ class MatrixDft(nn.Module):
     def matrices(self, x: Tensor) -> Tensor:
         """The exported path: n = b c n1 + c n2 + n3, k = k1 + a (k2 + b k3)."""
         a, b, c = self.factors
-        y = torch.matmul(self.first, x.reshape(-1, 2 * a, b * c))
-        re, im = y[:, :a], y[:, a:]
-        turned = (re * self.outer_re - im * self.outer_im, re * self.outer_im + im * self.outer_re)
-        y = torch.matmul(self.second, torch.stack(turned, 2).reshape(-1, a, 2 * b, c))
-        re, im = y[:, :, :b], y[:, :, b:]
-        y = torch.cat([re * self.inner_re - im * self.inner_im, re * self.inner_im + im * self.inner_re], 3)
+        y = torch.matmul(self.first, x.reshape(-1, 2 * a, b * c)).reshape(-1, a, 2, b * c)
+        y = y * self.outer_re + y[:, :, [1, 0]] * self.outer_im
+        y = torch.matmul(self.second, y.reshape(-1, a, 2 * b, c)).reshape(-1, a, b, 2, c)
+        y = y * self.inner_re + y[:, :, :, [1, 0]] * self.inner_im
         # two plain transposes, of long runs and of a matrix, where one of five axes takes three times as long
-        y = y.transpose(1, 2).reshape(-1, a * b, 2 * c)
+        y = y.reshape(-1, a, b, 2 * c).transpose(1, 2).reshape(-1, a * b, 2 * c)
         planes = [
             torch.matmul(y, self.third_re).transpose(1, 2),
             torch.matmul(y, self.third_im).transpose(1, 2),
         ]
         return torch.stack(planes, 1).reshape(-1, 2, a * b * c)
+
+
+def _paired(matrix: np.ndarray) -> np.ndarray:
+    """Rows (all real parts, all imaginary parts) as (real, imaginary) of the first, of the second ..."""
+    return matrix.reshape(2, -1, matrix.shape[1]).transpose(1, 0, 2).reshape(matrix.shape)
 
 
 def _real_coded(matrix: np.ndarray) -> np.ndarray:

@@ -81,32 +81,40 @@ class FullyConnected(nn.Module):
 
 
 class Convolutional(nn.Module):
-    """Strided convolutional autoencoder without gates or dilation; strides 5, 5, 3 (75 in all)."""
+    """Strided convolutional autoencoder without gates or dilation; strides 5, 5, 3 and a dense bottleneck of 256.
+
+    Without the dense layers no output sees more than a tenth of a sweep, nor where in the sweep it is, and
+    nothing was learned.
+    """
 
     normalisation = "joint_rms"
 
-    def __init__(self, waveform: Waveform) -> None:
+    def __init__(self, waveform: Waveform, width: int = 256) -> None:
         super().__init__()
         if waveform.samples_per_frame % 75:
             raise ValueError(
                 f"the CNN takes frames of a multiple of 75 samples, not {waveform.samples_per_frame}"
             )
+        self.steps = waveform.samples_per_frame // 75
         self.encoder = nn.Sequential(
-            nn.Conv1d(2, 32, 15, stride=5, padding=5),
+            nn.Conv1d(2, 16, 15, stride=5, padding=5),
             nn.ReLU(),
-            nn.Conv1d(32, 64, 15, stride=5, padding=5),
+            nn.Conv1d(16, 32, 15, stride=5, padding=5),
             nn.ReLU(),
-            nn.Conv1d(64, 96, 9, stride=3, padding=3),
+            nn.Conv1d(32, 32, 9, stride=3, padding=3),
             nn.ReLU(),
         )
+        self.compress = nn.Linear(32 * self.steps, width)
+        self.expand = nn.Linear(width, 32 * self.steps)
         self.decoder = nn.Sequential(
-            nn.ConvTranspose1d(96, 64, 9, stride=3, padding=3),
+            nn.ConvTranspose1d(32, 32, 9, stride=3, padding=3),
             nn.ReLU(),
-            nn.ConvTranspose1d(64, 32, 15, stride=5, padding=5),
+            nn.ConvTranspose1d(32, 16, 15, stride=5, padding=5),
             nn.ReLU(),
-            nn.ConvTranspose1d(32, 2, 15, stride=5, padding=5),
+            nn.ConvTranspose1d(16, 2, 15, stride=5, padding=5),
         )
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        return self.decoder(self.encoder(x))
+        code = self.compress(self.encoder(x).flatten(1))
+        return self.decoder(torch.relu(self.expand(code)).reshape(-1, 32, self.steps))
