@@ -219,6 +219,12 @@ def test_splitting_a_batch_changes_nothing_and_the_input_is_left_alone(name):
 
 
 @pytest.mark.parametrize("name", METHODS)
+def test_no_frames_in_no_frames_out(name):
+    out = create(name, W).process(np.zeros((0, W.samples_per_frame), np.complex64))
+    assert out.shape == (0, W.samples_per_frame) and out.dtype == np.complex64
+
+
+@pytest.mark.parametrize("name", METHODS)
 def test_reset_forgets_everything(name):
     frames, _ = scene(3, Interferer(QpskEmitter(), -3.0), 11)
     method = create(name, W)

@@ -193,6 +193,16 @@ def test_frames_are_cleaned_one_by_one(models, name, scenes):
     np.testing.assert_allclose(method.process(frames) / scale, alone / scale, rtol=0, atol=2e-4)
 
 
+def test_what_a_call_gave_stays_when_the_next_one_runs(compact, scenes):
+    """Work arrays are kept between calls of any size; results are not among them."""
+    first = compact.process(scenes[1][:2])
+    before = first.copy()
+    compact.process(scenes[1][2:7])
+    compact.process(scenes[1][7:8])
+    np.testing.assert_array_equal(first, before)
+    np.testing.assert_array_equal(compact.process(scenes[1][:2]), before)
+
+
 def _pd(method, frames, altitude_m):
     result = Altimeter(Waveform()).process(method.process(frames))
     return float(np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < 5.0)))

@@ -1,11 +1,10 @@
-"""Temporal convolutional autoencoder, or any other network with the same contract, through ONNX Runtime.
-
-onnxruntime is imported when a model is loaded, never at module level: a scene without a network does not need it.
-"""
+"""Temporal convolutional autoencoder, or any other network with the same contract, through ONNX Runtime."""
 
 from __future__ import annotations
 
 import hashlib
+import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from ..detector import InterferenceDetector
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
+from .onnx_network import OnnxNetwork
 
 __all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
 
@@ -25,6 +25,9 @@ CONTRACT_KEYS = (
     "radalt_centered",
 )
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
+_TINY = float(np.finfo(np.float32).tiny)
+_SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
+_LOUD = 1e15  # scale from which a network's output may leave float32
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
@@ -74,9 +77,9 @@ class Tcae(Mitigation):
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
         self.model = Path(model) if model else default_model_path()
-        self._session = self._load(threads)
+        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads)
         self._dither = None if dither_db is None else _dither(waveform.samples_per_frame, dither_db)
-        self.metadata = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.metadata = self._network.metadata
         self._check(waveform)
         self.normalisation = self.metadata["radalt_normalisation"]
         self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
@@ -87,25 +90,6 @@ class Tcae(Mitigation):
     def placeholder(self) -> bool:
         """True if the model says of itself that it is untrained."""
         return self.metadata.get("radalt_placeholder", "0") == "1"
-
-    def _load(self, threads: int):  # noqa: ANN202 - the type lives in the optional package
-        try:
-            import onnxruntime
-        except ImportError:
-            raise MitigationError(
-                "tcae needs onnxruntime, which this Python lacks; run 'make setup' and use .venv/bin/python"
-            ) from None
-        if not self.model.is_file():
-            raise MitigationError(f"tcae model {self.model} does not exist; name one with --model")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        try:
-            return onnxruntime.InferenceSession(str(self.model), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises a family of unrelated C++ exception types
-            first_line = str(error).splitlines()[0]
-            raise MitigationError(f"tcae model {self.model} is no readable ONNX file: {first_line}") from None
 
     def _check(self, waveform: Waveform) -> None:
         missing = [key for key in CONTRACT_KEYS if key not in self.metadata]
@@ -135,10 +119,11 @@ class Tcae(Mitigation):
 
     def _probe(self) -> None:
         """One frame through the network: shape and finiteness, before any flowgraph starts."""
-        frame = self.waveform.reference[None]
-        out = self._infer(frame)
-        if out.shape != frame.shape or not np.isfinite(out.view(np.float32)).all():
-            raise MitigationError(f"tcae model {self.model} gives {out.shape} or values that are not finite")
+        shape, wanted = self._network.output_shape(), (1, 2, self.waveform.samples_per_frame)
+        if shape != wanted:
+            raise MitigationError(f"tcae model {self.model} gives shape {shape}; expected {wanted}")
+        if not np.isfinite(self._infer(self.waveform.reference[None]).view(np.float32)).all():
+            raise MitigationError(f"tcae model {self.model} gives values that are not finite")
 
     def reset(self) -> None:
         """See `Mitigation.reset`."""
@@ -156,42 +141,48 @@ class Tcae(Mitigation):
         return out
 
     def _infer(self, batch: np.ndarray) -> np.ndarray:
-        n, samples = batch.shape
-        planes = np.ascontiguousarray(batch.view(np.float32).reshape(n, samples, 2).transpose(0, 2, 1))
-        scale = self._scale(planes)
-        empty = _peak(planes, (1, 2)) < np.finfo(np.float32).tiny
-        planes /= scale
-        if self._dither is not None:
-            planes += self._dither * np.sqrt(2 * np.mean(planes**2, axis=(1, 2), keepdims=True))
-        session = self._session
-        try:
-            cleaned = session.run(None, {session.get_inputs()[0].name: planes})[0]
-        except Exception as error:  # see _load
-            raise MitigationError(
-                f"tcae model {self.model} failed to run: {str(error).splitlines()[0]}"
-            ) from None
-        if cleaned.shape != planes.shape:
-            raise MitigationError(
-                f"tcae model {self.model} gives shape {cleaned.shape}; expected {planes.shape}"
-            )
-        # a network may make something of nothing; and what it makes of 1e38 need not fit a float32
-        with np.errstate(over="ignore"):
-            cleaned = cleaned * np.where(empty, np.float32(0), scale)
-        out = np.empty((n, samples), dtype=np.complex64)
-        out.real, out.imag = cleaned[:, 0], cleaned[:, 1]
+        out = np.empty(batch.shape, dtype=np.complex64)
+        planes = self._network.planes(len(batch))
+        levels, scales = zip(*map(self._fill, planes, batch), strict=True)
+        cleaned = self._network.run(len(batch))
+        # what a network makes of 1e38 need not fit a float32; asked first, since errstate costs as much as a pass
+        with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
+            for rails, scale in zip(cleaned, scales, strict=True):
+                rails *= scale
+        out.real = cleaned[:, 0]
+        out.imag = cleaned[:, 1]
         return out
 
-    def _scale(self, planes: np.ndarray) -> np.ndarray:
-        """(n, 1|2, 1) factor by which the frame is divided before, and multiplied after, the network."""
+    def _fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
+        """Normalise a frame (N,) into rails (2, N) and add the dither; its level and the factor that undoes the scale.
+
+        The factor is 0 for a frame of nothing, since a network may make something of it.
+        """
+        rails[0], rails[1] = frame.real, frame.imag
+        level = _level(rails)
+        if level == 0.0:
+            rails[:] = 0.0
+            return level, 0.0
+        scale = self._scale(rails, level)
+        rails /= scale
+        if self._dither is None:
+            pass
+        elif self.normalisation == "joint_rms":  # the frame has unit power now
+            rails += self._dither
+        else:
+            rails += self._dither * np.sqrt(2.0 * np.mean(rails**2))
+        return level, scale
+
+    def _scale(self, rails: np.ndarray, level: float) -> float | np.ndarray:
+        """Scalar, (1, 1), or (2, 1) where I and Q differ: what a frame (2, N) is divided by before the network."""
         if self.normalisation == "none":
-            return np.ones((planes.shape[0], 1, 1), dtype=np.float32)
+            return 1.0
         if self.normalisation == "joint_rms":
-            peak = _peak(planes, (1, 2))  # first, so that squares cannot overflow
-            peak = np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
-            return peak * np.sqrt(2 * np.mean((planes / peak) ** 2, axis=(1, 2), keepdims=True)).clip(1e-30)
-        axes = (2,) if self.normalisation == "per_channel_peak" else (1, 2)
-        peak = _peak(planes, axes)
-        return np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
+            return level
+        peak = np.maximum(rails.max(axis=1, keepdims=True), -rails.min(axis=1, keepdims=True))
+        if self.normalisation == "joint_peak":
+            peak = peak.max(keepdims=True)
+        return np.where(peak >= _TINY, peak, np.float32(1))
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`: model file, hash, providers, threads."""
@@ -200,13 +191,24 @@ class Tcae(Mitigation):
             "sha256": self.sha256,
             "placeholder": self.placeholder,
             "skipped_frames": self.skipped_frames,
-            "providers": self._session.get_providers(),
+            "providers": self._network.providers,
         }
 
 
-def _peak(planes: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
-    """Largest magnitude along axes, which stay; a third of the time of ``max(abs())``, which makes an array."""
-    return np.maximum(planes.max(axis=axes, keepdims=True), -planes.min(axis=axes, keepdims=True))
+def _level(rails: np.ndarray) -> float:
+    """Root mean square magnitude of a frame (2, N) float32; 0 where it is zero or denormal.
+
+    Squares in float32, in one pass; a frame whose squares leave its range is scaled by its peak first.
+    """
+    flat = rails.reshape(-1)
+    energy, peak = float(np.einsum("i,i", flat, flat)), 1.0
+    if not _SAFE_ENERGY[0] < energy < _SAFE_ENERGY[1]:
+        peak = float(np.abs(flat).max())
+        if peak < _TINY:
+            return 0.0
+        flat = flat / peak
+        energy = float(np.einsum("i,i", flat, flat))
+    return peak * math.sqrt(energy / rails.shape[1])
 
 
 def _dither(samples: int, level_db: float) -> np.ndarray:

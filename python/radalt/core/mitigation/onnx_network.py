@@ -1,0 +1,112 @@
+"""An ONNX file behind arrays that are allocated once: planes in, planes out, no copy around ONNX Runtime.
+
+onnxruntime is imported when a model is loaded, never at module level: a scene without a network does not need it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .base import MitigationError
+
+__all__ = ["OnnxNetwork"]
+
+
+class OnnxNetwork:
+    """A session with input and output bound to work arrays, grown to the largest batch seen.
+
+    Parameters
+    ----------
+    model : Path
+    samples : int
+        Samples ``N`` of a frame.
+    threads : int
+        Intra-op threads.
+
+    Attributes
+    ----------
+    metadata : dict of str
+        As the file carries it.
+
+    Raises
+    ------
+    MitigationError
+        If onnxruntime is missing or the file is no readable model.
+
+    Notes
+    -----
+    Fill ``planes(n)``, then `run`; the array it returns is overwritten by the next run.
+    """
+
+    def __init__(self, model: Path, samples: int, threads: int) -> None:
+        self.model, self._samples = model, samples
+        self._ort, self._session = _load(model, threads)
+        self._input, self._output = self._session.get_inputs()[0].name, self._session.get_outputs()[0].name
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self._allocate(1)
+
+    @property
+    def providers(self) -> list[str]:
+        """ONNX Runtime's execution providers."""
+        return self._session.get_providers()
+
+    def planes(self, n: int) -> np.ndarray:
+        """(n, 2, N) float32 input of the next `run`, to be filled."""
+        if n > len(self._planes):
+            self._allocate(n)
+        return self._planes[:n]
+
+    def run(self, n: int) -> np.ndarray:
+        """(n, 2, N) float32 output for ``planes(n)``, valid until the next run."""
+        try:
+            if n not in self._bindings:
+                self._bindings[n] = self._bind(n)
+            self._session.run_with_iobinding(self._bindings[n])
+        except Exception as error:  # onnxruntime raises a family of unrelated C++ exception types
+            raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
+        return self._cleaned[:n]
+
+    def output_shape(self) -> tuple[int, ...]:
+        """Shape that one frame comes out in, by running one; bound arrays take no other than (1, 2, N)."""
+        try:
+            return self._session.run(None, {self._input: np.ones((1, 2, self._samples), np.float32)})[0].shape
+        except Exception as error:  # see run
+            raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
+
+    def _allocate(self, n: int) -> None:
+        self._planes = np.empty((n, 2, self._samples), dtype=np.float32)
+        self._cleaned = np.empty_like(self._planes)
+        self._bindings: dict[int, object] = {}
+
+    def _bind(self, n: int):  # noqa: ANN202 - the type lives in the optional package
+        binding = self._session.io_binding()
+        value = self._ort.OrtValue.ortvalue_from_numpy
+        binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
+        binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
+        return binding
+
+
+def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the optional package
+    try:
+        import onnxruntime
+    except ImportError:
+        raise MitigationError(
+            "tcae needs onnxruntime, which this Python lacks; run 'make setup' and use .venv/bin/python"
+        ) from None
+    if not model.is_file():
+        raise MitigationError(f"tcae model {model} does not exist; name one with --model")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # see OnnxNetwork.run
+        raise MitigationError(f"tcae model {model} is no readable ONNX file: {_first_line(error)}") from None
+    return onnxruntime, session
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]
