@@ -9,18 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
 
+from .delay_line import HALF_TAPS, STEPS, DelayLine
 from .fading import FadingChannel
 from .landing import LandingSpec
+from .noise import ReceiverNoise
 from .programme import Programme
 from .waveform import Waveform, altitude_to_delay_s, exp_cycles
 
 __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
-
-_HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
-_SPARE_BLOCKS = 8
-_STEPS = 256  # sub-sample resolution of a drifting clock
 
 
 @dataclass(frozen=True)
@@ -150,84 +147,6 @@ class TerrainPlayer:
         return self._profile.frame(int(self._trial[frame_index]))
 
 
-class _DelayLine:
-    """Delays a stream of blocks by a slowly changing number of samples, fraction included (overlap-save)."""
-
-    def __init__(self, block: int, max_delay: float) -> None:
-        self._block = block
-        self._length = int(np.ceil(max_delay)) + 2 * _HALF_TAPS + 2 + block
-        # room for some blocks more, so that the history is moved once in a while and not with every block
-        self._store = np.zeros(self._length + _SPARE_BLOCKS * block, dtype=np.complex64)
-        self._end = self._length
-        # 2048 points stay in the first-level cache and take half the time of one transform over a whole frame
-        self._size = fft.next_fast_len(min(block + 2 * _HALF_TAPS, 2048))
-        self._hop = self._size - 2 * _HALF_TAPS
-        self._parts = -(-block // self._hop)
-        self._kernels: dict[float, np.ndarray] = {}
-        self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
-
-    def push(self, samples: np.ndarray) -> None:
-        """Append one block."""
-        if self._end + self._block > self._store.size:
-            keep = self._length - self._block
-            self._store[:keep] = self._store[self._end - keep : self._end].copy()
-            self._end = keep
-        self._store[self._end : self._end + self._block] = samples
-        self._end += self._block
-
-    def read(self, delay: float) -> np.ndarray:
-        """(block,) samples that lie ``delay`` >= 0 samples before the block pushed last."""
-        whole = int(np.floor(delay))
-        fraction = round((delay - whole) * _STEPS * 16) / (_STEPS * 16)
-        history = self._store[self._end - self._length : self._end]
-        first = history.size - self._block - whole
-        if fraction == 0:
-            return history[first : first + self._block]
-        # the kernel looks half its length ahead, so the newest samples needed are those of the block itself only if the
-        # delay is at least that; shorter delays are served by the caller's base latency
-        span = history[first - _HALF_TAPS : first + self._block + _HALF_TAPS]
-        if span.size < self._block + 2 * _HALF_TAPS:
-            raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {_HALF_TAPS}")
-        # a radar repeats its sweep: the same samples at the same delay give the same output, to the bit
-        known = self._last.get(delay)
-        if known is not None and _same_bits(known[0], span):
-            return known[1]
-        out = self._filter(span, self._kernel(fraction))
-        if len(self._last) >= 4:
-            self._last.clear()
-        self._last[delay] = (span.copy(), out)
-        return out
-
-    def _filter(self, span: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-        """(block,) overlap-save convolution in short transforms."""
-        tail = 2 * _HALF_TAPS
-        parts = np.zeros((self._parts, self._size), dtype=np.complex64)
-        for k, part in enumerate(parts):
-            piece = span[k * self._hop : k * self._hop + self._size]
-            part[: piece.size] = piece
-        spectrum = fft.fft(parts, axis=1, overwrite_x=True)
-        spectrum *= kernel
-        return fft.ifft(spectrum, axis=1, overwrite_x=True)[:, tail:].reshape(-1)[: self._block]
-
-    def _kernel(self, fraction: float) -> np.ndarray:
-        if fraction not in self._kernels:
-            if len(self._kernels) > 512:
-                self._kernels.clear()
-            n = np.arange(2 * _HALF_TAPS + 1) - _HALF_TAPS
-            taps = np.sinc(n - fraction) * np.interp(
-                n - fraction,
-                np.linspace(-_HALF_TAPS - 1, _HALF_TAPS + 1, 4097),
-                signal.windows.kaiser(4097, 5.0),
-            )
-            self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
-        return self._kernels[fraction]
-
-
-def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two contiguous complex64 arrays of one shape are the same to the bit; a first look saves most of it."""
-    return a[0] == b[0] and bool((a.view(np.int64) == b.view(np.int64)).all())
-
-
 class SimulatedChannel:
     """Two transmitters' streams in, the receiver's stream out, a frame at a time.
 
@@ -271,33 +190,34 @@ class SimulatedChannel:
         low = min(self.MIN_LATENCY, n // 4)
         drawn = self.rng.uniform(low, n - 2)
         wanted = settings.start_offset_samples
-        if wanted is not None and wanted != int(wanted) and wanted < _HALF_TAPS:
+        if wanted is not None and wanted != int(wanted) and wanted < HALF_TAPS:
             raise ValueError(
-                f"channel.start_offset_samples {wanted:g} has a fraction and is below the kernel's {_HALF_TAPS}; "
-                f"use a whole number or at least {_HALF_TAPS}"
+                f"channel.start_offset_samples {wanted:g} has a fraction and is below the kernel's {HALF_TAPS}; "
+                f"use a whole number or at least {HALF_TAPS}"
             )
         self.latency_samples = drawn if wanted is None else float(wanted)
         top_s = 0.0
         if true_delay is not None:
             top_s = float(altitude_to_delay_s(max(true_delay.altitudes_m) + 200.0))
-            if self.latency_samples < _HALF_TAPS:
+            if self.latency_samples < HALF_TAPS:
                 raise ValueError(
-                    f"true delays need channel.start_offset_samples of at least {_HALF_TAPS}, or none"
+                    f"true delays need channel.start_offset_samples of at least {HALF_TAPS}, or none"
                 )
         if settings.return_multipath is not None:
             top_s += float(settings.return_multipath.delays_s.max())
-        self._radar = _DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n)
+        self._radar = DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n, repeats=True)
         self._jammer_base = self.latency_samples + settings.jammer_delay_samples
         fractional = settings.jammer_clock_ppm or self._jammer_base != int(self._jammer_base)
-        if fractional and self._jammer_base < _HALF_TAPS:
+        if fractional and self._jammer_base < HALF_TAPS:
             raise ValueError(
                 f"channel.jammer_clock_ppm {settings.jammer_clock_ppm:g} and jammer_delay_samples "
                 f"{settings.jammer_delay_samples:g} need fractions of a sample, which start_offset_samples "
-                f"{self.latency_samples:g} leaves no room for; use at least {_HALF_TAPS}, or none"
+                f"{self.latency_samples:g} leaves no room for; use at least {HALF_TAPS}, or none"
             )
         if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
             self._jammer_base += n
-        self._jammer = _DelayLine(n, self._jammer_base + n + 2)
+        self._jammer = DelayLine(n, self._jammer_base + n + 2)
+        self._noise = ReceiverNoise(n, [seed, 0x401])
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
         self._block = 0
@@ -346,10 +266,11 @@ class SimulatedChannel:
         if radar.shape != (n,):
             raise ValueError(f"the channel takes blocks of {n} samples, got {radar.shape}")
         self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
-        out = np.array(self._return(), dtype=np.complex64)
-        if jammer is not None:
+        if jammer is None:
+            out = np.array(self._return(), dtype=np.complex64)
+        else:
             self._jammer.push(jammer)
-            out += self._interference()
+            out = np.add(self._return(), self._interference(), dtype=np.complex64)
         if s.gain_db:
             out *= np.float32(10.0 ** (s.gain_db / 20.0))
         self._impair(out)
@@ -409,7 +330,7 @@ class SimulatedChannel:
         if s.jammer_clock_ppm:
             # after a whole frame of drift the jammer skips, or repeats, one: a run has no longest time
             delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
-            delay = round(delay * _STEPS) / _STEPS
+            delay = round(delay * STEPS) / STEPS
         out = self._jammer.read(delay)
         if s.jammer_lo_offset_hz:
             t = np.arange(n) + float(self._block) * n
@@ -420,9 +341,7 @@ class SimulatedChannel:
         """Noise, DC, imbalance, converter, in place and in the order of a receiver."""
         s = self.settings
         if s.snr_db is not None:
-            noise = self.rng.standard_normal(2 * out.size, dtype=np.float32)
-            noise *= np.float32(10.0 ** ((s.gain_db - s.snr_db) / 20.0) / np.sqrt(2.0))
-            out += noise.view(np.complex64)
+            self._noise.add(out, 10.0 ** ((s.gain_db - s.snr_db) / 10.0))
         if s.dc_offset:
             out += np.complex64(s.dc_offset)
         if s.iq_gain_db or s.iq_phase_deg:

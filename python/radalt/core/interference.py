@@ -147,16 +147,19 @@ class QpskEmitter:
                 f"qpsk of {self.bandwidth_hz:g} Hz at {self.carrier_hz:g} Hz does not fit the rate of {rate_hz:g} S/s"
             )
         offset, phase = rng.random(2)
+        turn = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
-            index = np.floor(np.arange(count) * rate + offset).astype(np.intp)
-            baseband = _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng)[index]
+            # times are not negative: the conversion is the floor
+            index = (_ramp(count, rate) + offset).astype(np.intp)
+            symbols = _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng)
+            if not self.carrier_hz:  # there are fewer symbols to turn than samples
+                return np.take(symbols * turn, index)
+            baseband = symbols[index]
         else:
             baseband = self._shaped(count, rate, offset, rng)
         if self.carrier_hz:
-            return baseband * exp_cycles(
-                np.arange(count) * (self.carrier_hz / rate_hz) + phase, np.complex128
-            )
-        return baseband * np.exp(2j * np.pi * phase)
+            return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
+        return baseband * turn
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
@@ -172,10 +175,20 @@ class QpskEmitter:
         return shaped[start : start + count * down : down]
 
 
+_CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
+
+
 def _qpsk_symbols(count: int, rng: np.random.Generator) -> np.ndarray:
     """(count,) random unit QPSK symbols."""
-    constellation = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
-    return constellation[rng.integers(0, 4, count)]
+    return _CONSTELLATION[rng.integers(0, 4, count)]
+
+
+@lru_cache(maxsize=16)
+def _ramp(count: int, step: float) -> np.ndarray:
+    """(count,) float64 multiples of ``step`` from 0 on, read-only: the same for every frame of an emitter."""
+    ramp = np.arange(count) * step
+    ramp.setflags(write=False)
+    return ramp
 
 
 @dataclass(frozen=True)
@@ -228,9 +241,18 @@ def interference_frame(
 ) -> np.ndarray:
     """(N,) complex128: one frame of one interferer at its exact window SIR and overlap."""
     frame = np.zeros(frame_samples, dtype=np.complex128)
+    _place(frame, interferer, rate_hz, rng, return_power)
+    return frame
+
+
+def _place(
+    silence: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator, return_power: float
+) -> None:
+    """Write one burst into a frame of zeros, complex64 or complex128."""
+    frame_samples = silence.size
     count = interferer.burst_samples(frame_samples)
     if count == 0:
-        return frame
+        return
     if interferer.start is None:
         first = int(rng.integers(0, frame_samples - count + 1))
     else:
@@ -239,8 +261,8 @@ def interference_frame(
     energy = np.vdot(burst, burst).real
     wanted = return_power * 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
     if energy > 0:  # an emitter that is silent in this window (a pulsed radar between pulses) stays silent
-        frame[first : first + count] = burst * np.sqrt(wanted / energy)
-    return frame
+        span = silence[first : first + count]
+        np.multiply(burst, np.sqrt(wanted / energy), out=span, casting="same_kind")
 
 
 def interference_frames(
@@ -253,11 +275,18 @@ def interference_frames(
     return_power: float = 1.0,
     total_sir_db: float | None = None,
     transform: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
+    dtype: type = np.complex128,
 ) -> np.ndarray:
-    """(frames, N) complex128: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
+    """(frames, N) ``dtype``: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
 
-    ``transform(frame, rng)`` is applied to each interferer's frame before its power is set anew (multipath).
+    ``transform(frame, rng)`` is applied to each interferer's frame before its power is set anew (multipath). Sums are
+    made in complex128 whatever the ``dtype``.
     """
+    if len(interferers) == 1 and transform is None and total_sir_db is None:  # nothing to sum
+        alone = np.zeros((frames, frame_samples), dtype=dtype)
+        for row in alone:
+            _place(row, interferers[0], rate_hz, rng, return_power)
+        return alone
     out = np.zeros((frames, frame_samples), dtype=np.complex128)
     for row in out:
         for interferer in interferers:
@@ -267,7 +296,7 @@ def interference_frames(
             row += part
         if total_sir_db is not None:
             row[:] = _rescale(row, return_power * 10.0 ** (-total_sir_db / 10.0) * frame_samples)
-    return out
+    return out.astype(dtype, copy=False)
 
 
 def _rescale(frame: np.ndarray, energy: float) -> np.ndarray:

@@ -50,20 +50,34 @@ class JammerStream:
         self._shift = int(self._rng.integers(0, n)) if free_running else 0
         self._carry = np.zeros(self._shift, dtype=np.complex64)
         self.frame_index = 0
+        # looked up once a frame: bytes answer ten times as fast as arrays
+        frames = 0 if programme is None else programme.total_frames
+        self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
 
     def next_frame(self) -> np.ndarray:
         """(N,) complex64: the next sweep's worth of interference."""
         index = self.frame_index
         self.frame_index += 1
         n = self.waveform.samples_per_frame
-        if self.programme is not None and not self.programme.is_trial(index):
+        if self._is_silent(index):
             frame = np.zeros(n, dtype=np.complex64)
         else:
             frame = interference_frames(
-                self.interferers, 1, n, self.waveform.rate_hz, self._rng, total_sir_db=self.total_sir_db
-            )[0].astype(np.complex64)
+                self.interferers,
+                1,
+                n,
+                self.waveform.rate_hz,
+                self._rng,
+                total_sir_db=self.total_sir_db,
+                dtype=np.complex64,
+            )[0]
         if not self._shift:
             return frame
         joined = np.concatenate([self._carry, frame])
         self._carry = joined[n:]
         return joined[:n]
+
+    def _is_silent(self, index: int) -> bool:
+        if self.programme is None:
+            return False
+        return not (self._trial[index] if index < len(self._trial) else self.programme.is_trial(index))

@@ -1,0 +1,114 @@
+"""Delay of a stream by a slowly changing number of samples, fraction included."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, signal
+
+__all__ = ["HALF_TAPS", "STEPS", "DelayLine"]
+
+HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
+STEPS = 256  # sub-sample resolution of a drifting clock
+_FINE_STEPS = 16 * STEPS  # of a fixed delay
+_TAIL = 2 * HALF_TAPS
+_SPARE_BLOCKS = 8
+# transforms of 2048 points stay in the first-level cache and take half the time of one over a whole frame
+_TRANSFORM = 2048
+
+
+class DelayLine:
+    """Delays a stream of blocks (overlap-save).
+
+    Parameters
+    ----------
+    block : int
+        Samples a block.
+    max_delay : float
+        Longest delay that is read, in samples.
+    repeats : bool
+        Whether the stream is likely to repeat its blocks, as a radar's sweep does: a read of the same samples at the
+        same delay then costs a comparison.
+    """
+
+    def __init__(self, block: int, max_delay: float, *, repeats: bool = False) -> None:
+        self._block, self._repeats = block, repeats
+        self._size = fft.next_fast_len(min(block + _TAIL, _TRANSFORM))
+        self._parts = -(-block // (self._size - _TAIL))
+        self._hop = -(-block // self._parts)
+        # what the parts read before the first sample that is needed: they share the block evenly, so they overlap more
+        self._early = self._parts * self._hop - block + self._size - _TAIL - self._hop
+        self._length = int(np.ceil(max_delay)) + _TAIL + 2 + self._early + block
+        # room for some blocks more, so that the history is moved once in a while and not with every block
+        self._store = np.zeros(self._length + _SPARE_BLOCKS * block, dtype=np.complex64)
+        self._end = self._length
+        self._kernels: dict[float, np.ndarray] = {}
+        self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+
+    def push(self, samples: np.ndarray) -> None:
+        """Append one block."""
+        if self._end + self._block > self._store.size:
+            keep = self._length - self._block
+            self._store[:keep] = self._store[self._end - keep : self._end].copy()
+            self._end = keep
+        self._store[self._end : self._end + self._block] = samples
+        self._end += self._block
+
+    def read(self, delay: float) -> np.ndarray:
+        """(block,) samples that lie ``delay`` >= 0 samples before the block pushed last; not to be written to.
+
+        Raises
+        ------
+        ValueError
+            If a fractional delay is below half the kernel, which would look into the future.
+        """
+        whole = int(np.floor(delay))
+        fraction = round((delay - whole) * _FINE_STEPS) / _FINE_STEPS
+        first = self._end - self._block - whole
+        if fraction == 0:
+            return self._store[first : first + self._block]
+        if whole < HALF_TAPS:
+            raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {HALF_TAPS}")
+        if not self._repeats:
+            return self._filter(first, fraction)
+        # the same samples at the same delay give the same output, to the bit
+        span = self._store[first - HALF_TAPS - self._early : first + self._block + HALF_TAPS]
+        known = self._last.get(delay)
+        if known is not None and _same_bits(known[0], span):
+            return known[1]
+        out = self._filter(first, fraction)
+        if len(self._last) >= 4:
+            self._last.clear()
+        self._last[delay] = (span.copy(), out)
+        return out
+
+    def _filter(self, first: int, fraction: float) -> np.ndarray:
+        """(block,) samples from ``first`` on, delayed by ``fraction``, in short transforms of overlapping parts."""
+        item = self._store.itemsize
+        parts = np.lib.stride_tricks.as_strided(
+            self._store[first - HALF_TAPS - self._early :],
+            (self._parts, self._size),
+            (self._hop * item, item),
+            writeable=False,
+        )
+        spectrum = fft.fft(parts, axis=1)
+        spectrum *= self._kernel(fraction)
+        whole = fft.ifft(spectrum, axis=1, overwrite_x=True)[:, self._size - self._hop :]
+        return whole.reshape(-1)[self._parts * self._hop - self._block :]
+
+    def _kernel(self, fraction: float) -> np.ndarray:
+        if fraction not in self._kernels:
+            if len(self._kernels) > 512:
+                self._kernels.clear()
+            n = np.arange(_TAIL + 1) - HALF_TAPS
+            taps = np.sinc(n - fraction) * np.interp(
+                n - fraction,
+                np.linspace(-HALF_TAPS - 1, HALF_TAPS + 1, 4097),
+                signal.windows.kaiser(4097, 5.0),
+            )
+            self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
+        return self._kernels[fraction]
+
+
+def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two contiguous complex64 arrays of one shape are the same to the bit; a first look saves most of it."""
+    return a[0] == b[0] and bool((a.view(np.int64) == b.view(np.int64)).all())
