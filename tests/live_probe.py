@@ -33,8 +33,8 @@ def share(results: np.ndarray, altitude_m: float) -> float:
     return float(np.mean(results["valid"] & (np.abs(results["altitude_m"] - altitude_m) < 5)))
 
 
-def on_the_air(folder: Path) -> dict[str, object]:
-    """Recorded doubles in the place of both radios; parameters of the flowgraph for an enclosed scene."""
+def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
+    """Recorded doubles in the place of both radios: parameters for an enclosed scene, and what is called on them."""
     import uhd_double
     import yaml
     from gnuradio import uhd
@@ -61,7 +61,7 @@ def on_the_air(folder: Path) -> dict[str, object]:
     scene = {"radio": radio, "interference": {"qpsk": {"sir_db": -10.0, "bandwidth_hz": 2e6}}}
     path = folder / "scene.yaml"
     path.write_text(yaml.safe_dump(scene))
-    return {"scene_file": str(path), "transmit": 1, "drop_when_slow": 1}
+    return {"scene_file": str(path), "transmit": 1, "drop_when_slow": 1}, air.calls
 
 
 def main() -> None:
@@ -75,7 +75,7 @@ def main() -> None:
     prepared = flowgraph.Prepared(
         flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ()
     )
-    parameters = on_the_air(folder) if air else {"drop_when_slow": 0}
+    parameters, calls = on_the_air(folder) if air else ({"drop_when_slow": 0}, [])
     top = flowgraph.load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.show()
@@ -93,6 +93,7 @@ def main() -> None:
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
         report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]
+    report["calls"] = [call[:2] for call in calls]
     report["in time"] = time.monotonic() < deadline
     report["errors"] = [str(b.error) for b in vars(top).values() if getattr(b, "error", None)]
     top.grab().save(str(folder / "live.png"))

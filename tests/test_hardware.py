@@ -1,6 +1,10 @@
 """Two B210s, tested at the boundary of gr-uhd's calls with a recorded double: order, arguments, counters, altitude."""
 
+import argparse
 import dataclasses
+import signal
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +14,20 @@ from gnuradio.radalt.core.calibration import CalibrationError, load_latency_samp
 from gnuradio.radalt.core.interlock import InterlockError, require_enclosure
 from gnuradio.radalt.core.levels import drive, rx_level_dbm, tx_power_dbm
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+from gnuradio.radalt.evaluation.flowgraph import (
+    FlowgraphError,
+    Prepared,
+    generate,
+    load_class,
+    load_grc,
+    write_scene,
+)
 from gnuradio.radalt.evaluation.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios import describe, plan
 
 pytestmark = pytest.mark.timeout(60)
+
+ROOT = Path(__file__).resolve().parent.parent
 
 RADIO = {
     "radar_serial": "R",
@@ -52,13 +65,14 @@ def fly(air, scene, **options):
     return run_hardware(scene, ("none",), sleep=air.sleep, **options)
 
 
-def test_order_and_arguments_of_the_set_up(air):
-    fly(air, a_scene())
+def assert_set_up_in_order(recorded):
+    """The set-up of two radios on a common reference, each call with its arguments, then one start."""
     sink, source, jammer = "radar Sink", "radar Source", "jammer Sink"
     tune = ("tune", 4.3e9, 6e6)
     # the template of GRC has set rate, frequency and gain before; ours begins with the first clock source
-    begin = next(k for k, call in enumerate(air.calls) if call[1] == "set_clock_source")
-    calls = [c for c in air.calls[begin:] if not c[1].startswith("get_sensor")]
+    begin = next(k for k, call in enumerate(recorded) if call[1] == "set_clock_source")
+    assert "start" not in {call[1] for call in recorded[:begin]}
+    calls = [c for c in recorded[begin:] if not c[1].startswith("get_sensor")]
     assert calls[: calls.index((sink, "get_mboard_sensor", "ref_locked"))] == [
         (source, "set_clock_source", "external", 0),
         (jammer, "set_clock_source", "external", 0),
@@ -85,6 +99,12 @@ def test_order_and_arguments_of_the_set_up(air):
     ]
     assert after[2:5] == [(name, "set_start_time", start) for name in (sink, source, jammer)]
     assert {c[1] for c in after[5:]} == {"start"}
+    assert len(after[5:]) == 3
+
+
+def test_order_and_arguments_of_the_set_up(air):
+    fly(air, a_scene())
+    assert_set_up_in_order(air.calls)
 
 
 def test_devices_are_named_by_serial_and_master_clock(air):
@@ -217,3 +237,110 @@ def test_check_prints_the_plan_and_fails_where_the_interlock_would(tmp_path, cap
     assert "not needed" in printed
     scene.write_text(yaml.safe_dump({"radio": RADIO | {"attenuation_db": 3.0}}))
     assert ota_eval.main(["--check", "--scene", str(scene)]) == 2
+
+
+# -- the companion's Run button: main() of the generated Python -------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    """Top-block class by flowgraph, and by the blocks that a person has disabled in the companion."""
+    made = {}
+
+    def get(name: str, *disabled: str) -> type:
+        if (name, disabled) not in made:
+            data = load_grc(ROOT / f"flowgraphs/{name}.grc")
+            for block in data["blocks"]:
+                if block["name"] in disabled:
+                    block["states"]["state"] = "disabled"
+            module = generate(data, tmp_path_factory.mktemp(name))
+            made[name, disabled] = load_class(Prepared(module, name, (), ()))
+        return made[name, disabled]
+
+    return get
+
+
+@pytest.fixture
+def press_run(monkeypatch, tmp_path):
+    """Runs main() as the button does; returns the air with what was called on the radios."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def press(cls: type, scene, transmit: int = 1, **air_changes) -> uhd_double.Air:
+        air = press.air = uhd_double.Air(ticking=True, **air_changes)
+        uhd_double.install(monkeypatch, air)
+        path = write_scene(scene, tmp_path / "scene.yaml")
+        options = argparse.Namespace(
+            scene_file=str(path),
+            overlap=-1,
+            sir_db=999,
+            seed=-1,
+            endpoint="",
+            drop_when_slow=0,
+            transmit=transmit,
+        )
+        sys.modules[cls.__module__].main(cls, options)
+        return air
+
+    yield press
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("name", ["ota_b210", "ota_embedded"])
+def test_run_button_sets_up_in_order_and_ends_with_the_programme(generated, press_run, name, capsys):
+    air = press_run(generated(name), a_scene())
+    assert_set_up_in_order(air.calls)
+    printed = capsys.readouterr().out
+    assert printed.count("master clock Hz") == 3
+    scores = {line.split()[0]: line.split()[1:] for line in printed.splitlines() if line.endswith(" of 12")}
+    assert scores["none"] == scores["whitening"] == scores["tcae"] == ["1.000", "12", "of", "12"]
+
+
+def test_run_button_subtracts_the_stored_calibration(generated, press_run, capsys):
+    """Five samples of path more than the calibration cable are 100 m on top of every altitude: none is right."""
+    store_latency_samples(uhd_double.LATENCY - 5, 30e6, 7.5e6)
+    press_run(generated("ota_b210"), a_scene())
+    scores = {
+        line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if " of 12" in line
+    }
+    assert scores["none"] == ["0.000", "0", "of", "12"]
+
+
+@pytest.mark.parametrize("name", ["ota_b210", "ota_embedded"])
+@pytest.mark.parametrize(
+    ("radio", "transmit"), [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 10.0}, 1)]
+)
+def test_run_button_touches_no_radio_where_the_interlock_refuses(generated, press_run, name, radio, transmit):
+    with pytest.raises(InterlockError):
+        press_run(generated(name), a_scene(**radio), transmit)
+    assert press_run.air.calls == []
+
+
+def test_run_button_transmits_nothing_with_the_interlock_disabled(generated, press_run):
+    """Radios are made then, but the set-up refuses before any of them starts."""
+    with pytest.raises(InterlockError):
+        press_run(generated("ota_b210", "transmit_interlock"), a_scene(), 0)
+    assert {call[1] for call in press_run.air.calls} & {"start", "set_start_time"} == set()
+
+
+@pytest.mark.parametrize(
+    ("disabled", "jammer", "message"),
+    [((), False, "has no jammer.*disable it"), (("jammer_source", "jammer_usrp_sink"), True, "enable it")],
+)
+def test_run_button_wants_the_jammer_of_the_scene(generated, press_run, disabled, jammer, message):
+    with pytest.raises(FlowgraphError, match=message):
+        press_run(generated("ota_b210", *disabled), a_scene(jammer))
+    assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+def test_run_button_needs_one_b210_with_the_jammer_disabled(generated, press_run, capsys):
+    air = press_run(generated("ota_b210", "jammer_source", "jammer_usrp_sink"), a_scene(jammer=False))
+    assert {call[0] for call in air.calls} == {"radar Sink", "radar Source"}
+    assert "12 of 12" in capsys.readouterr().out
+
+
+def test_run_button_starts_nothing_without_a_lock(generated, press_run):
+    with pytest.raises(FlowgraphError, match="lo_locked is false"):
+        press_run(generated("ota_b210"), a_scene(), locks=False)
+    assert "start" not in {call[1] for call in press_run.air.calls}

@@ -257,6 +257,38 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
     assert view["in time"] and view["errors"] == []
     assert view["start"] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": 300.0}
     assert view["printed"].count("master clock Hz") == 3
+    # GRC's template sets the radios as well, before; what counts are the calls from the first clock source on
+    calls = [tuple(call) for call in view["calls"] if not call[1].startswith("get_")]
+    first = calls.index(("radar Source", "set_clock_source"))
+    order = list(dict.fromkeys(call for _, call in calls[first:]))
+    assert order == [
+        *(
+            "set_clock_source",
+            "set_time_source",
+            "set_samp_rate",
+            "set_antenna",
+            "set_gain",
+            "set_center_freq",
+        ),
+        *("set_time_now", "set_start_time", "start"),
+    ]
+    radios = {"radar Sink", "radar Source", "jammer Sink"}
+    for call in ("set_start_time", "start"):
+        assert sorted(radio for radio, made in calls if made == call) == sorted(radios)
+
+
+@pytest.mark.parametrize("name", ["ota_live", "ota_b210", "ota_embedded"])
+def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
+    """main() of the generated Python: construction (interlock first), set-up, start."""
+    from gnuradio.radalt.evaluation import flowgraph
+
+    text = flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
+    main = text[text.index("def main(") :]
+    assert (
+        main.index("= top_block_cls(") < main.index("snippets_main_after_init(tb)") < main.index("tb.start(")
+    )
+    made = text[text.index("def __init__") : text.index("def main(")]
+    assert made.index("snippets_init_before_blocks(self)") < made.index("uhd.usrp_source(")
 
 
 def test_view_transmits_nothing_without_an_enclosure(tmp_path):

@@ -17,19 +17,30 @@ LATENCY = 150  # samples from TX to RX
 
 
 class Air:
-    """Virtual time, recorded calls and the samples on the way."""
+    """Virtual time, recorded calls and the samples on the way.
 
-    def __init__(self, *, master_clock_hz: float = 30e6, locks: bool = True, gain: float = 0.5) -> None:
+    Time moves by `sleep` alone, or, if it is ``ticking``, with the machine's clock.
+    """
+
+    def __init__(
+        self, *, master_clock_hz: float = 30e6, locks: bool = True, gain: float = 0.5, ticking: bool = False
+    ) -> None:
         self.calls: list[tuple] = []
         self.master_clock_hz, self.locks, self.gain = master_clock_hz, locks, gain
-        self.now, self.zero = 100.25, {}
+        self.ticking, self.slept, self.zero = ticking, 100.25, {}
+        self.begin = time.monotonic()
         self.sent = {"radar": np.zeros(0, np.complex64), "jammer": np.zeros(0, np.complex64)}
         self.ended: set[str] = set()
         self.lock = threading.Lock()
         self.blocks: list[object] = []
 
+    @property
+    def now(self) -> float:
+        """Seconds since some time before both devices were switched on."""
+        return self.slept + (time.monotonic() - self.begin if self.ticking else 0.0)
+
     def sleep(self, seconds: float) -> None:
-        self.now += seconds
+        self.slept += seconds
 
     def device_time(self, device: str) -> float:
         return self.now - self.zero.get(device, 0.0)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core.calibration import load_latency_samples, store_latency_samples
+from ..core.calibration import store_latency_samples
 from ..core.interlock import require_enclosure
 from ..core.paths import share_dir
 from ..core.scene import Scene
@@ -28,11 +28,11 @@ from .flowgraph import (
     prune,
     write_scene,
 )
-from .radios import bring_up, radio_blocks, start_together
+from .radios import programme_over, radio_blocks, set_up
 
 __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
 
-_START_S = 3.0  # from start_together to the first sample, at most
+_START_S = 3.0  # from set_up to the first sample, at most
 _POLL_S = 0.02
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
@@ -132,27 +132,19 @@ def run_hardware(
         top = load_class(prepared)(scene_file=str(path), drop_when_slow=1, transmit=1)
     finally:
         path.unlink()
-    for entry in bring_up(top, scene, uhd, sleep):
-        log(str(entry))
-    radio = scene.radio
-    latency = None
-    if use_calibration:
-        latency = load_latency_samples(radio.master_clock_hz, scene.waveform.rate_hz, calibration)
-    segmenter = top.frame_segmenter
-    segmenter.set_full_scale(1.0)
-    segmenter.set_calibration(latency)
     events = _Events()
     for name in radio_blocks(scene):
         if name.endswith("_sink"):
             top.msg_connect((getattr(top, name), "async_msgs"), (events.block, "events"))
-    start_s = start_together(top, scene, uhd)
-    segmenter.set_start_time(start_s)
+    ready = set_up(
+        top, scene, uhd, calibration=calibration, use_calibration=use_calibration, log=log, sleep=sleep
+    )
     recorder = None
     if capture:
         from .recording import attach_recorder
 
         source = top.radar_usrp_source
-        recorder = attach_recorder(top, source, scene, capture, start_s=start_s, drop_when_slow=True)
+        recorder = attach_recorder(top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True)
     begin = time.perf_counter()
     _fly(top, scene, time_limit_s)
     if recorder is not None:
@@ -161,8 +153,8 @@ def run_hardware(
     result.segmenter |= {
         "tx_underflows": events.counts["underflow"] + events.counts["underflow_in_packet"],
         "tx_late": events.counts["time_error"] + events.counts["seq_error"],
-        "calibrated": latency is not None,
-        "latency_samples": segmenter.latency_samples,
+        "calibrated": ready.latency_samples is not None,
+        "latency_samples": top.frame_segmenter.latency_samples,
     }
     log("counters: " + ", ".join(f"{key} {result.segmenter[key]}" for key in _COUNTERS))
     return result
@@ -171,13 +163,12 @@ def run_hardware(
 def _fly(top: Any, scene: Scene, time_limit_s: float) -> None:
     """Run until the programme's last frame has come in; a receiver has no end of its own."""
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
-    last = (programme.total_frames + 3) * n
     limit = min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0)
     top.start()
     waiter = threading.Thread(target=top.wait, daemon=True)
     waiter.start()
     begin = time.perf_counter()
-    while waiter.is_alive() and top.frame_segmenter.segmenter.sample_counter < last:
+    while waiter.is_alive() and not programme_over(top, scene):
         waiter.join(_POLL_S)
         if time.perf_counter() - begin > limit:
             top.stop()

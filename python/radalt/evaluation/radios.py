@@ -2,26 +2,43 @@
 
 Clock and time source, rate, antenna, gain, frequency with the LO offset out of the band, lock sensors, time last and
 on both within the same second, a common start time. GRC's template sets time before tuning and no start time, which
-makes the range random at each start; so this runs on its blocks before they are started, and replaces what it set.
+makes the range random at each start; so `set_up` runs on its blocks before they are started, and replaces what it
+set: the snippet ``set_up_radios`` of the flowgraphs calls it when they are run by the companion, `hardware` and
+`remote` when they are run from the command line.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from ..core.calibration import load_latency_samples
 from ..core.interlock import InterlockError, require_enclosure
 from ..core.levels import MAX_RX_DBM, drive, rx_level_dbm
 from ..core.scene import Scene
 from .flowgraph import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, FlowgraphError
 
-__all__ = ["Readback", "Step", "bring_up", "describe", "plan", "start_together"]
+__all__ = [
+    "Readback",
+    "Ready",
+    "Step",
+    "bring_up",
+    "describe",
+    "plan",
+    "programme_over",
+    "set_up",
+    "start_together",
+    "stop_after_programme",
+]
 
 _LOCK_S = 2.0  # how long an LO or reference may take to lock
 _PPS_S = 1.5  # a pulse comes every second
+_POLL_S = 0.02  # between looks at how far a programme has got
 _ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
 
 
@@ -55,6 +72,22 @@ class Readback:
 
     def __str__(self) -> str:
         return f"{self.block:18} {self.what:20} asked {_text(self.asked):>16}   set {_text(self.got):>16}"
+
+
+@dataclass(frozen=True)
+class Ready:
+    """Radios that wait for their start.
+
+    Attributes
+    ----------
+    start_s : float
+        Common start in device seconds.
+    latency_samples : float or None
+        Stored latency that the segmenter subtracts; None where none was stored, or it is not to be used.
+    """
+
+    start_s: float
+    latency_samples: float | None
 
 
 def _text(value: float | str) -> str:
@@ -121,6 +154,94 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
     except InterlockError as error:
         return [*lines, str(error)], False
     return [*lines, "interlock: would transmit with --transmit"], True
+
+
+def set_up(
+    top: Any,
+    scene: Scene,
+    uhd: Any,
+    *,
+    calibration: Path | str | None = None,
+    use_calibration: bool = True,
+    log: Callable[[str], None] = print,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Ready:
+    """Everything between the construction of a flowgraph for the air and its start.
+
+    The interlock once more, `bring_up` with its readback, the segmenter's full scale and calibration, and one start
+    time for all, last.
+
+    Parameters
+    ----------
+    top : object
+        Flowgraph with its UHD blocks, ``frame_segmenter`` and ``transmit`` as attributes.
+    scene : Scene
+    uhd : module
+        ``gnuradio.uhd``.
+    calibration : path, optional
+        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        unless ``use_calibration`` is false.
+    log : callable
+        Receives the readback, a line each.
+    sleep : callable
+        For waiting.
+
+    Returns
+    -------
+    Ready
+
+    Raises
+    ------
+    InterlockError, FlowgraphError, CalibrationError
+        One line; nothing has been started then.
+    """
+    require_enclosure(scene, bool(top.transmit))
+    _check_blocks(top, scene)
+    for entry in bring_up(top, scene, uhd, sleep):
+        log(str(entry))
+    segmenter = top.frame_segmenter
+    segmenter.set_full_scale(1.0)
+    latency = None
+    if use_calibration:
+        latency = load_latency_samples(scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+    segmenter.set_calibration(latency)
+    start_s = start_together(top, scene, uhd)
+    segmenter.set_start_time(start_s)
+    return Ready(start_s, latency)
+
+
+def _check_blocks(top: Any, scene: Scene) -> None:
+    """Refuse a flowgraph whose jammer is not the scene's: an unset radio would start by itself, at any time."""
+    if hasattr(top, JAMMER_SINK) == scene.has_jammer:
+        return
+    if scene.has_jammer:
+        raise FlowgraphError(
+            f"the scene has a jammer and the flowgraph has no block {JAMMER_SINK}; enable it and its source, or name a "
+            "scene without interference"
+        )
+    raise FlowgraphError(
+        f"the scene has no jammer and the flowgraph has the block {JAMMER_SINK}; disable it and its source in the "
+        "companion, or run ota_eval.py, which leaves them out"
+    )
+
+
+def programme_over(top: Any, scene: Scene) -> bool:
+    """Whether the programme's last frame has come in; a receiver has no end of its own."""
+    last = (scene.altitude.programme.total_frames + 3) * scene.waveform.samples_per_frame
+    return top.frame_segmenter.segmenter.sample_counter >= last
+
+
+def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:
+    """Stop a flowgraph, from a thread that is returned, once its programme is over."""
+
+    def watch() -> None:
+        while not programme_over(top, scene):
+            time.sleep(_POLL_S)
+        top.stop()
+
+    thread = threading.Thread(target=watch, daemon=True, name="radalt_end")
+    thread.start()
+    return thread
 
 
 def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = time.sleep) -> list[Readback]:

@@ -98,22 +98,15 @@ def drive_remotely(
         path.unlink()
     try:
         if not sim:
-            _bring_up(top, scene, log)
+            from gnuradio import uhd
+
+            from .radios import set_up
+
+            set_up(top, scene, uhd, log=log)
         log(f"telemetry {telemetry or 'off'}, control {control or 'off'}; a 'stop' request or Ctrl-C ends")
         return _run(top, stop or threading.Event())
     finally:
         top.remote_control.close()
-
-
-def _bring_up(top: Any, scene: Scene, log: Callable[[str], None]) -> None:
-    from gnuradio import uhd
-
-    from .radios import bring_up, start_together
-
-    for entry in bring_up(top, scene, uhd):
-        log(str(entry))
-    top.frame_segmenter.set_full_scale(1.0)
-    top.frame_segmenter.set_start_time(start_together(top, scene, uhd))
 
 
 def _run(top: Any, stop: threading.Event) -> dict[str, Any]:
