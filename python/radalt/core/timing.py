@@ -8,6 +8,7 @@ assumed timing. The check never moves the timing, so it cannot pull an altitude 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -17,46 +18,13 @@ from scipy import fft
 from .altimeter import Altimeter, AltimeterSettings
 from .programme import Programme
 from .returns import point_return
+from .segmenter_settings import SegmenterSettings
 from .waveform import Waveform, altitude_to_delay_s
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
 _MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
-
-
-@dataclass(frozen=True)
-class SegmenterSettings:
-    """How timing is acquired and watched.
-
-    Parameters
-    ----------
-    acquisition_frames : int
-        Frames averaged coherently for one acquisition.
-    lock_threshold : float
-        Correlation peak over mean power that counts as the sweep being there. Noise alone exceeds 25 once in about
-        1e7 frames where the filter is coherent over the frame; where its halves add in power, 0.6 times this is rarer.
-    confirm_frames : int
-        Consecutive frames that have to agree on another timing before lock is given up; so many frames are held back
-        while the timing is in doubt.
-    monitor : bool
-        Check every frame (default). Without it only tagged discontinuities are noticed.
-    """
-
-    acquisition_frames: int = 4
-    lock_threshold: float = 25.0
-    confirm_frames: int = 2
-    monitor: bool = True
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.acquisition_frames <= 4:
-            raise ValueError(
-                f"segmenter.acquisition_frames is {self.acquisition_frames}; it has to be within 1..4"
-            )
-        if self.lock_threshold < 10:
-            raise ValueError(f"segmenter.lock_threshold is {self.lock_threshold:g}; below 10 noise locks")
-        if not 1 <= self.confirm_frames <= 8:
-            raise ValueError(f"segmenter.confirm_frames is {self.confirm_frames}; it has to be within 1..8")
 
 
 @dataclass
@@ -128,7 +96,8 @@ class FrameSegmenter:
             AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
         )
         self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
-        self._buffer = np.empty((settings.acquisition_frames + 4) * self._n, dtype=np.complex64)
+        # room for some frames beyond the longest wait, so that what is left over is moved once in a while
+        self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
         self.counters = dict.fromkeys(
             (
                 "frames",
@@ -148,8 +117,8 @@ class FrameSegmenter:
     def reset(self, first_sample: int = 0) -> None:
         """Start over at sample counter ``first_sample``; counters stay."""
         self.state = ACQUIRING
-        self._origin = first_sample  # sample counter of buffer[0]
-        self._filled = 0
+        self._origin = first_sample  # sample counter of the first sample that waits
+        self._first = self._filled = 0  # where it lies in the buffer, and how many wait
         self._index = 0
         self._offset_s = 0.0
         self._discard = 0  # samples of a torn frame still to come
@@ -170,12 +139,18 @@ class FrameSegmenter:
         out: list[Frame] = []
         taken = 0
         while taken < samples.size:
-            count = min(samples.size - taken, self._buffer.size - self._filled)
-            self._buffer[self._filled : self._filled + count] = samples[taken : taken + count]
+            end = self._first + self._filled
+            if self._buffer.size - end < samples.size - taken and self._first:
+                self._buffer[: self._filled] = self._buffer[self._first : end].copy()
+                self._first, end = 0, self._filled
+            count = min(samples.size - taken, self._buffer.size - end)
+            self._buffer[end : end + count] = samples[taken : taken + count]
             self._filled += count
             taken += count
-            while self._step(out):
-                pass
+            # samples may be anything: the verdicts look at what came of them
+            with np.errstate(invalid="ignore", over="ignore"):
+                while self._step(out):
+                    pass
         self.counters["frames"] += len(out)
         return out
 
@@ -196,7 +171,7 @@ class FrameSegmenter:
             if self.state != ACQUIRING:
                 self.counters["lock_losses"] += 1
                 self.state = LOST if self.programme is not None else ACQUIRING
-            self._origin, self._filled, self._discard = counter, 0, 0
+            self._discard = self._discard_to(counter, counter)
             return released
         torn = -(-(counter - self._origin) // self._n)
         self.counters["torn"] += torn
@@ -206,7 +181,7 @@ class FrameSegmenter:
 
     def _discard_to(self, boundary: int, counter: int) -> int:
         """Empty the buffer at sample ``counter``; returns the samples still to be skipped up to ``boundary``."""
-        self._origin, self._filled = counter, 0
+        self._origin, self._first, self._filled = counter, 0, 0
         return boundary - counter
 
     def drain(self) -> list[Frame]:
@@ -236,9 +211,13 @@ class FrameSegmenter:
         return self._wait_for_sync()
 
     def _consume(self, count: int) -> None:
-        self._buffer[: self._filled - count] = self._buffer[count : self._filled]
+        self._first += count
         self._filled -= count
         self._origin += count
+
+    def _waiting(self, first: int, last: int) -> np.ndarray:
+        """View of the samples ``first..last-1`` that wait."""
+        return self._buffer[self._first + first : self._first + last]
 
     def _next_frame(self) -> None:
         self._consume(self._n)
@@ -251,7 +230,7 @@ class FrameSegmenter:
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
-        found = self._locate(self._buffer[self._n : needed])
+        found = self._locate(self._waiting(self._n, needed))
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
@@ -286,9 +265,8 @@ class FrameSegmenter:
 
     def _correlate(self, frame: np.ndarray) -> tuple[int, float]:
         """Circular correlation of one frame with the sweep, halves added in power: peak lag and peak-to-mean power."""
-        with np.errstate(invalid="ignore", over="ignore"):
-            response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
-            power = (response.real**2 + response.imag**2).sum(axis=0)
+        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
+        power = (response.real**2 + response.imag**2).sum(axis=0)
         peak = int(np.argmax(power))
         mean = float(power.mean())
         return peak, float(power[peak] / mean) if np.isfinite(mean) and mean > 0 else 0.0
@@ -296,7 +274,7 @@ class FrameSegmenter:
     # -- locked ---------------------------------------------------------------------------------------------------
 
     def _emit(self, out: list[Frame]) -> bool:
-        frame = Frame(self._index, self._origin, self._buffer[: self._n].copy(), self._offset_s)
+        frame = Frame(self._index, self._origin, self._waiting(0, self._n).copy(), self._offset_s)
         self._next_frame()
         if not self.settings.monitor:
             out.append(frame)
@@ -354,19 +332,21 @@ class FrameSegmenter:
 
         Matched filters at the transmitted altitude, up to two samples either side.
         """
-        with np.errstate(invalid="ignore", over="ignore"):
-            x = frame.samples
-            response = np.abs(self._bank(frame.index) @ x) ** 2
-            energy = float(np.vdot(x, x).real)
-        if not (np.isfinite(energy) and energy > 0):
+        x = frame.samples
+        # whole samples apart, the expected frames are one frame shifted in a circle: so is the received one instead
+        around = np.concatenate((x[-2:], x, x[:2]))
+        response = np.abs(np.correlate(around, self._expected_frame(frame.index))) ** 2
+        rails = x.view(np.float32)
+        energy = float(np.dot(rails, rails))
+        if not (math.isfinite(energy) and energy > 0):
             return None
         best = int(np.argmax(response))
         strength = float(response[best]) * self._n / energy
-        self.quality_db = 10.0 * np.log10(max(strength, 1e-9))
+        self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
         return best - 2 if strength >= self.settings.lock_threshold else None
 
-    def _bank(self, index: int) -> np.ndarray:
-        """(5, N) conjugate expected frames at -2..+2 samples, unit energy each."""
+    def _expected_frame(self, index: int) -> np.ndarray:
+        """(N,) complex64 frame as it was sent, delayed by the fraction that timing leaves over, of unit energy."""
         key = self.programme.at(index)
         if key not in self._expected:
             if len(self._expected) >= 64:
@@ -377,10 +357,8 @@ class FrameSegmenter:
             else:
                 frame = w.beat_shifted(key[0])
             spectrum = fft.fft(frame.astype(np.complex128))
-            frequency = fft.fftfreq(self._n)
-            shift = np.arange(-2, 3)[:, None] + self._offset_s * w.rate_hz
-            bank = np.conj(fft.ifft(spectrum * np.exp(-2j * np.pi * frequency * shift), axis=1))
-            self._expected[key] = (bank / np.sqrt(self._n)).astype(np.complex64)
+            turn = np.exp(-2j * np.pi * fft.fftfreq(self._n) * (self._offset_s * w.rate_hz))
+            self._expected[key] = (fft.ifft(spectrum * turn) / np.sqrt(self._n)).astype(np.complex64)
         return self._expected[key]
 
     # -- lock lost ------------------------------------------------------------------------------------------------
@@ -396,7 +374,7 @@ class FrameSegmenter:
             return True
         if self._filled < (count + 1) * self._n:
             return False
-        found = self._locate(self._buffer[: (count + 1) * self._n])
+        found = self._locate(self._waiting(0, (count + 1) * self._n))
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
@@ -410,7 +388,7 @@ class FrameSegmenter:
 
     def _confirm_index(self) -> bool:
         """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
-        peak, significance = self._correlate(self._buffer[: self._n])
+        peak, significance = self._correlate(self._waiting(0, self._n))
         delay = peak if peak < self._n // 2 else peak - self._n
         after = (
             float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz

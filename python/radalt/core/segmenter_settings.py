@@ -1,0 +1,41 @@
+"""Settings of the frame segmenter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["SegmenterSettings"]
+
+
+@dataclass(frozen=True)
+class SegmenterSettings:
+    """How timing is acquired and watched.
+
+    Parameters
+    ----------
+    acquisition_frames : int
+        Frames averaged coherently for one acquisition.
+    lock_threshold : float
+        Correlation peak over mean power that counts as the sweep being there. Noise alone exceeds 25 once in about
+        1e7 frames where the filter is coherent over the frame; where its halves add in power, 0.6 times this is rarer.
+    confirm_frames : int
+        Consecutive frames that have to agree on another timing before lock is given up; so many frames are held back
+        while the timing is in doubt.
+    monitor : bool
+        Check every frame (default). Without it only tagged discontinuities are noticed.
+    """
+
+    acquisition_frames: int = 4
+    lock_threshold: float = 25.0
+    confirm_frames: int = 2
+    monitor: bool = True
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.acquisition_frames <= 4:
+            raise ValueError(
+                f"segmenter.acquisition_frames is {self.acquisition_frames}; it has to be within 1..4"
+            )
+        if self.lock_threshold < 10:
+            raise ValueError(f"segmenter.lock_threshold is {self.lock_threshold:g}; below 10 noise locks")
+        if not 1 <= self.confirm_frames <= 8:
+            raise ValueError(f"segmenter.confirm_frames is {self.confirm_frames}; it has to be within 1..8")
