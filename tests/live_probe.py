@@ -18,14 +18,23 @@ LATE = 300  # frames that may be on their way between a control and an altimeter
 LOOK = 40  # frames that are then looked at
 TIME_LIMIT_S = 90.0
 
-# control -> value, one after the other
+# control -> value, or block -> method, one after the other
 STEPS = (
     ("start", {"sir_db": -10}),
     ("higher", {"altitude_m": 700, "method": "nlms"}),
+    # the bare command takes 700 m for zero; the button does not
+    ("mistimed", {"frame_segmenter": "reacquire"}),
+    ("reacquired", {"reacquire_button": "click"}),
     ("jammed", {"sir_db": -60, "overlap": 1}),
     ("radar only", {"tx_enable": 1}),
     ("off", {"tx_enable": 0}),
 )
+
+
+def wait(app: object) -> None:
+    """Let the window and the flowgraph work for a moment."""
+    app.processEvents()
+    time.sleep(0.02)
 
 
 def share(results: np.ndarray, altitude_m: float) -> float:
@@ -85,11 +94,15 @@ def main() -> None:
     report = {}
     for step, controls in STEPS[:1] if air else STEPS:
         for control, value in controls.items():
-            getattr(top, f"set_{control}")(value)
+            if hasattr(top, f"set_{control}"):
+                getattr(top, f"set_{control}")(value)
+            else:
+                getattr(getattr(top, control), value)()
+                while top.reacquire.running and time.monotonic() < deadline:
+                    wait(app)
         wanted = min(a.nitems_read(0) for a in altimeters.values()) + LATE + LOOK
         while min(a.nitems_read(0) for a in altimeters.values()) < wanted and time.monotonic() < deadline:
-            app.processEvents()
-            time.sleep(0.02)
+            wait(app)
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
         report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]

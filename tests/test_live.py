@@ -237,6 +237,13 @@ def test_controls_work_while_it_runs(view):
     assert view["method"] == "nlms"
 
 
+def test_button_takes_timing_anew_at_altitude_zero(view):
+    """The bare command would take 700 m for zero; the button sends zero, commands, and goes back to 700 m."""
+    assert max(view["mistimed"][name] for name in ("none", "tcae", "selected")) == 0.0
+    assert view["reacquired"] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": 700.0}
+    assert "reacquire: timing taken anew" in view["printed"]
+
+
 def test_jammer_and_transmitter_are_switched(view):
     """60 dB below the jammer nothing is found without mitigation; without the radar nobody finds anything."""
     assert view["jammed"]["none"] < 0.2
