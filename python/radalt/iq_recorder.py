@@ -51,6 +51,7 @@ class iq_recorder(gr.sync_block):
         self._broken = True
         self.lost_samples = 0
         self.latency_samples = 0.0
+        self.radio: dict[str, float] = {}  # of `write_metadata`
         self.finish_at_stop = True
 
     def set_start_time(self, seconds: float) -> None:
@@ -102,6 +103,7 @@ class iq_recorder(gr.sync_block):
             self._stretches,
             latency_samples=self.latency_samples,
             recorder=f"gr-radalt {__version__}",
+            radio=self.radio,
         )
 
     def stop(self) -> bool:

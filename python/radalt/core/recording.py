@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -20,10 +20,12 @@ from scipy import signal
 
 from .scene import Scene, SceneError, parse_scene, scene_to_mapping
 
-__all__ = ["Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
+__all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
 
 _BLOCK = 1 << 18  # samples read at a time
 _MAX_TERM = 4096  # of the resampling ratio
+# a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
+RADIO_KEYS = ("calibration_samples", "full_scale")
 
 
 class RecordingError(ValueError):
@@ -43,7 +45,13 @@ class Stretch:
 
 
 def write_metadata(
-    data_file: Path, scene: Scene, stretches: list[Stretch], *, latency_samples: float, recorder: str
+    data_file: Path,
+    scene: Scene,
+    stretches: list[Stretch],
+    *,
+    latency_samples: float,
+    recorder: str,
+    radio: Mapping[str, float] | None = None,
 ) -> Path:
     """Write ``.sigmf-meta`` beside the samples: scene, captures, and annotations of altitude and jammer.
 
@@ -58,6 +66,8 @@ def write_metadata(
         Receiver samples from the counter's zero to the start of sweep 0.
     recorder : str
         Program that recorded.
+    radio : mapping, optional
+        Of a radio, any of `RADIO_KEYS`: what the segmenter was told besides the scene.
     """
     import sigmf
 
@@ -73,6 +83,7 @@ def write_metadata(
             "core:extensions": [{"name": "radalt", "version": "1.0.0", "optional": True}],
             "radalt:scene": scene_to_mapping(scene),
             "radalt:latency_samples": float(latency_samples),
+            **{f"radalt:{key}": float(value) for key, value in (radio or {}).items()},
         },
     )
     for stretch in stretches:
@@ -136,10 +147,14 @@ class Capture:
     scene : Scene or None
         As flown, in a recording of this program; None in any other.
     stretches : tuple of Stretch
+    radio : dict
+        Of a recording off a radio: what `write_metadata` was given.
     """
 
-    def __init__(self, path: Path, recording: Any, rate_hz: float, scene: Scene | None) -> None:
-        self.path, self.rate_hz, self.scene = path, rate_hz, scene
+    def __init__(
+        self, path: Path, recording: Any, rate_hz: float, scene: Scene | None, radio: dict[str, float]
+    ) -> None:
+        self.path, self.rate_hz, self.scene, self.radio = path, rate_hz, scene, radio
         self._recording = recording
         self.datatype = recording.get_global_field("core:datatype")
         self.sample_count = int(recording.sample_count)
@@ -254,4 +269,12 @@ def _checked(meta: Path, recording: Any) -> Capture:
         scene = parse_scene(mapping, source=str(meta)) if mapping is not None else None
     except SceneError as error:
         raise RecordingError(f"{error}; the recording's scene is of another version, give --scene") from None
-    return Capture(meta, recording, float(rate), scene)
+    radio = {}
+    for key in RADIO_KEYS:
+        value = recording.get_global_field(f"radalt:{key}")
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise RecordingError(f"{meta}: radalt:{key} is {value!r}; it has to be a finite number")
+        radio[key] = float(value)
+    return Capture(meta, recording, float(rate), scene, radio)

@@ -28,7 +28,7 @@ from .flowgraph import (
     prune,
     write_scene,
 )
-from .radios import programme_over, radio_blocks, set_up
+from .radios import FULL_SCALE, programme_over, radio_blocks, set_up
 
 __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
 
@@ -144,7 +144,12 @@ def run_hardware(
         from .recording import attach_recorder
 
         source = top.radar_usrp_source
-        recorder = attach_recorder(top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True)
+        radio = {"full_scale": FULL_SCALE}
+        if ready.latency_samples is not None:
+            radio["calibration_samples"] = ready.latency_samples
+        recorder = attach_recorder(
+            top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
+        )
     begin = time.perf_counter()
     _fly(top, scene, time_limit_s)
     if recorder is not None:

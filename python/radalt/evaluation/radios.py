@@ -24,6 +24,7 @@ from ..core.scene import Scene
 from .flowgraph import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, FlowgraphError
 
 __all__ = [
+    "FULL_SCALE",
     "Readback",
     "Ready",
     "Step",
@@ -36,6 +37,7 @@ __all__ = [
     "stop_after_programme",
 ]
 
+FULL_SCALE = 1.0  # rail of a UHD source's samples
 _LOCK_S = 2.0  # how long an LO or reference may take to lock
 _PPS_S = 1.5  # a pulse comes every second
 _POLL_S = 0.02  # between looks at how far a programme has got
@@ -200,7 +202,7 @@ def set_up(
     for entry in bring_up(top, scene, uhd, sleep):
         log(str(entry))
     segmenter = top.frame_segmenter
-    segmenter.set_full_scale(1.0)
+    segmenter.set_full_scale(FULL_SCALE)
     latency = None
     if use_calibration:
         latency = load_latency_samples(scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ def attach_recorder(
     *,
     start_s: float = 0.0,
     drop_when_slow: bool = False,
+    radio: Mapping[str, float] | None = None,
 ) -> Recorder:
     """Connect a recorder to a flowgraph that is not yet started.
 
@@ -68,12 +69,15 @@ def attach_recorder(
         Device time of the transmitter's first sample.
     drop_when_slow : bool
         For radios; see `iq_recorder`.
+    radio : mapping, optional
+        For radios; see `write_metadata`.
     """
     from ..iq_recorder import iq_recorder
 
     block = iq_recorder(scene, str(path), drop_when_slow)
     block.finish_at_stop = False
     block.set_start_time(start_s)
+    block.radio = dict(radio or {})
     top.connect((source, 0), (block, 0))
     return Recorder(top, block)
 
@@ -128,6 +132,9 @@ def run_replay(
         capture_file=str(capture.path),
         follow_programme=int(known),
     )
+    if "full_scale" in capture.radio:
+        top.frame_segmenter.set_full_scale(capture.radio["full_scale"])
+    top.frame_segmenter.set_calibration(capture.radio.get("calibration_samples"))
     begin = time.perf_counter()
     run_flowgraph(top, time_limit_s)
     return collect(top, prepared, scene, time.perf_counter() - begin)
