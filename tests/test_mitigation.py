@@ -171,6 +171,124 @@ def test_no_level_of_input_overflows_or_warns(name, scale):
     assert np.isfinite(out.view(np.float32)).all()
 
 
+# -- the shift check of networks -----------------------------------------------------------------------------------
+
+
+class FakeNetwork:
+    """In the place of a session: what ``rule`` makes of (n, 2, N) planes, and how often it was asked."""
+
+    rule = staticmethod(lambda planes: planes)
+
+    def __init__(self, model, samples, threads):
+        self.metadata = dict(
+            zip(
+                (
+                    "radalt_frame_samples",
+                    "radalt_layout",
+                    "radalt_normalisation",
+                    "radalt_rate_hz",
+                    "radalt_centered",
+                ),
+                (str(samples), "iq_channels_first", "joint_rms", "7.5e6", "1"),
+                strict=True,
+            )
+        )
+        self._samples, self.runs, self.providers = samples, 0, []
+
+    def planes(self, n):
+        self._planes = np.empty((n, 2, self._samples), np.float32)
+        return self._planes
+
+    def run(self, n):
+        self.runs += 1
+        return np.array(self.rule(self._planes), dtype=np.float32)
+
+    def output_shape(self):
+        return (1, 2, self._samples)
+
+
+@pytest.fixture
+def fake(monkeypatch, tmp_path):
+    """A `Tcae` around a rule."""
+
+    def build(rule, **options):
+        monkeypatch.setattr("radalt.core.mitigation.tcae.OnnxNetwork", FakeNetwork)
+        monkeypatch.setattr(FakeNetwork, "rule", staticmethod(rule))
+        (tmp_path / "own.onnx").write_bytes(b"fake")
+        return create("tcae", W, model=tmp_path / "own.onnx", **options)
+
+    return build
+
+
+def invents(altitude_m):
+    sweep = W.beat_shifted(altitude_m)
+    return lambda planes: np.tile(np.stack([sweep.real, sweep.imag]), (len(planes), 1, 1))
+
+
+def pulls_by_two_cells(planes):
+    """Every return comes out 40 m higher than it went in: it moves with the frame."""
+    turn = W.beat_shifted(40.0) * W.reference.conj()
+    out = (planes[:, 0] + 1j * planes[:, 1]) * turn
+    return np.stack([out.real, out.imag], axis=1)
+
+
+@pytest.mark.parametrize("interferer", [None, Interferer(QpskEmitter(), -10.0)])
+def test_shift_check_lets_returns_pass_at_any_altitude(fake, interferer):
+    frames, altitudes = scene(40, interferer, 12)
+    method = fake(lambda planes: planes)
+    assert correct(method.process(frames), altitudes).mean() >= 0.95
+    assert method.unconfirmed_frames <= 1
+    assert method.status()["shift_check"] is True
+
+
+@pytest.mark.parametrize("interferer", [None, Interferer(QpskEmitter(), -20.0)])
+@pytest.mark.parametrize("altitude_m", [20.0, 700.0, 1480.0])
+def test_shift_check_silences_a_network_that_invents(fake, interferer, altitude_m):
+    frames, altitudes = scene(20, interferer, 13)
+    frames = frames[np.abs(altitudes - altitude_m) > 30.0]
+    method = fake(invents(altitude_m))
+    result = ALTIMETER.process(method.process(frames))
+    assert not result["valid"].any()
+    assert (result["reason"] == Reason.NO_SIGNAL).all()
+    assert method.unconfirmed_frames == method.status()["unconfirmed_frames"] == len(frames)
+    trusting = fake(invents(altitude_m), shift_check=False)
+    assert ALTIMETER.process(trusting.process(frames))["valid"].all()
+    assert trusting.status()["shift_check"] is False
+
+
+def test_shift_check_silences_a_constant_error_where_the_frame_itself_shows_better(fake):
+    """It moves with the frame, but without interference the altitude before the network is there to compare with."""
+    frames, _ = scene(10, None, 14)
+    method = fake(pulls_by_two_cells)
+    assert not ALTIMETER.process(method.process(frames))["valid"].any()
+
+
+def test_frames_without_interference_run_the_network_once(fake):
+    method = fake(lambda planes: planes)
+    before = method._network.runs
+    method.process(scene(3, None, 15)[0])
+    assert method._network.runs == before + 1
+    method.process(scene(3, Interferer(QpskEmitter(), -10.0), 15)[0])
+    assert method._network.runs == before + 3
+
+
+def test_only_the_shipped_default_is_trusted_unchecked(root, tmp_path):
+    default = root / "models" / "tcae.onnx"
+    copy = tmp_path / "tcae.onnx"
+    copy.write_bytes(default.read_bytes())
+    checked = [create("tcae", W, **options).status()["shift_check"] for options in (
+        {}, {"model": default}, {"model": copy}, {"shift_check": True}, {"model": copy, "shift_check": False},
+    )]  # fmt: skip
+    assert checked == [False, False, True, True, False]
+
+
+def test_shift_check_is_a_yes_or_a_no():
+    with pytest.raises(
+        MitigationError, match="tcae.shift_check is 'maybe'; it has to be true, false or none"
+    ):
+        create("tcae", W, shift_check="maybe")
+
+
 # -- the common contract ----------------------------------------------------------------------------------------------
 
 

@@ -151,7 +151,7 @@ def methods(waveform: Waveform, names: list[str], models: Path) -> dict[str, Mit
     made = {}
     for name in names:
         made[name] = (
-            create("tcae", waveform, model=models / NETWORKS[name])
+            create("tcae", waveform, model=models / NETWORKS[name], shift_check=False)
             if name in NETWORKS
             else create(name, waveform)
         )

@@ -108,7 +108,7 @@ def judge(case: Case, subject: Subject) -> dict[str, Any]:
 
 def _empty(note: str) -> dict[str, Any]:
     nothing = dict.fromkeys(("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "recovered"))
-    return nothing | {"finite": None, "diverged": None, "reasons": note}
+    return nothing | {"finite": None, "diverged": None, "silenced": None, "reasons": note}
 
 
 def _altimeter(case: Case) -> Altimeter:
@@ -153,6 +153,7 @@ def _measured(
         "error_m": worst if worst is None or math.isfinite(worst) else None,
         "finite": bool(np.isfinite(cleaned.view(np.float32)).all()),
         "diverged": int(method.diverged_frames),
+        "silenced": int(method.status().get("unconfirmed_frames", 0)),
         "reasons": ", ".join(reasons),
         **_against_float64(case, method, altimeter, cleaned, result),
     }

@@ -151,7 +151,10 @@ def _what_it_is() -> str:
         "wrong altitude declared beyond that; *FAIL* an exception, a clean chain that misses what it has to find, "
         "or a frame after the case that is not right again. *Flagged* methods state that their output carries no "
         "altitude (the paper's LMS, filtered towards the reference: every altitude becomes zero). *Refused* is a "
-        "method that says in one line why it does not fit the sweep.\n\n"
+        "method that says in one line why it does not fit the sweep. *Silenced* frames are those that a method gave up "
+        "(`valid = false`, `no_signal`): filters of the reference where the received frame does not bear them out, "
+        "networks other than the shipped default where the altitude does not move with a beat-shifted frame (the "
+        "shift test, [tcae.md](tcae.md)).\n\n"
         "`output` is the relative error of the cleaned frames against a float64 reference written apart, up to "
         "one factor a frame; `altitude` the difference of altitudes against a float64 transform at the same peak, "
         "where interference leaves one: with noise between the samples the two interpolate different things and "
@@ -174,6 +177,7 @@ def _group_table(rows: Sequence[dict[str, Any]]) -> str:
             _number(r["altitude_float64_m"]),
             {True: "yes", False: "no", None: ""}[r["finite"]],
             _number(r["diverged"]),
+            _number(r["silenced"]),
             r["reasons"].replace("|", "/")[:90],
             r["verdict"],
         ]
@@ -190,7 +194,7 @@ def _group_table(rows: Sequence[dict[str, Any]]) -> str:
         "bound / m",
         "output",
     ]
-    return table([*header, "altitude / m", "finite", "diverged", "reasons", "verdict"], lines)
+    return table([*header, "altitude / m", "finite", "diverged", "silenced", "reasons", "verdict"], lines)
 
 
 def _number(value: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..waveform import Waveform
 
-__all__ = ["Mitigation", "MitigationError", "peak_scale"]
+__all__ = ["Mitigation", "MitigationError", "finite_frames", "peak_scale"]
 
 
 class MitigationError(ValueError):
@@ -59,7 +59,7 @@ class Mitigation(ABC):
         if not len(batch):
             return frames.copy()
         self.frames += batch.shape[0]
-        finite = _finite(batch.view(np.float32))
+        finite = finite_frames(batch)
         if finite.all():
             out = self._clean(batch)
         else:
@@ -87,8 +87,9 @@ class Mitigation(ABC):
         }
 
 
-def _finite(rails: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether all of each row of (n, 2N) float32 is finite."""
+def finite_frames(batch: np.ndarray) -> np.ndarray:
+    """(n,) bool: whether all of each (N,) complex64 frame is finite."""
+    rails = batch.view(np.float32)
     # half the time of a sum in float64, but squares may overflow
     energy = np.einsum("ij,ij->i", rails, rails)
     if np.isfinite(energy).all():

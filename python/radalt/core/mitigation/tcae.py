@@ -13,6 +13,7 @@ from ..detector import InterferenceDetector
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 from .onnx_network import OnnxNetwork
+from .shift_check import ShiftCheck
 
 __all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
 
@@ -38,6 +39,14 @@ def default_model_path() -> Path:
     return model_path("tcae.onnx")
 
 
+def _is_default(model: Path) -> bool:
+    """Whether a model is the shipped default, by its place; a copy elsewhere is a model of the user's own."""
+    try:
+        return model.samefile(default_model_path())
+    except FileNotFoundError:  # nothing is shipped here
+        return False
+
+
 class Tcae(Mitigation):
     """A network that maps an IQ frame to a cleaned IQ frame.
 
@@ -56,6 +65,11 @@ class Tcae(Mitigation):
         noise in training; on a frame almost without any (SNR above 50 dB) the shipped one lost the altitude or made
         one up, and with -50 dB it does not.
 
+    shift_check : bool or None
+        Whether a frame whose altitude does not move with it is silenced, which makes it invalid (`ShiftCheck`), and
+        counted in ``unconfirmed_frames``. It costs a second run of the network in frames that show interference and an
+        altitude. None: on for every model but the shipped default, which docs/stability.md shows to pass without.
+
     Raises
     ------
     MitigationError
@@ -72,7 +86,10 @@ class Tcae(Mitigation):
         threads: int = 1,
         skip_clean: bool = False,
         dither_db: float | None = -50.0,
+        shift_check: bool | None = None,
     ) -> None:
+        if shift_check not in (True, False, None):
+            raise MitigationError(f"tcae.shift_check is {shift_check!r}; it has to be true, false or none")
         if dither_db is not None and not -120 <= dither_db <= 0:
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
@@ -85,6 +102,8 @@ class Tcae(Mitigation):
         self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
         super().__init__(waveform)
         self._probe()
+        wanted = not _is_default(self.model) if shift_check is None else shift_check
+        self._shift_check = ShiftCheck(waveform) if wanted else None
 
     @property
     def placeholder(self) -> bool:
@@ -129,15 +148,24 @@ class Tcae(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.skipped_frames = 0
+        self.unconfirmed_frames = 0
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         if self._detector is None:
-            return self._infer(batch)
+            return self._confirmed(batch)
         out = batch.copy()
         present = self._detector.present(batch)
         self.skipped_frames += int(np.count_nonzero(~present))
         if present.any():
-            out[present] = self._infer(np.ascontiguousarray(batch[present]))
+            out[present] = self._confirmed(np.ascontiguousarray(batch[present]))
+        return out
+
+    def _confirmed(self, batch: np.ndarray) -> np.ndarray:
+        out = self._infer(batch)
+        if self._shift_check is not None:
+            invented = ~self._shift_check.holds(batch, out, self._infer)
+            self.unconfirmed_frames += int(invented.sum())
+            out[invented] = 0
         return out
 
     def _infer(self, batch: np.ndarray) -> np.ndarray:
@@ -191,6 +219,8 @@ class Tcae(Mitigation):
             "sha256": self.sha256,
             "placeholder": self.placeholder,
             "skipped_frames": self.skipped_frames,
+            "shift_check": self._shift_check is not None,
+            "unconfirmed_frames": self.unconfirmed_frames,
             "providers": self._network.providers,
         }
 

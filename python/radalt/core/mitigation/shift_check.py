@@ -1,0 +1,105 @@
+"""Did a network find the return, or make one up? A return moves with the frame, an invention stays where it is.
+
+The received frame is beat-shifted by a known altitude, cleaned again and shifted back: what was in it is then where it
+was before, and what the network prefers to put out is not. A frame that shows no interference needs no second run: the
+altitude has to be the one that it had before the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..altimeter import AltimeterSettings, shared_altimeter
+from ..detector import InterferenceDetector
+from ..waveform import Waveform, exp_cycles
+from .base import finite_frames, peak_scale
+
+__all__ = ["ShiftCheck"]
+
+_SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
+_PFA = 2e-3  # 20 times what an altimeter usually has, so that nothing is declared that is not looked at here
+
+
+class ShiftCheck:
+    """The shift test.
+
+    Parameters
+    ----------
+    waveform : Waveform
+
+    Notes
+    -----
+    Altitudes are looked for over the altimeter's default span (1500 m, or the sweep's limit where that is lower), with
+    half sweeps that agree to a cell and with those that differ by a Doppler of 150 m/s. They have to agree within a
+    quarter of a resolution cell (5 m). Where nothing is found nothing is refuted. What a network makes of noise alone
+    may well move with the noise: such false alarms stay.
+
+    Costs a second run of the network in frames that show interference, a transform, and two calls of an altimeter.
+    """
+
+    def __init__(self, waveform: Waveform) -> None:
+        self._altimeters = [
+            shared_altimeter(waveform, AltimeterSettings(max_vertical_speed_m_per_s=speed, pfa=pfa))
+            # with partners for Doppler a pair's threshold is higher: as high as the other's at a pfa of 1e-4
+            for speed, pfa in ((None, _PFA), (0.0, _PFA / 20.0))
+        ]
+        self._detector = InterferenceDetector(waveform)
+        top_m = self._altimeters[0].settings.max_altitude_m
+        self.shift_m = min(_SHIFT_CELLS * waveform.range_resolution_m, 0.25 * top_m)
+        self._tolerance_m = 0.25 * waveform.range_resolution_m
+        time = waveform.sample_times_s
+        beat_hz = float(waveform.altitude_to_beat_hz(self.shift_m))
+        # opposite sign in each half sweep and back to zero at the end, as `Waveform.beat_shifted`
+        self._up = exp_cycles(-beat_hz * np.minimum(time, waveform.sweep_s - time))
+        self._down = self._up.conj()
+        half = waveform.samples_per_half
+        self._mix = waveform.reference[half:].conj()
+        # of a beat in the middle of the span from one sample to the next, conjugate
+        self._middle = np.exp(
+            -2j * np.pi * float(waveform.altitude_to_beat_hz(0.5 * top_m)) / waveform.rate_hz
+        )
+
+    def holds(
+        self, received: np.ndarray, cleaned: np.ndarray, clean: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """(n,) bool: whether altitudes found in cleaned frames were in the received ones, or none is found.
+
+        Parameters
+        ----------
+        received, cleaned : (n, N) complex64
+            Finite frames before and after the network.
+        clean : callable
+            The network: (k, N) complex64 in and out.
+        """
+        n = len(received)
+        before = received.copy()
+        disturbed = self._detector.present(received)
+        if disturbed.any():
+            before[disturbed] = self._moved_and_back(received[disturbed], cleaned[disturbed], clean)
+        both = np.concatenate([cleaned, before])
+        held = np.ones(n, dtype=bool)
+        for altimeter in self._altimeters:
+            result = altimeter.process(both)
+            found, again = result["altitude_m"][:n], result["altitude_m"][n:]  # NaN where nothing is found
+            held &= ~result["valid"][:n] | (np.abs(again - found) <= self._tolerance_m)
+        return held
+
+    def _moved_and_back(
+        self, frames: np.ndarray, cleaned: np.ndarray, clean: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """(k, N) frames shifted by the altitude, cleaned, and shifted back."""
+        out = np.zeros_like(frames)
+        with np.errstate(over="ignore", invalid="ignore"):  # 1e38 turned by 45 degrees does not fit
+            there = np.where(self._is_low(cleaned)[:, None], self._up, self._down)
+            moved = frames * there
+            fits = finite_frames(moved)
+            if fits.any():
+                out[fits] = clean(moved[fits]) * there[fits].conj()
+        return out
+
+    def _is_low(self, cleaned: np.ndarray) -> np.ndarray:
+        """(k,) bool: whether the beat is below the middle of the span, by its phase from sample to sample."""
+        beat = cleaned[:, -self._mix.size :] * self._mix / peak_scale(cleaned)
+        return (np.einsum("ks,ks->k", beat[:, 1:], beat[:, :-1].conj()) * self._middle).imag < 0
