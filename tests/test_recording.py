@@ -187,19 +187,33 @@ def damage(path, how):
         meta["captures"].append({"core:sample_start": 10**9})
     elif how == "no rate":
         del meta["global"]["core:sample_rate"]
+    elif how == "rate not a number":
+        meta["global"]["core:sample_rate"] = float("nan")
     elif how == "real":
         meta["global"]["core:datatype"] = "rf32_le"
+    elif how == "no datatype":
+        del meta["global"]["core:datatype"]
+    elif how == "two channels":
+        meta["global"]["core:num_channels"] = 2
+    elif how in ("no global", "no captures", "no annotations"):
+        del meta[how.removeprefix("no ")]
     elif how == "no data":
         data.unlink()
-    elif how == "no json":
-        path.write_text("{")
+    elif how == "empty":
+        data.write_bytes(b"")
+    elif how in ("no json", "no text", "no object"):
+        path.write_bytes({"no json": b"{", "no text": b"\xff\xfe", "no object": b"[]"}[how])
         return
     path.write_text(json.dumps(meta))
 
 
 @pytest.mark.parametrize(
     "how",
-    ["truncated", "torn", "other data", "capture beyond", "no rate", "real", "no data", "no json"],
+    [
+        *("truncated", "torn", "other data", "empty", "no data", "capture beyond"),
+        *("no rate", "rate not a number", "real", "no datatype", "two channels"),
+        *("no global", "no captures", "no annotations", "no json", "no text", "no object"),
+    ],
 )
 def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
     path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
@@ -209,6 +223,41 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
         open_capture(path)
     assert "foreign.sigmf-meta" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("core:datatype", "ci16_le", "no sweep of 7.5 MHz in 1 ms"),
+        ("core:sample_rate", 5e6, "no sweep of 7.5 MHz in 1 ms"),
+        ("core:sample_rate", 7.500912e6, "no ratio of whole numbers"),
+    ],
+)
+def test_a_recording_that_says_the_wrong_thing_of_itself_gets_one_line(tmp_path, capsys, key, value, message):
+    """Through the command: exit 2, one line, and no rows that look like a result."""
+    import ota_eval
+
+    samples = np.tile(point_return(Waveform(), 0.0).ravel(), 12).astype(np.complex128)
+    path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
+    damaged = json.loads(path.read_text())
+    damaged["global"][key] = value
+    path.write_text(json.dumps(damaged))
+    (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
+    command = [
+        "--replay",
+        path,
+        "--scene",
+        tmp_path / "scene.yaml",
+        "--methods",
+        "none",
+        "--out",
+        tmp_path / "out",
+    ]
+    assert ota_eval.main([str(word) for word in command]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error and "foreign.sigmf-meta" in error
+    assert not (tmp_path / "out" / "summary.json").exists()
 
 
 def test_a_foreign_recording_needs_a_scene(tmp_path):

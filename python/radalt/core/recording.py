@@ -8,6 +8,7 @@ and, as annotations, altitude and jammer state by frame. sigmf is imported when 
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from .scene import Scene, SceneError, parse_scene, scene_to_mapping
 __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
 
 _BLOCK = 1 << 18  # samples read at a time
+_COMPLEX = re.compile(r"c([fi](32|64)|[iu](8|16|32))(_le|_be)?")
 _MAX_TERM = 4096  # of the resampling ratio
 # a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
 RADIO_KEYS = ("calibration_samples", "full_scale")
@@ -179,6 +181,11 @@ class Capture:
 
         Other rates are resampled by the nearest ratio of whole numbers up to 4096 (polyphase, Kaiser window). A counter
         that does not continue the one before marks lost samples.
+
+        Raises
+        ------
+        RecordingError
+            At once, if there is no such ratio.
         """
         ratio = Fraction(rate_hz / self.rate_hz).limit_denominator(_MAX_TERM)
         if abs(float(ratio) * self.rate_hz / rate_hz - 1) > 1e-6 or ratio.numerator > _MAX_TERM:
@@ -186,6 +193,9 @@ class Capture:
                 f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of "
                 f"whole numbers up to {_MAX_TERM}; resample it first"
             )
+        return self._blocks(ratio)
+
+    def _blocks(self, ratio: Fraction) -> Iterator[tuple[int, np.ndarray]]:
         for stretch in self.stretches:
             first = round(Fraction(stretch.global_index) * ratio)
             for samples in self._stretch(stretch, ratio):
@@ -237,31 +247,42 @@ def open_capture(path: Path | str) -> Capture:
     meta = path.with_suffix(".sigmf-meta")
     if not meta.is_file():
         raise RecordingError(f"{meta}: no such recording; give the .sigmf-meta file")
+    _check_header(meta)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
-            json.loads(meta.read_text(encoding="utf-8"))  # sigmf leaves a file that is no JSON open
             recording = sigmf.sigmffile.fromfile(str(meta))
             recording.validate()
     except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise RecordingError(
-            f"{meta}: {reason}; the data are missing, truncated or not of this recording"
+            f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
         ) from None
     return _checked(meta, recording)
 
 
-def _checked(meta: Path, recording: Any) -> Capture:
-    datatype = recording.get_global_field("core:datatype")
-    rate = recording.get_global_field("core:sample_rate")
-    if not datatype.startswith("c"):
+def _check_header(meta: Path) -> None:
+    """What a replay needs of the metadata, in terms of the file: sigmf's own words name its internals."""
+    try:
+        data = json.loads(meta.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordingError(f"{meta}: not readable as JSON ({str(error).splitlines()[0]})") from None
+    head = data.get("global") if isinstance(data, dict) else None
+    if not isinstance(head, dict):
+        raise RecordingError(f"{meta}: not SigMF metadata, an object 'global' is missing")
+    datatype, rate, channels = (head.get(f"core:{k}") for k in ("datatype", "sample_rate", "num_channels"))
+    if not isinstance(datatype, str) or not _COMPLEX.fullmatch(datatype):
         raise RecordingError(
-            f"{meta}: core:datatype is {datatype}; complex samples are needed (cf32, ci16, ...)"
+            f"{meta}: core:datatype is {datatype!r}; complex samples are needed (cf32_le, ci16_le, ...)"
         )
-    if recording.num_channels != 1:
-        raise RecordingError(f"{meta}: {recording.num_channels} channels; recordings of one channel are read")
-    if not rate or rate <= 0:
-        raise RecordingError(f"{meta}: core:sample_rate is {rate!r}; add the rate in samples per second")
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate < np.inf:
+        raise RecordingError(f"{meta}: core:sample_rate is {rate!r}; state the rate in samples per second")
+    if channels not in (None, 1):
+        raise RecordingError(f"{meta}: {channels} channels; recordings of one channel are read")
+
+
+def _checked(meta: Path, recording: Any) -> Capture:
+    rate = recording.get_global_field("core:sample_rate")
     if recording.sample_count == 0:
         raise RecordingError(f"{meta}: the data file holds no samples")
     mapping = recording.get_global_field("radalt:scene")

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..core.altimeter import Reason
 from ..core.mitigation import CUSTOM, METHODS, MitigationError
-from ..core.recording import open_capture
+from ..core.recording import RecordingError, open_capture
 from ..core.scene import Scene, SceneError
 from .flowgraph import PointResult
 from .metrics import score
@@ -70,6 +70,13 @@ def score_recording(
         raise SceneError(f"{out} holds results already; name another folder with --out")
     prepared = prepare_replay(placed.methods, out / "flowgraph")
     result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
+    if not known and not any(frames.size for frames in result.results.values()):
+        w = placed.waveform
+        raise RecordingError(
+            f"{path}: no sweep of {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms was found in it; "
+            "check the scene's waveform against the recording, and the recording's core:datatype, core:sample_rate "
+            "and length"
+        )
     _write_frames(out / "frames.csv", result)
     if not known:
         rows = summary(result)
