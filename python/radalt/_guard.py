@@ -8,6 +8,7 @@ import threading
 import traceback
 from collections.abc import Callable
 
+import scipy.linalg.blas  # noqa: F401 - SciPy brings a BLAS of its own, which has to be there to be limited
 from threadpoolctl import threadpool_limits
 
 __all__ = ["WORK_DONE", "guarded", "raise_stored"]

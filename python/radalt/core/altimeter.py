@@ -14,23 +14,23 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import fft, ndimage, signal
+from scipy import fft, signal
 
 from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
 from .cfar import Cfar, cell_correlation
 from .clusters import centroid_of, edge_of
 from .decimator import Decimator
+from .pairing import FLOOR, Found, PairSearch
 from .waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
-_FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
 _SHAPE_POINTS = 1 << 15
 _MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
 _OVERSAMPLING = (
     2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
 )
-_CLIMB = int(_OVERSAMPLING)  # cells from the best ratio to the peak of power beside it
+_GROUP = 4  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,22 @@ class Altimeter:
         self._plan_band()
         self._build_tables()
         self.cfar_scale = self.cfar.scale()
-        self.joint_scale = self.cfar.joint_scale(_FLOOR)  # of one pair of cells
+        self.joint_scale = self.cfar.joint_scale(FLOOR)  # of one pair of cells
         # a cell is tested with every partner that Doppler allows: their union keeps to pfa
         each = max(1e-12, settings.pfa / (2 * self._doppler_reach + 1))
-        self.pair_scale = replace(self.cfar, pfa=each).joint_scale(_FLOOR)
+        self.pair_scale = replace(self.cfar, pfa=each).joint_scale(FLOOR)
+        self._search = PairSearch(
+            margin=self.cfar.margin,
+            first=self._first,
+            last=self._last,
+            reach=self._doppler_reach,
+            climb=int(_OVERSAMPLING),
+            cell_threshold=self.cfar_scale,
+            pair_threshold=self.pair_scale,
+            flank=self._flank,
+            side_lobes=self._side_lobes,
+            outshining=settings.strategy == "strongest",
+        )
 
     @property
     def false_alarms_per_frame(self) -> float:
@@ -139,7 +151,7 @@ class Altimeter:
         response = signal.freqz(self.decimator.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[
             1
         ]
-        self._equaliser = (1.0 / np.abs(response)).astype(np.float32)
+        self._equaliser = (1.0 / np.abs(response) ** 2).astype(np.float32)  # of power
         lags = int(np.ceil((2 * s.train_cells + 2 * s.guard_cells + 2) / (self.cell_hz * w.half_sweep_s))) + 1
         correlation = cell_correlation(shape, lags, 1.0 / step)
         per_cell = 1.0 / (self.cell_hz * w.half_sweep_s)
@@ -210,18 +222,23 @@ class Altimeter:
             scale = np.max(np.abs(cells), axis=(1, 2))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
-            cells = cells / safe[:, None, None]
-            power = cells.real**2 + cells.imag**2
-            power *= self._equaliser**2
+            rails = cells.view(np.float32)
+            rails /= safe[:, None, None]
+            rails *= rails
+            power = rails[..., ::2] + rails[..., 1::2]
+            power *= self._equaliser
         return Spectra(power, self.cfar.noise(power), self.beat_hz, scale)
 
     def _cells(self, frames: np.ndarray) -> np.ndarray:
         """(n, 2, J) complex64 beat cells of (n, N) frames, both halves with positive beats."""
         n, half = frames.shape[0], self.waveform.samples_per_half
-        buffer, samples = self.decimator.buffer((n, 2))
-        np.multiply(frames.reshape(n, 2, half), self._table, out=samples[..., :half])
-        low = self.decimator.apply(buffer)
-        spectrum = fft.fft(low, self.fft_size, axis=-1)
+        low = np.empty((n, 2, self.outputs), dtype=np.complex64)
+        for first in range(0, n, _GROUP):
+            some = frames[first : first + _GROUP].reshape(-1, 2, half)
+            buffer, samples = self.decimator.buffer((len(some), 2))
+            np.multiply(some, self._table, out=samples[..., :half])
+            low[first : first + _GROUP] = self.decimator.apply(buffer)
+        spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
         cells = np.empty((n, 2, self._bins.size), dtype=np.complex64)
         cells[:, 0] = spectrum[:, 0, -self._bins]  # the up half, mirrored
         cells[:, 1] = spectrum[:, 1, self._bins]
@@ -266,26 +283,27 @@ class Altimeter:
         out = np.zeros(n, dtype=RESULT_DTYPE)
         out["frame_index"] = np.arange(n) if frame_index is None else frame_index
         usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
-        reason, pair = self._pair(spectra)
-        up, down = self._refine(spectra, pair)
-        ok = usable & (reason == Reason.OK)
+        found = self._search(spectra.power, spectra.noise)
+        up, down = self._refine(spectra, found)
+        ok = usable & (found.reason == Reason.OK)
         altitude = self._altitude(up, down, timing_offset_s)
-        speed = self.waveform.beats_to_vertical_speed_m_per_s(up, -down)
         half_cell = 0.5 * self.waveform.range_resolution_m
         inside = (altitude >= self.settings.min_altitude_m - half_cell) & (
             altitude <= self.settings.max_altitude_m + half_cell
         )
-        reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, reason)
-        reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
-        reason = np.where(spectra.scale == 0, Reason.NO_SIGNAL, reason)
+        reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
         ok &= inside
+        out["altitude_m"] = out["forced_altitude_m"] = altitude
+        out["vertical_speed_m_per_s"] = self.waveform.beats_to_vertical_speed_m_per_s(up, -down)
+        out["beat_up_hz"], out["beat_down_hz"] = up, -down
+        out["snr_db"] = self._snr_db(spectra, found)
+        if not ok.all():
+            reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
+            reason = np.where(spectra.scale == 0, Reason.NO_SIGNAL, reason)
+            for name in ("altitude_m", "vertical_speed_m_per_s", "beat_up_hz", "beat_down_hz", "snr_db"):
+                out[name][~ok] = np.nan
+            out["forced_altitude_m"][~usable] = np.nan
         out["valid"], out["reason"] = ok, reason
-        out["altitude_m"] = np.where(ok, altitude, np.nan)
-        out["vertical_speed_m_per_s"] = np.where(ok, speed, np.nan)
-        out["beat_up_hz"] = np.where(ok, up, np.nan)
-        out["beat_down_hz"] = np.where(ok, -down, np.nan)
-        out["snr_db"] = np.where(ok, self._snr_db(spectra, pair), np.nan)
-        out["forced_altitude_m"] = np.where(usable, altitude, np.nan)
         return out
 
     def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
@@ -305,123 +323,44 @@ class Altimeter:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
 
     def _pair(self, spectra: Spectra) -> tuple[np.ndarray, np.ndarray]:
-        """Reason (n,) and cell pair (n, 2) counted from ``margin``; without detection the best pair all the same.
+        """Reason (n,) and cell pair (n, 2) counted from ``margin``; without detection the best pair all the same."""
+        found = self._search(spectra.power, spectra.noise)
+        return found.reason, found.pair
 
-        Up and down cell are tested together, for every difference that Doppler allows: the sum of their ratios to the
-        noise against a two-look threshold, each above a floor of its own, so that both sweeps have to show the target.
-        """
-        first, last, margin = self._first, self._last, self.cfar.margin
-        noise = np.maximum(spectra.noise[..., first:last], np.finfo(np.float32).tiny)
-        ratio = spectra.power[..., margin + first : margin + last] / noise
-        pair, joint = self._best_pair(np.where(ratio >= _FLOOR, ratio, -np.inf))
-        found = joint > self.pair_scale
-        if not found.all():
-            missed = ~found
-            pair[missed] = self._best_pair(ratio[missed])[0]
-        single = (ratio > self.cfar_scale).any(axis=-1).all(axis=-1)
-        reason = np.where(found, Reason.OK, np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION))
-        pair += first
-        around = self._climb(spectra.power, pair)
-        cut, beyond = self._on_flank(around, pair)
-        side_lobe, outshone = self._outshone(spectra.power, pair)
-        reason[found & (cut | side_lobe)] = Reason.SWEEPS_DISAGREE
-        reason[found & (beyond | outshone)] = Reason.OUT_OF_RANGE
-        return reason, pair
-
-    def _best_pair(self, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) up and down cell with the greatest sum of ratios (n, 2, cells) within Doppler's reach, and the sum."""
-        reach, cells = self._doppler_reach, ratio.shape[-1]
-        up, down = ratio[:, 0], ratio[:, 1]
-        near = ndimage.maximum_filter1d(down, 2 * reach + 1, axis=-1, mode="constant", cval=-np.inf)
-        joint = up + near
-        cell = np.argmax(joint, axis=-1)
-        rows = np.arange(len(cell))
-        window = np.clip(cell[:, None] + np.arange(-reach, reach + 1), 0, cells - 1)
-        partner = window[rows, np.argmax(down[rows[:, None], window], axis=-1)]
-        return np.stack([cell, partner], axis=1), joint[rows, cell]
-
-    def _climb(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Climb in place to the top of power within a resolution cell, as far as span and Doppler's reach allow.
-
-        Side lobes of a strong return in the training cells tilt the ratio to the noise, whose largest cell then lies
-        beside the peak, where interpolation has no say. Only upwards, never across a valley: a return whose band was
-        notched has side lobes as high as its peak within that distance. Returns (n, 2, 3) powers around the cells.
-        """
-        rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[None, :, None]
-        steps = np.arange(-_CLIMB - 1, _CLIMB + 2)
-        cells = np.clip(pair[..., None] + (self.cfar.margin + steps), 0, power.shape[-1] - 1)
-        wide = power[rows, halves, cells]
-        rise = np.diff(wide[..., 1:-1], axis=-1)
-        right = np.logical_and.accumulate(rise[..., _CLIMB:] > 0, axis=-1).sum(axis=-1)
-        left = np.logical_and.accumulate(rise[..., _CLIMB - 1 :: -1] < 0, axis=-1).sum(axis=-1)
-        ends = np.stack([_CLIMB + 1 + right, _CLIMB + 1 - left], axis=-1)
-        higher = np.argmax(np.take_along_axis(wide, ends, axis=-1), axis=-1)
-        step = np.where(higher == 0, right, -left)
-        moved = pair + step
-        inside = (moved >= self._first) & (moved < self._last)
-        reached = np.abs(moved[:, 0] - moved[:, 1]) <= self._doppler_reach
-        step *= (inside.all(axis=1) & reached)[:, None]
-        pair += step
-        return np.take_along_axis(wide, (step + _CLIMB)[..., None] + np.arange(3), axis=-1)
-
-    def _on_flank(self, around: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) flags: the search ended on the flank of a peak beyond Doppler's reach; beyond the span of altitudes."""
-        lower, here, upper = np.moveaxis(around, -1, 0)
-        flank = np.maximum(lower, upper) > self._flank * here
-        edge = ((pair <= self._first) & (lower > upper)) | ((pair >= self._last - 1) & (upper > lower))
-        return (flank & ~edge).any(axis=1), (flank & edge).any(axis=1)
-
-    def _outshone(self, power: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) flags by the strongest cell of each half sweep: a cell is no more than its side lobe; it is the return.
-
-        The latter where it lies beyond the span of altitudes in both half sweeps, 10 dB above the cells found.
-        """
-        rows, halves = np.arange(len(pair))[:, None], np.arange(2)[None, :]
-        cell = pair + self.cfar.margin
-        strongest = np.argmax(power, axis=-1)
-        here, top = power[rows, halves, cell], power[rows, halves, strongest]
-        side_lobe = here <= self._side_lobes[np.abs(strongest - cell)] * top
-        outside = (strongest < self.cfar.margin + self._first) | (strongest >= self.cfar.margin + self._last)
-        beyond = outside & (top > 10.0 * here)
-        return side_lobe.any(axis=1), beyond.all(axis=1) & (self.settings.strategy == "strongest")
-
-    def _snr_db(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
+    def _snr_db(self, spectra: Spectra, found: Found) -> np.ndarray:
         """Peak over CFAR noise in the beat spectrum, mean of both halves, in decibels."""
-        rows, halves = np.arange(pair.shape[0])[:, None], np.arange(2)[None, :]
-        peak = spectra.power[rows, halves, pair + self.cfar.margin]
-        noise = spectra.noise[rows, halves, pair]
+        rows, halves = np.arange(len(found.pair))[:, None], np.arange(2)
+        noise = np.maximum(spectra.noise[rows, halves, found.pair], 1e-30)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 10.0 * np.log10(np.mean(peak / np.maximum(noise, 1e-30), axis=1))
+            ratio = found.around[..., 1] / noise
+            return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]))
 
-    def _refine(self, spectra: Spectra, pair: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""
         if self.settings.strategy == "strongest":
-            beats = self._interpolate(spectra, pair)
+            beats = self._interpolate(found)
         elif self.settings.strategy == "centroid":
-            beats = self._centroid(spectra, pair)
+            beats = self._centroid(spectra, found.pair)
         else:
-            beats = self._leading_edge(spectra, pair)
+            beats = self._leading_edge(spectra, found)
         return beats[:, 0], beats[:, 1]
 
-    def _interpolate(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
+    def _interpolate(self, found: Found) -> np.ndarray:
         """(n, 2) beats from the ratio of a peak's neighbours."""
-        rows, halves = np.arange(pair.shape[0])[:, None], np.arange(2)[None, :]
-        cell = pair + self.cfar.margin
-        tiny = np.float32(1e-37)
-        left = np.maximum(spectra.power[rows, halves, cell - 1], tiny)
-        right = np.maximum(spectra.power[rows, halves, cell + 1], tiny)
+        sides = np.maximum(found.around[..., ::2], np.float32(1e-37))
         ratio, offsets = self._interpolation
-        return self.beat_hz[cell] + self.cell_hz * np.interp(np.log(right / left), ratio, offsets)
+        offset = np.interp(np.log(sides[..., 1] / sides[..., 0]), ratio, offsets)
+        return self.beat_hz[found.pair + self.cfar.margin] + self.cell_hz * offset
 
     def _centroid(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) power centroids over the cells around the peak that stay above a tenth of it."""
         return self._over_clusters(spectra, pair, centroid_of)
 
-    def _leading_edge(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
+    def _leading_edge(self, spectra: Spectra, found: Found) -> np.ndarray:
         """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
         power, distance = self._main_lobe
-        cells = pair + self.cfar.margin
-        straddle = np.abs(self._interpolate(spectra, pair) - self.beat_hz[cells]) / self.cell_hz
+        cells = found.pair + self.cfar.margin
+        straddle = np.abs(self._interpolate(found) - self.beat_hz[cells]) / self.cell_hz
         # what a peak between two cells loses, at most half a cell from the nearer one
         loss = np.interp(np.minimum(straddle, 0.5), distance[::-1], power[::-1])
         edges = np.empty(cells.shape)
