@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import Altimeter, Reason
+from radalt.core.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import METHODS, MitigationError, create
 from radalt.core.returns import point_return
@@ -169,6 +169,22 @@ def test_no_level_of_input_overflows_or_warns(name, scale):
     frames, _ = scene(3, Interferer(QpskEmitter(), -10.0), 8)
     out = create(name, W).process(frames * np.float32(scale))
     assert np.isfinite(out.view(np.float32)).all()
+
+
+@pytest.mark.parametrize("name", ["lms_reference_input", "nlms"])
+def test_returns_beyond_the_span_are_not_declared_at_their_images(name):
+    """Block updates put lines 750 m beside the return: at 1530 m it was declared at 31 m, at 1600 m at 850 m."""
+    altitudes = np.array([1480.0, 1530.0, 1600.0, 1760.0, 1900.0, 2500.0])
+    result = ALTIMETER.process(create(name, W).process(point_return(W, altitudes)))
+    np.testing.assert_array_equal(result["valid"], altitudes < 1500)
+    assert abs(result["altitude_m"][0] - 1480) < 5
+
+
+def test_lms_sees_farther_if_told_how_far_the_altimeter_looks():
+    frames = point_return(W, np.array([1700.0]))
+    far = Altimeter(W, AltimeterSettings(max_altitude_m=1900.0))
+    told = far.process(create("nlms", W, span_m=1900.0).process(frames))
+    assert abs(told["altitude_m"][0] - 1700) < 5
 
 
 # -- the shift check of networks -----------------------------------------------------------------------------------
@@ -369,6 +385,7 @@ def test_methods_work_for_other_sweeps(name):
         ("lms", {"step": 0.0}, "lms.step is 0.0"),
         ("lms", {"block": 0}, "lms.length 32 and lms.block 0 have to be within 1..7500"),
         ("lms", {"wiring": "both"}, "lms.wiring is 'both'; allowed: reference_desired, reference_input"),
+        ("lms", {"span_m": -1.0}, "lms.span_m is -1.0; it has to be a finite number of metres above 0"),
         ("blanking", {"window": 30}, "blanking.window is 30; a multiple of 4 within 8..7500"),
         ("blanking", {"threshold_db": -3.0}, "blanking.threshold_db is -3.0"),
     ],

@@ -35,6 +35,9 @@ class BlockLms(Mitigation):
         ``"reference_desired"``: the received frame is filtered towards the reference sweep.
         ``"reference_input"``: the reference sweep is filtered towards the received frame, the output being the part
         of the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m a sample).
+    span_m : float or None
+        With the reference as input: highest altitude looked for behind the filter, which frames are checked up to.
+        None: 1500 m, as the altimeter, or the filter's reach where that is lower.
     restart : bool
         Start every frame from zero weights. Weights that are kept hold the last frames' altitude, and what they make of
         a frame at another one shows the old altitude; they pay where altitude and phase stand still.
@@ -46,7 +49,9 @@ class BlockLms(Mitigation):
 
     With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
     beyond the filter all look like an altitude. So a frame whose strongest beats do not stand out in the received frame
-    too is silenced, and counted in ``unconfirmed_frames``.
+    too is silenced, and counted in ``unconfirmed_frames``. Weights that change once a block put images beside the
+    return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as it in the other.
+    Beside a return within the span they do no harm; those of a return beyond it would be declared in its place.
     """
 
     name = "lms"
@@ -60,6 +65,7 @@ class BlockLms(Mitigation):
         step: float = 1e-4,
         wiring: str = "reference_desired",
         restart: bool = False,
+        span_m: float | None = None,
     ) -> None:
         if wiring not in ("reference_desired", "reference_input"):
             raise MitigationError(f"lms.wiring is {wiring!r}; allowed: reference_desired, reference_input")
@@ -73,13 +79,16 @@ class BlockLms(Mitigation):
         self.restart = restart
         if wiring == "reference_input":
             self.name = "lms_reference_input"
-        self._check = self._altimeter(waveform) if wiring == "reference_input" else None
+        if span_m is not None and not 0 < span_m < np.inf:
+            raise MitigationError(f"lms.span_m is {span_m!r}; it has to be a finite number of metres above 0")
+        self._check = self._altimeter(waveform, span_m) if wiring == "reference_input" else None
         super().__init__(waveform)
 
-    def _altimeter(self, waveform: Waveform) -> Altimeter:
-        """Beat spectra over the altitudes that the filter's length reaches."""
+    def _altimeter(self, waveform: Waveform, span_m: float | None) -> Altimeter:
+        """Beat spectra over the span, as far as the filter's length reaches."""
         reach = float(delay_to_altitude_m(self.length / waveform.rate_hz))
-        top = min(max(reach, 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
+        span = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
+        top = min(max(min(reach, span), 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
         return Altimeter(waveform, AltimeterSettings(max_altitude_m=top, max_vertical_speed_m_per_s=0.0))
 
     def reset(self) -> None:
@@ -173,9 +182,12 @@ class Nlms(BlockLms):
         step: float = 0.8,
         wiring: str = "reference_input",
         restart: bool = True,
+        span_m: float | None = None,
     ) -> None:
         length = min(length, waveform.samples_per_frame)
-        super().__init__(waveform, length=length, block=block, step=step, wiring=wiring, restart=restart)
+        super().__init__(
+            waveform, length=length, block=block, step=step, wiring=wiring, restart=restart, span_m=span_m
+        )
         if not step < 2:
             raise MitigationError(f"nlms.step is {step!r}; it has to be below 2 to be stable")
         self.name = "nlms"
