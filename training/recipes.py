@@ -46,7 +46,7 @@ RECIPES: dict[str, Recipe] = {
     # the shipped model in three parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear
     "compact_first": Recipe("compact", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
-    "compact": Recipe("compact", data="heard", steps=10_000, rate=1e-3, start_from="compact_deep"),
+    "compact": Recipe("compact", data="heard", steps=6_000, rate=1e-3, start_from="compact_deep"),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
     "paper_random": Recipe(
         "paper",
