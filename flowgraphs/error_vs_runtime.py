@@ -3,7 +3,15 @@
 
 python flowgraphs/error_vs_runtime.py                         # some minutes, into results/error_vs_runtime
 python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
+python flowgraphs/error_vs_runtime.py --resume                # go on where a run was killed
 python flowgraphs/error_vs_runtime.py --out docs              # docs/error_vs_runtime.md and its figure
+
+Without --models every network of models/ is measured, as shipped. Variants in float16 and int8 are files of their own,
+made by training/export.py --precision in the training environment (make train), since that needs the package onnx; name
+them with --models to have them in the comparison:
+
+    PYTHONPATH=python .venv-train/bin/python training/export.py compact --precision int8 --out /tmp/tcae_int8.onnx
+    python flowgraphs/error_vs_runtime.py --models models/*.onnx /tmp/tcae_int8.onnx
 """
 
 from __future__ import annotations
@@ -27,7 +35,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="error_vs_runtime", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
+    parser.add_argument(
+        "--models",
+        nargs="*",
+        type=Path,
+        help="ONNX files of tcae, float16 and int8 variants among them (default: all of models/)",
+    )
     parser.add_argument(
         "--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)"
     )
@@ -37,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("results/error_vs_runtime"), help="folder (default: %(default)s)"
     )
+    parser.add_argument("--resume", action="store_true", help="complete the run that --out holds")
     args = parser.parse_args(argv)
     if args.frames < 2 or args.rounds < 2 or args.seed < 0:
         parser.error("--frames and --rounds have to be at least 2, --seed at least 0")
@@ -44,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.core.mitigation import MitigationError
     from gnuradio.radalt.core.paths import model_path
     from gnuradio.radalt.evaluation import runtime
+    from gnuradio.radalt.evaluation.folder import versions
+    from gnuradio.radalt.evaluation.journal import Journal, JournalError
     from gnuradio.radalt.evaluation.points import parse_axis
     from gnuradio.radalt.evaluation.runtime_report import write_runtime_report
 
@@ -55,26 +71,30 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     try:
         sirs = parse_axis(args.sir_db, "--sir-db")
-        facts = {}
-        for variant in candidates:
-            method, altimeter = variant.build()
-            memory = runtime.measure_memory(variant, 8)
-            facts[variant.label] = {
-                "precision": getattr(method, "metadata", {}).get("radalt_precision", variant.precision),
-                "model_bytes": variant.model_bytes,
-                "memory_bytes": memory,
-                "decimation": altimeter.decimation,
-                "fft_size": altimeter.fft_size,
-            }
-        rows = list(runtime.measure_errors(candidates, sirs, args.frames, args.seed, progress))
-        times = runtime.measure_times(candidates, (1, 8), args.rounds, progress)
-    except (MitigationError, ValueError) as error:
+        hashes = {v.label: getattr(v.build()[0], "sha256", None) for v in candidates}
+        head = {
+            "kind": "head",
+            "frames": args.frames,
+            "rounds": args.rounds,
+            "seed": args.seed,
+            "sirs_db": sirs,
+        }
+        head |= {"variants": hashes, "versions": versions(True)}
+        journal = Journal(args.out / "error_vs_runtime.partial", head, resume=args.resume)
+        study = runtime.run_study(candidates, sirs, args.frames, args.rounds, args.seed, journal, progress)
+    except (MitigationError, JournalError, ValueError, OSError) as error:
         print(f"error_vs_runtime: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print(f"error_vs_runtime: stopped; --resume --out {args.out} goes on", file=sys.stderr)
+        return 130
     command = "python flowgraphs/error_vs_runtime.py"
+    if journal.resumed:
+        command += " --resume"
     if args.models:
         command += " --models " + " ".join(m.name for m in args.models)
-    print(write_runtime_report(args.out, rows, times, facts, command))
+    print(write_runtime_report(args.out, *study, command))
+    journal.close()
     return 0
 
 

@@ -21,16 +21,20 @@ from ..core.mitigation import Mitigation, create
 from ..core.nr import NrEmitter
 from ..core.returns import point_return
 from ..core.waveform import Waveform
+from .journal import Journal
 from .metrics import CORRECT_LIMIT_M, wilson_interval
 
 __all__ = [
     "INTERFERERS",
     "Variant",
     "break_point_db",
+    "error_points",
     "measure_errors",
     "measure_memory",
     "measure_times",
     "pareto",
+    "run_study",
+    "summarise_times",
     "variants",
 ]
 
@@ -137,32 +141,32 @@ def frames_of(name: str | None, sir_db: float, count: int, seed: int) -> tuple[n
     return frames.astype(np.complex64), truth
 
 
+def error_points(sirs_db: Sequence[float]) -> list[tuple[str | None, float]]:
+    """(interferer, SIR) of every point: the clean scene (None, 0) first."""
+    return [(None, 0.0), *((name, sir_db) for name in INTERFERERS for sir_db in sirs_db)]
+
+
 def measure_errors(
     candidates: Sequence[Variant],
-    sirs_db: Sequence[float],
+    points: Sequence[tuple[str | None, float]],
     count: int,
     seed: int,
     progress: Callable[[str], None],
-) -> Iterator[dict[str, Any]]:
-    """One row for every interferer, SIR and variant, and for the clean scene; the same frames for all."""
+) -> Iterator[list[dict[str, Any]]]:
+    """The rows of one point after the other, one row a variant; the same frames for all."""
     built = [v.build() for v in candidates]
-    for name in (None, *INTERFERERS):
-        for sir_db in sirs_db if name else (0.0,):
-            frames, truth = frames_of(name, sir_db, count, seed)
-            progress(f"{name or 'clean'} {sir_db if name else ''}")
-            for variant, (method, altimeter) in zip(candidates, built, strict=True):
-                method.reset()
-                result = np.concatenate(
-                    [
-                        altimeter.process(method.process(frames[k : k + _CHUNK]))
-                        for k in range(0, count, _CHUNK)
-                    ]
-                )
-                yield {
-                    "interferer": name or "clean",
-                    "sir_db": sir_db if name else None,
-                    "variant": variant.label,
-                } | _scored(result, truth)
+    for name, sir_db in points:
+        frames, truth = frames_of(name, sir_db, count, seed)
+        progress(f"{name or 'clean'} {sir_db if name else ''}")
+        rows = []
+        for variant, (method, altimeter) in zip(candidates, built, strict=True):
+            method.reset()
+            result = np.concatenate(
+                [altimeter.process(method.process(frames[k : k + _CHUNK])) for k in range(0, count, _CHUNK)]
+            )
+            point = {"interferer": name or "clean", "sir_db": sir_db if name else None}
+            rows.append(point | {"variant": variant.label} | _scored(result, truth))
+        yield rows
 
 
 def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
@@ -200,32 +204,97 @@ def break_point_db(rows: Sequence[dict[str, Any]]) -> float | None:
 
 def measure_times(
     candidates: Sequence[Variant], batches: Sequence[int], rounds: int, progress: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    """CPU milliseconds a frame of the calling thread, method and altimeter apart; all variants by turns each round."""
+) -> Iterator[list[dict[str, Any]]]:
+    """CPU milliseconds a frame of the calling thread, method and altimeter apart, round by round.
+
+    All variants take their turn in each round; a round before the first warms up and is not given.
+    """
     frames, _ = frames_of("QPSK rectangular, 30 %", -20.0, max(batches) * 2, 99)
     built = [v.build() for v in candidates]
-    samples: dict[tuple[int, int], list[tuple[float, float]]] = {}
-    for turn in range(rounds + 1):
-        progress(f"times, round {turn} of {rounds}")
-        for k, (method, altimeter) in enumerate(built):
-            for batch in batches:
-                taken = samples.setdefault((k, batch), [])
-                for first in range(0, frames.shape[0] - batch + 1, batch):
-                    begin = time.thread_time_ns()
-                    cleaned = method.process(frames[first : first + batch])
-                    middle = time.thread_time_ns()
-                    altimeter.process(cleaned)
-                    end = time.thread_time_ns()
-                    if turn:  # the first round warms up
-                        taken.append(((middle - begin) * 1e-6 / batch, (end - middle) * 1e-6 / batch))
-    return [_times(candidates[k], batch, np.array(taken)) for (k, batch), taken in samples.items()]
+    for turn in range(rounds + 1 if rounds else 0):
+        progress(f"times, round {turn} of {rounds}" if turn else "times, warming up")
+        taken = [
+            {"variant": variant.label, "batch": batch, "ms": _timed(*parts, frames, batch)}
+            for variant, parts in zip(candidates, built, strict=True)
+            for batch in batches
+        ]
+        if turn:
+            yield taken
 
 
-def _times(variant: Variant, batch: int, taken: np.ndarray) -> dict[str, Any]:
+def _timed(method: Mitigation, altimeter: Altimeter, frames: np.ndarray, batch: int) -> list[list[float]]:
+    """[method, altimeter] milliseconds a frame of every batch."""
+    taken = []
+    for first in range(0, frames.shape[0] - batch + 1, batch):
+        begin = time.thread_time_ns()
+        cleaned = method.process(frames[first : first + batch])
+        middle = time.thread_time_ns()
+        altimeter.process(cleaned)
+        end = time.thread_time_ns()
+        taken.append([(middle - begin) * 1e-6 / batch, (end - middle) * 1e-6 / batch])
+    return taken
+
+
+def summarise_times(rounds: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """One row a variant and batch from the rounds of `measure_times`."""
+    samples: dict[tuple[str, int], list[list[float]]] = {}
+    for taken in rounds:
+        for one in taken:
+            samples.setdefault((one["variant"], one["batch"]), []).extend(one["ms"])
+    return [_times(label, batch, np.array(ms)) for (label, batch), ms in samples.items()]
+
+
+def run_study(
+    candidates: Sequence[Variant],
+    sirs_db: Sequence[float],
+    count: int,
+    rounds: int,
+    seed: int,
+    journal: Journal,
+    progress: Callable[[str], None],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
+    """Measure what the journal lacks: facts of each variant, errors point by point, rounds of times.
+
+    Returns
+    -------
+    list, list, dict
+        Rows of errors, rows of times, and facts by variant, in the same order however often it was resumed.
+    """
+    known = {entry["variant"] for entry in journal.of("facts")}
+    for variant in candidates:
+        if variant.label not in known:
+            progress(f"memory of {variant.label}")
+            journal.add({"kind": "facts", "variant": variant.label, "facts": facts_of(variant)})
+    done = {(entry["interferer"], entry["sir_db"]) for entry in journal.of("errors")}
+    points = [point for point in error_points(sirs_db) if point not in done]
+    for point, rows in zip(points, measure_errors(candidates, points, count, seed, progress), strict=True):
+        journal.add({"kind": "errors", "interferer": point[0], "sir_db": point[1], "rows": rows})
+    missing = rounds - len(journal.of("times"))
+    for taken in measure_times(candidates, (1, 8), max(0, missing), progress):
+        journal.add({"kind": "times", "taken": taken})
+    facts = {entry["variant"]: entry["facts"] for entry in journal.of("facts")}
+    rows = {(entry["interferer"], entry["sir_db"]): entry["rows"] for entry in journal.of("errors")}
+    times = summarise_times([entry["taken"] for entry in journal.of("times")])
+    return [row for point in error_points(sirs_db) for row in rows[point]], times, facts
+
+
+def facts_of(variant: Variant) -> dict[str, Any]:
+    """What does not depend on the frames: precision, bytes of model and memory, decimation and FFT size."""
+    method, altimeter = variant.build()
+    return {
+        "precision": getattr(method, "metadata", {}).get("radalt_precision", variant.precision),
+        "model_bytes": variant.model_bytes,
+        "memory_bytes": measure_memory(variant, 8),
+        "decimation": altimeter.decimation,
+        "fft_size": altimeter.fft_size,
+    }
+
+
+def _times(label: str, batch: int, taken: np.ndarray) -> dict[str, Any]:
     total = taken.sum(axis=1)
     half = len(total) // 2
     return {
-        "variant": variant.label,
+        "variant": label,
         "batch": batch,
         "ms_method": float(np.median(taken[:, 0])),
         "ms_altimeter": float(np.median(taken[:, 1])),

@@ -15,10 +15,9 @@ from ..core.waveform import Waveform
 from .folder import versions
 from .markdown import table
 from .runtime import INTERFERERS, agreement, break_point_db, pareto
+from .runtime_figure import draw
 
 __all__ = ["summarise", "write_runtime_report"]
-
-REAL_TIME_MS = 1.0  # a frame lasts so long
 
 
 def summarise(
@@ -123,7 +122,7 @@ def write_runtime_report(
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    _draw(report, folder / "figures" / "error_vs_runtime.png")
+    draw(report, folder / "figures" / "error_vs_runtime.png")
     path = folder / "error_vs_runtime.md"
     path.write_text(_markdown(report), encoding="utf-8")
     return path
@@ -139,10 +138,11 @@ def _markdown(report: dict[str, Any]) -> str:
         + ".",
         f"Point target, 10..1450 m, SNR 10 dB; {len(INTERFERERS)} interferers at SIR {sirs[0]:g}..{sirs[-1]:g} dB, "
         f"{trials} frames a point, the same for every variant. Time is CPU time of the one thread that computes, "
-        "method and altimeter together, all variants by turns in one process. The machine was shared while this "
+        "method and altimeter together, all variants by turns in each round. The machine was shared while this "
         "ran, so ratios say more than milliseconds. Two halves of the frames rank the variants by Pd with Kendall's "
         f"tau {report['agreement']['pd']:.2f}, two halves of the rounds by time with "
-        f"{report['agreement']['time']:.2f}.",
+        f"{report['agreement']['time']:.2f}. A network's float16 and int8 variants are files that `training/export.py "
+        "--precision` makes; they are here where `--models` named them.",
         "![Error and protection against run time](figures/error_vs_runtime.png)",
         "## All variants",
         _main_table(report),
@@ -221,78 +221,3 @@ def _break_table(summary: Sequence[dict[str, Any]]) -> str:
             )
         lines.append([s["variant"], *cells])
     return table(["variant", *INTERFERERS], lines)
-
-
-def _draw(report: dict[str, Any], path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 4.6), layout="constrained", dpi=180)
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, 2)
-    summary = report["summary"]
-    clean = next(s for s in summary if s["variant"] == "none")
-    panels = (
-        (axes[0], "RMSE of forced decisions, pooled / m", lambda s: s["pooled"]["rmse_forced_m"]),
-        (axes[1], "Pd pooled over interferers and SIRs", lambda s: s["pooled"]["pd"]),
-    )
-    for axis, label, value in panels:
-        axis.axvline(REAL_TIME_MS, color="#666666", ls="--", lw=0.9, label="real time, 1 ms")
-        points = {s["variant"]: (s["times"][1]["ms_median"], value(s)) for s in summary if value(s)}
-        down = axis is axes[0]
-        front = pareto({k: (x, y if down else -y) for k, (x, y) in points.items()})
-        line = np.array([points[k] for k in front])
-        axis.plot(
-            line[:, 0],
-            line[:, 1],
-            color="#0072B2",
-            lw=1.2,
-            drawstyle="steps-post",
-            label="Pareto front",
-            zorder=2,
-        )
-        for s in summary:
-            if s["variant"] in points:
-                _point(axis, s, points[s["variant"]], s["variant"] in front)
-        axis.set_xscale("log")
-        axis.set_xlabel("CPU time, method and altimeter, one frame at a time / ms (bar: to p99)", fontsize=8)
-        axis.set_ylabel(label, fontsize=8)
-        axis.grid(True, which="both", lw=0.3, color="#DDDDDD")
-        axis.tick_params(labelsize=7.5)
-    axes[0].set_yscale("log")
-    axes[0].axhline(
-        clean["clean"]["rmse_forced_m"], color="#009E73", ls=":", lw=1.2, label="clean ceiling, no mitigation"
-    )
-    axes[0].axhline(
-        report["crb_m"],
-        color="#D55E00",
-        ls="-.",
-        lw=1.0,
-        label="Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao, clean",
-    )
-    axes[1].axhline(
-        clean["clean"]["pd"], color="#009E73", ls=":", lw=1.2, label="clean ceiling, no mitigation"
-    )
-    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
-    figure.legend(
-        handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=7.5, frameon=False
-    )
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
-
-
-def _point(axis: Any, summary: dict[str, Any], at: tuple[float, float], on_front: bool) -> None:
-    colour = "#0072B2" if on_front else "#888888"
-    network = summary["variant"].startswith("tcae")
-    choice = summary["variant"].startswith("none, ")
-    marker = "*" if network else "." if choice else "o"
-    p99 = summary["times"][1]["ms_p99"]
-    axis.plot([at[0], max(p99, at[0])], [at[1], at[1]], color=colour, lw=0.6, alpha=0.7, zorder=2)
-    axis.plot(*at, marker=marker, ms=9 if network else 5, color=colour, zorder=3)
-    if not choice:  # choices of the altimeter crowd around no mitigation; the table has them
-        axis.annotate(
-            summary["variant"].replace("lms_reference_input", "lms, ref. as input"),
-            at,
-            xytext=(4, 4),
-            textcoords="offset points",
-            fontsize=6.5,
-        )
