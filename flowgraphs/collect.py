@@ -17,11 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-HERE = Path(__file__).resolve().parent
-if (
-    HERE.parent / "python" / "radalt"
-).is_dir():  # in the source tree; installed, Python finds the package itself
-    sys.path.insert(0, str(HERE.parent / "python"))
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 _NO_PACKAGE = (
     f"collect: {sys.executable} cannot run gr-radalt ({{}}); use .venv/bin/python, as 'make eval' does"

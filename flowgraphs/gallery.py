@@ -10,10 +10,8 @@ import argparse
 import sys
 from pathlib import Path
 
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 import numpy as np
-
-if (Path(__file__).resolve().parent.parent / "python" / "radalt").is_dir():
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))
 
 from radalt.core.interference import interference_frames
 from radalt.core.returns import point_return

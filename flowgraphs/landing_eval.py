@@ -18,12 +18,9 @@ import sys
 import time
 from pathlib import Path
 
-# before NumPy: every process computes on one core
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "python"))
 
 try:
     from tqdm import tqdm

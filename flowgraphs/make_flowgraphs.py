@@ -10,15 +10,12 @@ Run it after every change of ota_b210.grc, ota_live.grc or of a block's descript
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+
 HERE = Path(__file__).resolve().parent
-if (
-    HERE.parent / "python" / "radalt"
-).is_dir():  # in the source tree; installed, Python finds the package itself
-    sys.path.insert(0, str(HERE.parent / "python"))
 
 
 def made() -> dict[str, dict[str, Any]]:

@@ -14,8 +14,9 @@ import argparse
 import sys
 from pathlib import Path
 
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "python"))
 
 try:
     from gnuradio.radalt.core import terrain

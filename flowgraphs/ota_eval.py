@@ -16,24 +16,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-# before NumPy is imported, here and in the workers: every process computes on one core
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-# GNU Radio tells of every buffer size that is asked for
-os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")
-
-HERE = Path(__file__).resolve().parent
-if (
-    HERE.parent / "python" / "radalt"
-).is_dir():  # in the source tree; installed, Python finds the package itself
-    sys.path.insert(0, str(HERE.parent / "python"))
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 PROGRAM = "ota_eval"
 DEFAULT_SCENE = "paper_qpsk"

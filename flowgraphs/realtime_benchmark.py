@@ -13,21 +13,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")
-
-HERE = Path(__file__).resolve().parent
-if (
-    HERE.parent / "python" / "radalt"
-).is_dir():  # in the source tree; installed, Python finds the package itself
-    sys.path.insert(0, str(HERE.parent / "python"))
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 PROGRAM = "realtime_benchmark"
 

@@ -17,18 +17,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-# GNU Radio tells of every buffer size that is asked for
-os.environ.setdefault("GR_CONF_LOG_LOG_LEVEL", "warn")
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 HERE = Path(__file__).resolve().parent
-if (
-    HERE.parent / "python" / "radalt"
-).is_dir():  # in the source tree; installed, Python finds the package itself
-    sys.path.insert(0, str(HERE.parent / "python"))
 
 STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent, one after the other
 SIZE = (1680, 1000)

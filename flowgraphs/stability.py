@@ -11,17 +11,11 @@ Exits with 1 if a case did not pass, after naming it.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-
-HERE = Path(__file__).resolve().parent
-if (HERE.parent / "python" / "radalt").is_dir():
-    sys.path.insert(0, str(HERE.parent / "python"))
+import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 METHODS = "none,whitening,blanking,nlms,lms_reference_input,lms,tcae"
 GROUPS = ("stiff", "scene", "waveform", "numbers")

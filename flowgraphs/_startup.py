@@ -1,0 +1,22 @@
+"""What every command-line program here does before it imports NumPy, GNU Radio or this package: ``import _startup``.
+
+A script's own folder is the first that Python searches, in the source tree and where it is installed. Importing this
+sets, unless the environment says otherwise, one core for every process that computes, the workers' too, and GNU Radio's
+log to warnings, since it tells of every buffer size that is asked for. In the source tree it puts the package on the
+path; installed, Python finds that itself.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+for _name, _value in (
+    ("OMP_NUM_THREADS", "1"),
+    ("OPENBLAS_NUM_THREADS", "1"),
+    ("GR_CONF_LOG_LOG_LEVEL", "warn"),
+):
+    os.environ.setdefault(_name, _value)
+
+_PACKAGE = Path(__file__).resolve().parent.parent / "python"
+if (_PACKAGE / "radalt").is_dir():
+    sys.path.insert(0, str(_PACKAGE))
