@@ -94,6 +94,25 @@ def test_batches_of_any_size_give_the_same_altitudes(method):
     np.testing.assert_array_equal(checks.altitudes_of(method, (5, 1, 3)), whole)
 
 
+def test_other_processes_give_the_same_silenced_frames(monkeypatch):
+    """Silenced frames have no altitude: |NaN - NaN| once made the row fail, without a value."""
+    whole = np.array([100.0, np.nan, 300.0])
+    monkeypatch.setattr(checks, "altitudes_of", lambda method, batches=(12,): whole)
+    given = {"1": (whole.copy(), ""), "2": (whole + [0, 0, 1e-9], "")}
+    monkeypatch.setattr(checks, "_altitudes_in_process", lambda method, threads: given[threads])
+    rows = {r["check"]: r["verdict"] for r in checks.determinism_rows(("none",))}
+    assert rows.pop("none: a process of 2 threads") == "FAIL"
+    assert set(rows.values()) == {"pass"}
+    given["1"] = (np.array([100.0, 200.0, 300.0]), "")
+    assert [r["verdict"] for r in checks.determinism_rows(("none",))][2] == "FAIL"
+
+
+def test_a_process_that_fails_is_a_row_that_says_why(monkeypatch):
+    assert checks._altitudes_in_process("none", "1")[0].size == 12
+    other, said = checks._altitudes_in_process("no such method", "1")
+    assert other.size == 0 and "unknown mitigation method" in said
+
+
 def test_broken_frames_in_a_running_flowgraph():
     assert [r for r in checks.flowgraph_rows(("whitening",)) if r["verdict"] != "pass"] == []
 
