@@ -126,11 +126,18 @@ class altimeter_sink(gr.sync_block):
         self._gathered = 0
 
     def _gather(self, frames: np.ndarray, tags: np.ndarray) -> None:
-        """Copy frames until a batch is full, then measure it."""
-        for frame, tag in zip(frames, tags, strict=True):
-            self._waiting[self._gathered] = frame
-            self._waiting_tags[self._gathered] = tag
-            self._gathered += 1
+        """Measure whole batches; what does not fill one is copied, and waits for the rest of it."""
+        at = 0
+        while at < len(frames):
+            if not self._gathered and len(frames) - at >= self._batch:
+                self._measure(frames[at : at + self._batch], tags[at : at + self._batch])
+                at += self._batch
+                continue
+            count = min(len(frames) - at, self._batch - self._gathered)
+            here = slice(self._gathered, self._gathered + count)
+            self._waiting[here], self._waiting_tags[here] = frames[at : at + count], tags[at : at + count]
+            self._gathered += count
+            at += count
             if self._gathered == self._batch:
                 self._flush()
 

@@ -85,7 +85,7 @@ class fmcw_chirp_source(gr.sync_block):
         """(N,) complex64 sweep number ``index``."""
         if not self._changes or self._changes[-1][1] != self._manual_m:
             self._changes.append((index, self._manual_m))
-        altitude = self._manual_m if self._manual_m >= 0 else float(self._programme.altitude_m(index))
+        altitude = self._manual_m if self._manual_m >= 0 else self._programme.at(index)[0]
         if not self._shifting or index < self._programme.preamble_frames:
             altitude = 0.0
         if altitude not in self._tables:

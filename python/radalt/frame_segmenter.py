@@ -18,6 +18,9 @@ from .core.timing import Frame, FrameSegmenter
 __all__ = ["frame_segmenter"]
 
 _STATUS_EVERY = 1000  # frames between unsolicited status messages
+# Frames the scheduler offers room for, at least. Where input has run out it halves its offer down to this number and
+# asks `forecast` each time, which cost more than the calls that found something to do.
+_PLACES = 32
 
 
 class frame_segmenter(gr.basic_block):
@@ -75,6 +78,7 @@ class frame_segmenter(gr.basic_block):
         self._reported: tuple[str, int] = ("", 0)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         quiet_buffer(self, n)
+        self.set_output_multiple(_PLACES)
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -158,8 +162,8 @@ class frame_segmenter(gr.basic_block):
         done = 0
         while self._ready and done < len(out):
             frame = self._ready.popleft()
-            if self.drop_when_slow and len(out) - done < 4:
-                # keep a few places free: with none the scheduler would stop calling, and the radio would overflow
+            if self.drop_when_slow and len(out) - done <= _PLACES:
+                # keep places free: with fewer the scheduler would stop calling, and the radio would overflow
                 self.dropped_slow += 1
                 continue
             out[done] = frame.samples
