@@ -6,7 +6,10 @@ import sys
 import ota_eval
 import pytest
 
+from gnuradio.radalt.core import altimeter
+from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.scene import load_scene, parse_scene
+from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation import flowgraph, leaving_out, plan
 from gnuradio.radalt.evaluation.plan import make_plan
 
@@ -26,11 +29,15 @@ def scene(**data):
     return parse_scene({"altitude": {"programme_m": [300.0, 20.0], "frames": 3}, **data})
 
 
-@pytest.mark.parametrize("name", ["no interference, whitening"])
+@pytest.mark.parametrize(
+    "name",
+    ["no interference, no mitigation", "no interference, whitening", "QPSK, whitening", *leaving_out.CHECKED],
+)
 def test_left_out_parts_change_no_bit_of_the_results(name):
-    """Against the flowgraph with every method's chain and a jammer that sends nothing."""
+    """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""
     pruned, full = (leaving_out._in_process(name, 2, unpruned) for unpruned in (False, True))
     assert pruned["digest"] == full["digest"]
+    assert pruned["declared"] == full["declared"] > 0
     assert "onnxruntime" in full["modules"]
     assert pruned["modules"] == []
     assert pruned["memory_bytes"] < full["memory_bytes"]
@@ -101,6 +108,27 @@ def test_methods_share_one_altimeter():
 
     one, other = (altimeter_sink(scene(), method=m) for m in ("none", "whitening"))
     assert one.altimeter is other.altimeter
+
+
+def test_methods_that_confirm_what_they_find_make_no_tables_of_their_own(monkeypatch):
+    """Counted: one altimeter over 1500 m for the scene's sink and both filters; the same bits as with one each."""
+    made = []
+    build = altimeter.Altimeter._build_tables
+    monkeypatch.setattr(altimeter.Altimeter, "_build_tables", lambda self: (made.append(self), build(self)))
+    settings = altimeter.AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
+    waveform = Waveform(carrier_hz=4.25e9)  # of no other test
+    measured = []
+    for shared in (True, False):
+        made.clear()
+        altimeter.shared_altimeter.cache_clear()
+        sink = altimeter.shared_altimeter(waveform, settings)
+        for method in ("lms_reference_input", "nlms"):
+            if not shared:
+                altimeter.shared_altimeter.cache_clear()
+            cleaned = create(method, waveform).process(waveform.beat_shifted(700.0))
+            measured.append(sink.process(cleaned[None]).tobytes())
+        assert len(made) == (1 if shared else 3)
+    assert measured[:2] == measured[2:]
 
 
 def test_plan_is_printed_and_nothing_runs(capsys):

@@ -23,7 +23,7 @@ from .flowgraph import Prepared, generate, load_grc, prepare, prune, run_point, 
 from .markdown import table
 from .plan import make_plan
 
-__all__ = ["SCENES", "compare", "markdown", "prepare_unpruned", "run_once"]
+__all__ = ["CHECKED", "SCENES", "compare", "markdown", "prepare_unpruned", "run_once"]
 
 _ALTITUDES = [1200.0, 600.0, 150.0, 30.0]
 _QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5}}
@@ -34,12 +34,26 @@ SCENES: dict[str, dict[str, Any]] = {
     "QPSK, whitening": {"methods": ["none", "whitening"], "interference": _QPSK},
     "QPSK, whitening and TCAE": {"methods": ["none", "whitening", "tcae"], "interference": _QPSK},
 }
+# other ways through the channel, for the proof that leaving out changes no bit; not in the table
+CHECKED: dict[str, dict[str, Any]] = {
+    "true delay and Doppler, whitening": {
+        "methods": ["none", "whitening"],
+        "altitude": {"mode": "true_delay", "vertical_speed_m_per_s": -40.0},
+    },
+    "landing, extended ground, NLMS": {
+        "methods": ["none", "nlms"],
+        "landing": {},
+        "return": "terrain",
+        "altitude": {"frames": 1, "landing_frames": 6},
+    },
+}
 
 
 def scene_of(name: str, frames: int) -> Scene:
-    """A scene of the table, with so many frames at each altitude."""
-    data = dict(SCENES[name])
-    altitude = {"programme_m": _ALTITUDES, "frames": frames} | data.pop("altitude", {})
+    """A scene of the table or the proof, with so many frames at each altitude; a landing states its own."""
+    data = dict((SCENES | CHECKED)[name])
+    programme = {} if "landing" in data else {"programme_m": _ALTITUDES, "frames": frames}
+    altitude = programme | data.pop("altitude", {})
     return parse_scene(data | {"altitude": altitude, "seed": 5})
 
 
@@ -69,6 +83,7 @@ def run_once(name: str, frames: int, unpruned: bool) -> dict[str, Any]:
         "wall_s": wall,
         "memory_bytes": peak_memory_bytes(),
         "digest": digest.hexdigest(),
+        "declared": int(sum(result.results[m]["valid"].sum() for m in scene.methods)),
         "modules": [m for m in ("onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5") if m in sys.modules],
     }
 
@@ -155,6 +170,17 @@ def markdown(rows: Sequence[dict[str, Any]], command: str, repeats: int) -> str:
         f"in a process of its own, median of {repeats}. CPU time of the whole process while the flowgraph runs, over "
         "all its frames, preamble included. Ratios are what to look at: the machine was shared.",
         table(header, lines),
+        "## What methods share",
+        "Methods of one flowgraph share the reference sweep, the frames of one segmenter and the altimeter's "
+        "tables. The tables are made once for all who measure alike: for an altimeter, `lms_reference_input` "
+        "and `nlms` over the same 1500 m in a third of the time that each its own took (163 against 473 ms). "
+        "Spectra of received frames are not shared. What two methods could share is the beat spectrum that "
+        "`lms_reference_input` and `nlms` confirm their output by: a memory of the last 32 frames, known "
+        "again by their samples, gave the same bits and took two thirds of the time for three who ask in "
+        "turn, but over both methods, 9.4 ms a frame in one process with the same batches, it made no "
+        "difference that could be measured (9.47 with it), and methods in threads and batches of their own "
+        "meet less often. Whitening transforms the frame, the detector of interference its dechirped halves, "
+        "the altimeter its decimated halves: three different transforms.",
         "## What each leaves out",
     ]
     for r in rows:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.altimeter import Altimeter
+from ..core.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..core.interference import Interferer, QpskEmitter, interference_frames
 from ..core.mitigation import create
 from ..core.programme import Programme
@@ -146,7 +146,7 @@ def _frames(count: int = 12) -> np.ndarray:
 def altitudes_of(method: str, batches: tuple[int, ...] = (12,)) -> np.ndarray:
     """Forced altitudes of a fixed set of frames after a method, split into batches of the given sizes in turn."""
     w, frames = Waveform(), _frames()
-    altimeter, subject = Altimeter(w), create(method, w)
+    altimeter, subject = shared_altimeter(w, AltimeterSettings()), create(method, w)
     parts, at, k = [], 0, 0
     while at < len(frames):
         part = frames[at : at + batches[k % len(batches)]]
