@@ -147,7 +147,7 @@ def score(
 
 
 def methods(waveform: Waveform, names: list[str], models: Path) -> dict[str, Mitigation]:
-    """Fresh methods; networks by file below ``models``."""
+    """Fresh methods; networks by file below ``models``, as they are: nothing silences what they invent."""
     made = {}
     for name in names:
         made[name] = (

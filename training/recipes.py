@@ -46,7 +46,7 @@ RECIPES: dict[str, Recipe] = {
     # the shipped model in three parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear
     "compact_first": Recipe("compact", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
-    "compact": Recipe("compact", data="heard", steps=6_000, rate=1e-3, start_from="compact_deep"),
+    "compact": Recipe("compact", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
     "paper_random": Recipe(
         "paper",
@@ -71,8 +71,8 @@ RECIPES: dict[str, Recipe] = {
         start_from="closed_form",
     ),
     # samples, not beats: from random weights the beat loss starts on a plateau (error share 1, no slope)
-    "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=2_000, rate=1e-3),
-    "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=2_000, rate=1e-3),
+    "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),
+    "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),
     # comparison of architectures: same data, same number of examples, same loss
     "compare_compact": Recipe("compact", steps=700),
     "compare_beat_spectrum": Recipe("beat_spectrum", steps=700),
