@@ -37,7 +37,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--seconds", type=float, default=60.0, help="of signal, each run (%(default)g)")
     add("--overlap", type=float, default=1.0, help="of the interference (%(default)g)")
     add("--batch", type=int, default=4, help="frames a run of the network takes at most (%(default)s)")
-    add("--altimeter-batch", type=int, default=4, help="frames an altimeter measures at once (%(default)s)")
+    add("--altimeter-batch", type=int, default=16, help="frames an altimeter measures at once (%(default)s)")
+    add("--own-core", action="store_true", help="network on one core, all else on the others")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
     add("--free-only", action="store_true", help="leave out the run held to real time")
     add("--json", type=Path, metavar="FILE", help="write the numbers, too")
@@ -63,7 +64,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 prepared = prepare_benchmark(scene, methods, Path(folder), **options)
                 limit = 20.0 * args.seconds + 60.0
                 result = measure(
-                    prepared, scene, realtime=realtime, time_limit_s=limit, sink_batch=args.altimeter_batch
+                    prepared,
+                    scene,
+                    realtime=realtime,
+                    time_limit_s=limit,
+                    sink_batch=args.altimeter_batch,
+                    own_core=args.own_core,
                 )
                 numbers["held to real time" if realtime else "as fast as it goes"] = result
                 _print(result, realtime)

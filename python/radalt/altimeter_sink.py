@@ -221,7 +221,8 @@ class altimeter_sink(gr.sync_block):
         return self._when[np.arange(self._count - kept, self._count) % self._store.size]
 
     def stop(self) -> bool:
-        """Close the ZMQ socket."""
+        """Measure what still waits for its batch, close the ZMQ socket."""
+        self._flush()
         if self._socket is not None:
             self._socket.close()
             self._socket = None
