@@ -261,3 +261,13 @@ def test_paper_model_meets_its_target(models, scenes):
     paper = network(models, "paper")
     frames = _interfered(scenes, QpskEmitter(), -14.99, 1.0)
     assert _forced_rmse_m(paper, frames, scenes[0]) < 50.0
+
+
+def test_a_frame_of_constant_modulus_passes_as_it_is(compact):
+    """A 1-bit converter leaves no modulus to read interference from; the networks' first stage would take it all."""
+    sweep = Waveform().beat_shifted(300.0)
+    one_bit = (np.sign(sweep.real) + 1j * np.sign(sweep.imag)).astype(np.complex64)[None]
+    before = compact.flat_frames
+    np.testing.assert_array_equal(compact.process(one_bit), one_bit)
+    assert compact.flat_frames == before + 1
+    assert compact.status()["threads"] == 1

@@ -86,7 +86,8 @@ def main() -> None:
     draw_before_after(out / "tcae_before_after_burst.png", "rectangular", -20.0, 0.4)
     logs = ROOT / "training" / "logs"
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
-    draw_training(out / "tcae_compact.png", [logs / "compact_first.csv", logs / "compact.csv"])
+    parts = ("compact_first", "compact_deep", "compact")
+    draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in parts])
     draw_training(out / "tcae_paper.png", [logs / "paper_random_start.csv", logs / "paper.csv"])
 
 

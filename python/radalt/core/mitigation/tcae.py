@@ -70,6 +70,11 @@ class Tcae(Mitigation):
         counted in ``unconfirmed_frames``. It costs a second run of the network in frames that show interference and an
         altitude. None: on for every model but the shipped default, which docs/stability.md shows to pass without.
 
+    Notes
+    -----
+    A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
+    ``flat_frames``: networks read interference from the modulus, and this one would be taken for nothing else.
+
     Raises
     ------
     MitigationError
@@ -94,6 +99,7 @@ class Tcae(Mitigation):
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
         self.model = Path(model) if model else default_model_path()
+        self.threads = int(threads)
         self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads)
         self._dither = None if dither_db is None else _dither(waveform.samples_per_frame, dither_db)
         self.metadata = self._network.metadata
@@ -149,13 +155,18 @@ class Tcae(Mitigation):
         super().reset()
         self.skipped_frames = 0
         self.unconfirmed_frames = 0
+        self.flat_frames = 0
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        if self._detector is None:
+        flat = _constant_modulus(batch)
+        self.flat_frames += int(np.count_nonzero(flat))
+        if self._detector is None and not flat.any():
             return self._confirmed(batch)
         out = batch.copy()
-        present = self._detector.present(batch)
-        self.skipped_frames += int(np.count_nonzero(~present))
+        present = ~flat
+        if self._detector is not None:
+            present &= self._detector.present(batch)
+            self.skipped_frames += int(np.count_nonzero(~(present | flat)))
         if present.any():
             out[present] = self._confirmed(np.ascontiguousarray(batch[present]))
         return out
@@ -221,8 +232,24 @@ class Tcae(Mitigation):
             "skipped_frames": self.skipped_frames,
             "shift_check": self._shift_check is not None,
             "unconfirmed_frames": self.unconfirmed_frames,
+            "flat_frames": self.flat_frames,
             "providers": self._network.providers,
+            "threads": self.threads,
         }
+
+
+def _constant_modulus(batch: np.ndarray) -> np.ndarray:
+    """(n,) bool: frames (n, N) whose modulus stays within a thousandth; a few samples decide for almost all."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        flat = _even(np.abs(batch[:, ::500]))
+        if flat.any():
+            flat[flat] = _even(np.abs(batch[flat]))
+    return flat
+
+
+def _even(modulus: np.ndarray) -> np.ndarray:
+    top = modulus.max(axis=1)
+    return top - modulus.min(axis=1) <= 1e-3 * top
 
 
 def _level(rails: np.ndarray) -> float:
