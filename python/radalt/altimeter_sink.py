@@ -205,6 +205,11 @@ class altimeter_sink(gr.sync_block):
         """Results since the start."""
         return self._count
 
+    @property
+    def last_index(self) -> int:
+        """Frame index of the last result, -1 before the first."""
+        return int(self._store["frame_index"][(self._count - 1) % self._store.size]) if self._count else -1
+
     def results_since(self, count: int) -> tuple[int, np.ndarray]:
         """Results after the first ``count``, as far as they are still kept, and the count for the next call.
 

@@ -40,6 +40,7 @@ __all__ = [
 FULL_SCALE = 1.0  # rail of a UHD source's samples
 _LOCK_S = 2.0  # how long an LO or reference may take to lock
 _PPS_S = 1.5  # a pulse comes every second
+_CATCH_UP_S = 1.0  # of signal
 _POLL_S = 0.02  # between looks at how far a programme has got
 _ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
 
@@ -228,9 +229,19 @@ def _check_blocks(top: Any, scene: Scene) -> None:
 
 
 def programme_over(top: Any, scene: Scene) -> bool:
-    """Whether the programme's last frame has come in; a receiver has no end of its own."""
-    last = (scene.altitude.programme.total_frames + 3) * scene.waveform.samples_per_frame
-    return top.frame_segmenter.segmenter.sample_counter >= last
+    """Whether the programme's last frame has come in and been measured; a receiver has no end of its own.
+
+    A flowgraph that is stopped forgets what waits between its blocks, so a slow method gets a second to catch up. After
+    that the last frame is taken for lost: dropped, or never seen for want of timing.
+    """
+    programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    late = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n
+    if late < 0:
+        return False
+    sinks = [block for name, block in vars(top).items() if name.startswith("altimeter_")]
+    return late > scene.waveform.rate_hz * _CATCH_UP_S or all(
+        not sink.active or sink.last_index >= programme.total_frames - 1 for sink in sinks
+    )
 
 
 def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:
