@@ -85,6 +85,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = "python flowgraphs/error_vs_runtime.py"
     if journal.resumed:
         command += " --resume"
+    defaults = parser.parse_args([])
+    for name in ("sir_db", "frames", "rounds", "seed"):
+        if getattr(args, name) != getattr(defaults, name):
+            command += f" --{name.replace('_', '-')}={getattr(args, name)}"
     if args.models:
         command += " --models " + " ".join(m.name for m in args.models)
     print(write_runtime_report(args.out, *study, command))
