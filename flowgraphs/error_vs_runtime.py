@@ -10,8 +10,8 @@ Without --models every network of models/ is measured, as shipped. Variants in f
 made by training/export.py --precision in the training environment (make train), since that needs the package onnx; name
 them with --models to have them in the comparison:
 
-    PYTHONPATH=python .venv-train/bin/python training/export.py compact --precision int8 --out /tmp/tcae_int8.onnx
-    python flowgraphs/error_vs_runtime.py --models models/*.onnx /tmp/tcae_int8.onnx
+    PYTHONPATH=python .venv-train/bin/python training/export.py compact --precision int8 --out variants/tcae_int8.onnx
+    python flowgraphs/error_vs_runtime.py --models models/*.onnx variants/tcae_int8.onnx
 """
 
 from __future__ import annotations

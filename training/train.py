@@ -187,6 +187,15 @@ def draw_curves(folder: Path) -> None:
     plt.close(figure)
 
 
+def _missing_before(recipe: Recipe) -> list[str]:
+    """Recipes to be trained before this one for want of a checkpoint, the first first."""
+    names: list[str] = []
+    while recipe.start_from in RECIPES and not (RUNS / recipe.start_from / "checkpoint.pt").is_file():
+        names.insert(0, recipe.start_from)
+        recipe = RECIPES[recipe.start_from]
+    return names
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
@@ -204,12 +213,11 @@ def main() -> None:
     if args.steps:
         recipe = replace(recipe, steps=args.steps)
     torch.set_num_threads(args.threads)
-    before = recipe.start_from
-    if before in RECIPES and not (RUNS / before / "checkpoint.pt").is_file():
-        print(f"{args.recipe} starts from {before}: training that first", flush=True)
-        first = Trainer(before, RECIPES[before], device=args.device, interval=args.interval)
-        first.run(time.time() + 60 * args.minutes)
-        draw_curves(first.folder)
+    for name in _missing_before(recipe):
+        print(f"{args.recipe} starts from {name}: training that first", flush=True)
+        earlier = Trainer(name, RECIPES[name], device=args.device, interval=args.interval)
+        earlier.run(time.time() + 60 * args.minutes)
+        draw_curves(earlier.folder)
     trainer = Trainer(args.name or args.recipe, recipe, device=args.device, interval=args.interval)
     trainer.run(time.time() + 60 * args.minutes)
     if (trainer.folder / "log.csv").is_file():
