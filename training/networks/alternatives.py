@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from radalt.core.waveform import Waveform
 
-from .layers import FourierBank, GatedBlock, from_blocks, log_power, to_blocks
+from .layers import FourierBank, GatedStack, from_blocks, log_power, to_blocks
 
 __all__ = ["Mask", "Residual"]
 
@@ -27,7 +27,7 @@ class Mask(nn.Module):
         b = self.bank.bins
         self.enter = nn.Conv1d(3 * b, channels, 1)
         self.position = nn.Parameter(torch.zeros(1, channels, self.bank.steps))
-        self.blocks = nn.Sequential(*(GatedBlock(channels, d) for d in (1, 2, 4, 8, 1, 2, 4, 8)))
+        self.blocks = GatedStack(channels, (1, 2, 4, 8, 1, 2, 4, 8))
         self.leave = nn.Conv1d(channels, b, 1)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
@@ -40,7 +40,8 @@ class Mask(nn.Module):
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
         gain = torch.sigmoid(self.leave(self.blocks(self.enter(features) + self.position)))
-        return from_blocks(self.bank.back(cells * torch.cat([gain, gain], 1)))
+        blocks = self.bank.back(cells * torch.cat([gain, gain], 1))
+        return from_blocks(blocks * self.bank.norm)
 
 
 class Residual(nn.Module):
@@ -55,7 +56,7 @@ class Residual(nn.Module):
                 f"frames of a multiple of 10 samples are needed, not {waveform.samples_per_frame}"
             )
         self.enter = nn.Conv1d(2, channels, 30, stride=10, padding=10)
-        self.blocks = nn.Sequential(*(GatedBlock(channels, d) for d in (1, 2, 4, 8, 16, 32, 64)))
+        self.blocks = GatedStack(channels, (1, 2, 4, 8, 16, 32, 64))
         self.leave = nn.ConvTranspose1d(channels, 2, 30, stride=10, padding=10)
         with torch.no_grad():
             self.leave.weight.mul_(0.01)

@@ -26,7 +26,7 @@ from torch.nn import functional as nnf
 
 from radalt.core.waveform import Waveform
 
-from .layers import Dechirp, FourierBank, GatedBlock, MatrixDft, from_blocks, log_power, to_blocks
+from .layers import BandGain, Dechirp, FourierBank, GatedStack, RowConv, from_blocks, log_power, to_blocks
 
 __all__ = ["Compact", "CompactSettings"]
 
@@ -80,8 +80,8 @@ class _Modulus(nn.Module):
         super().__init__()
         hop, width = settings.hop, 16
         self.hop = hop
-        self.enter = nn.Conv1d(bins + 5, width, 4, stride=2, padding=1)
-        self.blocks = nn.Sequential(*(GatedBlock(width, d) for d in (1, 4)))
+        self.enter = RowConv(bins + 5, width, 4, stride=2, padding=1)
+        self.blocks = GatedStack(width, (1, 4))
         self.leave = nn.ConvTranspose1d(width, 3, 4, stride=2, padding=1)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
@@ -93,8 +93,9 @@ class _Modulus(nn.Module):
         halves[0, : hop // 2] = halves[1, hop // 2 :] = 2.0 / hop
         self.register_buffer("halves", halves, persistent=False)
 
-    def forward(self, x: Tensor, beat_power: Tensor) -> tuple[Tensor, Tensor]:
-        """Cleaned blocks and (B, 5, L) envelope features, from the frame and its beat-band cell powers."""
+    def forward(self, x: Tensor, beat_power: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Cleaned blocks, (B, 5, L) envelope features and log powers of the beat band's cells, from the frame and the
+        powers of those cells."""
         squares = x * x
         power = squares[:, 0] + squares[:, 1]
         modulus = torch.sqrt(power + 1e-12)
@@ -117,7 +118,11 @@ class _Modulus(nn.Module):
         ratio = _spread(halves, self.local) / modulus[:, None]
         off = 1 - ratio
         # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
-        return x * (keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))), envelope
+        return (
+            x * (keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))),
+            envelope,
+            logs[:, 4:],
+        )
 
 
 class _Spectrum(nn.Module):
@@ -125,13 +130,9 @@ class _Spectrum(nn.Module):
 
     def __init__(self, samples: int, step: int = 5) -> None:
         super().__init__()
-        self.samples, self.step = samples, step
-        factors = _factors(samples)
-        self.forward_dft = MatrixDft(factors)
-        self.inverse_dft = MatrixDft(factors, inverse=True)
+        self.dft = BandGain(_factors(samples, step), step)
         self.hidden = nn.Conv1d(4, 8, 3, padding=1)
         self.out = nn.Conv1d(8, 2, 3, padding=1)
-        self.register_buffer("repeat", torch.ones(1, step), persistent=False)
         # gain = (1 + S/(c H))^-a: c starts at 4, a at 1
         self.depth = nn.Parameter(torch.tensor(1.0))
         self.offset = nn.Parameter(torch.tensor(1.4))
@@ -141,9 +142,7 @@ class _Spectrum(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """See the class."""
-        spectrum = self.forward_dft(x)
-        squares = spectrum * spectrum
-        power = nnf.avg_pool1d(squares[:, :1] + squares[:, 1:], self.step, self.step)
+        spectrum, power = self.dft.analyse(x)
         wrapped = torch.cat([power[..., -2:], power, power[..., :2]], 2)  # the band is a circle
         smooth = nnf.avg_pool1d(wrapped, 5, 1) + 1e-6
         floor = 1.0 / (1.0 / smooth).mean(2, keepdim=True)  # harmonic mean: the quiet part of the band
@@ -156,18 +155,14 @@ class _Spectrum(nn.Module):
         exponent = self.depth * torch.exp(change[:, 1:])
         excess = torch.exp((over - self.offset + change[:, :1]).clamp(max=60.0))
         gain = torch.exp(-exponent * torch.log(1 + excess))
-        # every gain for `step` cells; a product with ones, since ONNX Runtime is slow with short broadcasts
-        wide_gain = torch.matmul(gain.transpose(1, 2), self.repeat).reshape(-1, 1, self.samples)
-        return self.inverse_dft(spectrum * wide_gain)
+        return self.dft.synthesise(spectrum, gain)
 
 
-def _factors(samples: int) -> tuple[int, int, int]:
-    """Three whole factors with the smallest sum: the cheapest `MatrixDft`. (12, 25, 25) for 7500."""
+def _factors(samples: int, step: int) -> tuple[int, int, int]:
+    """Three whole factors with the smallest sum, the first a multiple of ``step``: (15, 20, 25) for 7500 and 5."""
     divisors = [d for d in range(1, samples + 1) if samples % d == 0]
-    triples = [
-        (a, b, samples // (a * b)) for a in divisors for b in divisors if samples % (a * b) == 0 and a <= b
-    ]
-    return min((t for t in triples if t[1] <= t[2]), key=sum)
+    triples = [(a, b, samples // (a * b)) for a in divisors for b in divisors if samples % (a * b) == 0]
+    return min((t for t in triples if t[0] % step == 0 and t[1] <= t[2]), key=sum)
 
 
 class Compact(nn.Module):
@@ -186,10 +181,13 @@ class Compact(nn.Module):
         self.modulus = _Modulus(settings, len(bins)) if settings.modulus else None
         self.spectrum = _Spectrum(samples) if settings.spectrum else None
         c, b = settings.channels, len(bins)
-        entering = 3 * b + 1 + (5 + b if settings.modulus else 0)
-        self.enter = nn.Conv1d(entering, c, 4, stride=2, padding=1)
+        # what belongs to cells and what to whole columns apart: ONNX Runtime is fast with multiples of four channels,
+        # 28 here, and with few
+        cells, columns = (4 * b, 6) if settings.modulus else (3 * b, 1)
+        self.enter = RowConv(cells, c, 4, stride=2, padding=1)
+        self.enter_columns = RowConv(columns, c, 4, bias=False, stride=2, padding=1)
         self.position = nn.Parameter(torch.zeros(1, c, self.bank.steps // 2))
-        self.blocks = nn.Sequential(*(GatedBlock(c, d) for d in settings.dilations))
+        self.blocks = GatedStack(c, settings.dilations)
         self.leave = nn.ConvTranspose1d(c, b, 4, stride=2, padding=1)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
@@ -197,25 +195,27 @@ class Compact(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Clean frames."""
-        extra: list[Tensor] = []
+        envelope = raw = None
         z = to_blocks(x, self.settings.hop)
         if self.modulus is not None:
-            raw_power = self.bank.power(self.bank(self.dechirp(z)))
-            z, envelope = self.modulus(z, raw_power)
-            extra = [0.25 * envelope, 0.25 * log_power(raw_power)]
+            z, envelope, raw = self.modulus(z, self.bank.power(self.bank(self.dechirp(z))))
         if self.spectrum is not None:
             z = to_blocks(self.spectrum(from_blocks(z)), self.settings.hop)
         cells = self.bank(self.dechirp(z))
-        return from_blocks(self.dechirp.back(self.bank.back(cells * self._gain(cells, extra))))
+        blocks = self.bank.back(cells * self._gain(cells, envelope, raw))
+        return from_blocks(self.dechirp.back(blocks, self.bank.norm))
 
-    def _gain(self, cells: Tensor, extra: list[Tensor]) -> Tensor:
+    def _gain(self, cells: Tensor, envelope: Tensor | None, raw: Tensor | None) -> Tensor:
         """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the envelope."""
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         level = log_power(total)
         average = level.mean(2, keepdim=True)
-        share = cells / torch.sqrt(total + 1e-9)
-        features = [0.5 * (log_power(power) - average), share, 0.5 * (level - average)]
-        h = self.enter(torch.cat(features + extra, 1)) + self.position
-        gain = torch.sigmoid(self.leave(self.blocks(h)))
+        of_cells = [0.5 * (log_power(power) - average), cells / torch.sqrt(total + 1e-9)]
+        of_columns = [0.5 * (level - average)]
+        if envelope is not None:
+            of_cells.append(0.25 * raw)
+            of_columns.append(0.25 * envelope)
+        entered = self.enter(torch.cat(of_cells, 1)) + self.enter_columns(torch.cat(of_columns, 1))
+        gain = torch.sigmoid(self.leave(self.blocks(entered + self.position)))
         return torch.cat([gain, gain], 1)
