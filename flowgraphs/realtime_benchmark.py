@@ -36,9 +36,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--methods", default="none,tcae", help="with commas (%(default)s)")
     add("--seconds", type=float, default=60.0, help="of signal, each run (%(default)g)")
     add("--overlap", type=float, default=1.0, help="of the interference (%(default)g)")
-    add("--batch", type=int, default=4, help="frames a run of the network takes at most (%(default)s)")
+    add("--batch", type=int, default=8, help="frames a run of the network takes at most (%(default)s)")
     add("--altimeter-batch", type=int, default=16, help="frames an altimeter measures at once (%(default)s)")
-    add("--own-core", action="store_true", help="network on one core, all else on the others")
+    add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
     add("--free-only", action="store_true", help="leave out the run held to real time")
     add("--json", type=Path, metavar="FILE", help="write the numbers, too")
@@ -61,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory(prefix="radalt_") as folder:
             for realtime in (False,) if args.free_only else (False, True):
                 options = {"realtime": realtime, "batch": args.batch, "skip_clean": args.skip_clean}
+                options["own_process"] = not args.one_process
                 prepared = prepare_benchmark(scene, methods, Path(folder), **options)
                 limit = 20.0 * args.seconds + 60.0
                 result = measure(
@@ -69,7 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                     realtime=realtime,
                     time_limit_s=limit,
                     sink_batch=args.altimeter_batch,
-                    own_core=args.own_core,
                 )
                 numbers["held to real time" if realtime else "as fast as it goes"] = result
                 _print(result, realtime)

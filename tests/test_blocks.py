@@ -13,7 +13,7 @@ from gnuradio.radalt._guard import raise_stored
 from gnuradio.radalt.core.altimeter import RESULT_DTYPE, Altimeter
 from gnuradio.radalt.core.channel import SimulatedChannel
 from gnuradio.radalt.core.jamming import JammerStream
-from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.mitigation import Mitigation, create
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.core.timing import FrameSegmenter
 
@@ -507,17 +507,13 @@ def test_endpoint_that_is_taken_is_refused_in_one_line():
 # -- errors -----------------------------------------------------------------------------------------------------------
 
 
-class Broken:
+class Broken(Mitigation):
     """A method that fails on its third frame."""
 
-    def __init__(self, waveform) -> None:
-        self.waveform, self.seen = waveform, 0
-
-    def process(self, frames):
-        self.seen += len(frames)
-        if self.seen > 2:
+    def _clean(self, batch):
+        if self.frames > 2:
             raise ZeroDivisionError("third frame")
-        return frames
+        return batch
 
 
 def test_exception_in_work_ends_the_flowgraph_and_is_raised_again(capfd):

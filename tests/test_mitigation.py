@@ -401,3 +401,75 @@ def test_frames_of_another_length_are_refused():
         MitigationError, match=r"whitening: frames have shape \(2, 100\); expected \(n, 7500\)"
     ):
         create("whitening", W).process(np.zeros((2, 100), np.complex64))
+
+
+# -- what methods share -----------------------------------------------------------------------------------------------
+
+
+def test_frames_are_computed_once_and_known_by_every_sample():
+    from radalt.core.frame_memory import FrameMemory
+
+    rng = np.random.default_rng(4)
+    frames = rng.standard_normal((6, 40)).astype(np.float32).view(np.complex64)
+    memory = FrameMemory(lambda batch: (batch.sum(axis=1), np.abs(batch)), frames=5)
+    total, modulus = memory(frames[:4])
+    again, _ = memory(frames[[3, 0]])
+    np.testing.assert_array_equal(again, total[[3, 0]])
+    assert memory.computed == 4
+    mixed, wide = memory(frames[[1, 4, 2]])  # one of them is new
+    np.testing.assert_array_equal(wide[[0, 2]], modulus[[1, 2]])
+    assert memory.computed == 5
+    for change in (np.roll(frames[:1], 1, axis=1), frames[:1].conj(), frames[:1, ::-1].copy()):
+        memory(change)  # the same samples in another order are another frame
+    nearly = frames[:1].copy()
+    nearly[0, 7] = np.nextafter(nearly[0, 7].real, np.float32(9)) + 1j * nearly[0, 7].imag
+    memory(nearly)
+    assert memory.computed == 9
+    memory(frames[5:])
+    memory(frames[:1])  # forgotten by now
+    assert memory.computed == 11
+
+
+def test_frames_that_two_threads_bring_at_once_are_computed_once():
+    import threading
+    import time
+
+    from radalt.core.frame_memory import FrameMemory
+
+    def slow(batch):
+        time.sleep(0.05)
+        return (batch.sum(axis=1),)
+
+    memory = FrameMemory(slow)
+    frames = np.arange(64, dtype=np.complex64).reshape(4, 16)
+    results = [None] * 3
+    threads = [
+        threading.Thread(target=lambda i=i: results.__setitem__(i, memory(frames)[0])) for i in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert memory.computed == 4
+    for result in results:
+        np.testing.assert_array_equal(result, frames.sum(axis=1))
+
+
+def test_a_known_verdict_spares_the_shift_test_its_detector(monkeypatch):
+    from radalt.core.detector import InterferenceDetector
+
+    asked = []
+    present = InterferenceDetector.present
+
+    def counted(self, frames):
+        asked.append(len(frames))
+        return present(self, frames)
+
+    monkeypatch.setattr(InterferenceDetector, "present", counted)
+    method = create("tcae", W, skip_clean=True, shift_check=True)
+    rng = np.random.default_rng(2)
+    tone = 5 * np.exp(2j * np.pi * 0.11 * np.arange(W.samples_per_frame))
+    white = 0.2 * rng.standard_normal((3, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    method.process((W.beat_shifted(250.0) + white + tone * np.array([[1], [0], [1]])).astype(np.complex64))
+    assert asked == [3]
+    assert method.skipped_frames == 1

@@ -31,7 +31,13 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
     )
     assert scene.altitude.programme.trial_frames == 400
     prepared = prepare_benchmark(
-        scene, ("none", "whitening"), tmp_path, realtime=realtime, batch=1, skip_clean=False
+        scene,
+        ("none", "whitening"),
+        tmp_path,
+        realtime=realtime,
+        batch=1,
+        skip_clean=False,
+        own_process=False,
     )
     # a batch that 408 frames do not fill: what is left over counts, too
     result = measure(prepared, scene, realtime=realtime, time_limit_s=50, sink_batch=1 if realtime else 16)
@@ -63,23 +69,6 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
         assert word in printed
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_network_gets_a_core_of_its_own_where_there_are_two(monkeypatch):
-    from gnuradio.radalt.evaluation import realtime
-
-    class Block:
-        def set_processor_affinity(self, cores):
-            self.cores = cores
-
-    blocks = {name: Block() for name in ("mitigation_tcae", "simulated_channel", "altimeter_none")}
-    monkeypatch.setattr(realtime.os, "sched_getaffinity", lambda _: {5, 2, 3})
-    realtime._part(blocks)
-    assert blocks["mitigation_tcae"].cores == [5]
-    assert blocks["simulated_channel"].cores == blocks["altimeter_none"].cores == [2, 3]
-    monkeypatch.setattr(realtime.os, "sched_getaffinity", lambda _: {2})
-    with pytest.raises(ValueError, match="needs two cores, and this process may use one"):
-        realtime._part(blocks)
 
 
 def test_clean_frames_skip_the_network_and_others_do_not():

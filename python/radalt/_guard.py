@@ -11,6 +11,8 @@ from collections.abc import Callable
 import scipy.linalg.blas  # noqa: F401 - SciPy brings a BLAS of its own, which has to be there to be limited
 from threadpoolctl import threadpool_limits
 
+from .core.cores import join_home
+
 __all__ = ["WORK_DONE", "guarded", "raise_stored"]
 
 WORK_DONE = -1
@@ -32,7 +34,9 @@ def guarded(work: Callable) -> Callable:
 
     @functools.wraps(work)
     def wrapper(self, input_items, output_items):  # noqa: ANN001, ANN202 - GNU Radio's signature
-        self.thread_id = threading.get_native_id()  # for CPU time by block
+        if getattr(self, "thread_id", None) != threading.get_native_id():
+            self.thread_id = threading.get_native_id()  # for CPU time by block
+            join_home()
         try:
             return work(self, input_items, output_items)
         except Exception as error:

@@ -27,6 +27,9 @@ class tcae(MitigationBlock):
         and with the last bit of a result depending on which frames came together.
     skip_clean : bool
         Frames that show no interference pass without the network (`InterferenceDetector`).
+    own_process : bool
+        The network computes in a process of its own and the flowgraph's Python blocks keep to one core (`OwnProcess`):
+        for live flowgraphs on two cores or more; without effect on one.
 
     Example
     -------
@@ -34,7 +37,13 @@ class tcae(MitigationBlock):
     """
 
     def __init__(
-        self, scene: Scene, model: str = "", threads: int = 1, batch: int = 1, skip_clean: bool = False
+        self,
+        scene: Scene,
+        model: str = "",
+        threads: int = 1,
+        batch: int = 1,
+        skip_clean: bool = False,
+        own_process: bool = False,
     ) -> None:
         options = dict(scene.method_options.get("tcae", {}))
         if model:
@@ -42,4 +51,6 @@ class tcae(MitigationBlock):
         options.setdefault("threads", threads)
         if skip_clean:
             options["skip_clean"] = True
-        super().__init__("radalt_tcae", create("tcae", scene.waveform, **options), batch)
+        if own_process:
+            options["own_process"] = True
+        super().__init__("radalt_tcae", create("tcae", scene.waveform, batch=batch, **options), batch)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.mitigation import OwnProcess
 from ..core.paths import share_dir
 from ..core.scene import Scene
 from .flowgraph import FlowgraphError, Prepared, generate, load_class, load_grc, prune, simulate, write_scene
@@ -34,9 +35,9 @@ class Measurement:
     signal_s, wall_s : float
         Seconds of signal that were processed, and how long that took.
     cpu_s : dict of block -> float
-        CPU seconds of each block's thread.
+        CPU seconds of each block's thread, and of the network's process where it has one of its own.
     process_cpu_s : float
-        CPU seconds of the whole process.
+        CPU seconds of everything.
     frames : dict of method -> int
         Altitude results.
     latency_ms : dict of method -> (frames,) float array
@@ -47,7 +48,8 @@ class Measurement:
     skipped_frames : int
         Frames that the network was spared.
     memory_bytes, memory_growth_bytes : int
-        Resident memory at the end, and its growth after the first tenth of the run.
+        Resident memory at the end, that of the network's process included, and its growth after the first tenth of the
+        run.
     """
 
     signal_s: float
@@ -69,7 +71,14 @@ class Measurement:
 
 
 def prepare_benchmark(
-    scene: Scene, methods: Sequence[str], build_dir: Path, *, realtime: bool, batch: int, skip_clean: bool
+    scene: Scene,
+    methods: Sequence[str],
+    build_dir: Path,
+    *,
+    realtime: bool,
+    batch: int,
+    skip_clean: bool,
+    own_process: bool,
 ) -> Prepared:
     """Generate the simulated flowgraph, held to real time or as fast as it goes."""
     name = f"ota_realtime_{'paced' if realtime else 'free'}"
@@ -80,7 +89,11 @@ def prepare_benchmark(
     )
     for block in data["blocks"]:
         if block["name"] == "mitigation_tcae":
-            block["parameters"] |= {"batch": str(batch), "skip_clean": str(skip_clean)}
+            block["parameters"] |= {
+                "batch": str(batch),
+                "skip_clean": str(skip_clean),
+                "own_process": str(own_process),
+            }
     return Prepared(generate(data, build_dir), name, tuple(methods), ())
 
 
@@ -98,7 +111,6 @@ def measure(
     realtime: bool,
     time_limit_s: float,
     sink_batch: int = 1,
-    own_core: bool = False,
 ) -> Measurement:
     """Run once, watching threads and memory from outside the signal path.
 
@@ -115,15 +127,11 @@ def measure(
         Longest wall time.
     sink_batch : int
         Frames that an altimeter measures at once.
-    own_core : bool
-        Keep the network's thread to one core and all others to the rest.
 
     Raises
     ------
     FlowgraphError
         If the run does not end in time.
-    ValueError
-        If ``own_core`` is asked for where there is one core only.
     """
     path = write_scene(scene, prepared.module.parent / "realtime.yaml")
     top = load_class(prepared)(scene_file=str(path), drop_when_slow=int(realtime))
@@ -137,9 +145,9 @@ def measure(
     sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
     for sink in sinks.values():
         sink.set_batch(sink_batch)
-    if own_core:
-        _part(blocks)
-    watch = _Watch(blocks)
+    tcae = getattr(top, "mitigation_tcae", None)
+    beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
+    watch = _Watch(blocks, beside)
     cpu, begin = time.process_time(), time.perf_counter()
     top.start()
     waiter = threading.Thread(target=top.wait, daemon=True)
@@ -156,7 +164,9 @@ def measure(
 
     raise_stored(list(blocks.values()))
     status = segmenter.status()
-    tcae = getattr(top, "mitigation_tcae", None)
+    if beside is not None:
+        watch.cpu_s["network's process"] = 1e-9 * beside.outside_cpu_ns
+        cpu += watch.cpu_s["network's process"]
     return Measurement(
         signal_s=segmenter.segmenter.sample_counter / scene.waveform.rate_hz,
         wall_s=wall,
@@ -172,21 +182,6 @@ def measure(
     )
 
 
-def _part(blocks: dict[str, Any]) -> None:
-    """Last core of this process for the network, the others for the rest.
-
-    The network computes without the interpreter's lock, all other blocks hold it most of the time: where they share a
-    core, each takes the cache from the other, and where the scheduler moves them about, the lock goes with them. It
-    pays on two idle cores (factor 0.53 against 0.44-0.48) and not where other programs want them, since a thread that
-    may not move has to wait: hence off unless asked for.
-    """
-    cores = sorted(os.sched_getaffinity(0))
-    if len(cores) < 2:
-        raise ValueError("a core of its own for the network needs two cores, and this process may use one")
-    for name, block in blocks.items():
-        block.set_processor_affinity(cores[-1:] if name == "mitigation_tcae" else cores[:-1])
-
-
 def _latency_ms(times: np.ndarray, arrivals: Any, scene: Scene) -> np.ndarray:
     if not arrivals or not times.size:
         return np.zeros(0)
@@ -199,8 +194,9 @@ def _latency_ms(times: np.ndarray, arrivals: Any, scene: Scene) -> np.ndarray:
 class _Watch:
     """CPU time of blocks' threads and resident memory, looked at while they live."""
 
-    def __init__(self, blocks: dict[str, Any]) -> None:
+    def __init__(self, blocks: dict[str, Any], beside: OwnProcess | None) -> None:
         self._blocks = blocks
+        self._processes = ["self"] if beside is None else ["self", str(beside.process_id)]
         self._tick_s = 1.0 / os.sysconf("SC_CLK_TCK")
         self._page = os.sysconf("SC_PAGE_SIZE")
         self.cpu_s: dict[str, float] = {}
@@ -223,7 +219,8 @@ class _Watch:
             self.cpu_s[name] = (int(fields[11]) + int(fields[12])) * self._tick_s
 
     def _resident(self) -> int:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * self._page
+        pages = (Path(f"/proc/{p}/statm").read_text(encoding="ascii").split()[1] for p in self._processes)
+        return self._page * sum(map(int, pages))
 
     def growth_bytes(self) -> int:
         """Growth from the end of the warm-up to the end."""

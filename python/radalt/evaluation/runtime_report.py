@@ -148,7 +148,7 @@ def _markdown(report: dict[str, Any]) -> str:
         _main_table(report),
         "## Pareto fronts",
         "Variants that none beats in both CPU time (one frame at a time) and Pd over all SIRs.",
-        "\n".join(f"- {name}: " + ", ".join(front) for name, front in report["fronts"].items()),
+        "\n".join(f"- {name}: " + "; ".join(front) for name, front in report["fronts"].items()),
         "## Break points",
         f"Lowest SIR in dB, of {sirs[0]:g}..{sirs[-1]:g}, down to which Pd is at least 0.9 throughout; in brackets the "
         "protection gain against no mitigation. A dash: below 0.9 everywhere.",

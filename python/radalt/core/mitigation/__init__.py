@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ..cores import allowed_cores
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 from .blanking import Blanking
 from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, Nlms
+from .own_process import OwnProcess
 from .tcae import Tcae
 from .whitening import Whitening
 
@@ -39,8 +41,21 @@ METHODS: dict[str, Callable[..., Mitigation]] = {
 CUSTOM = Custom.name
 
 
-def create(name: str, waveform: Waveform, **parameters: object) -> Mitigation:
+def create(
+    name: str, waveform: Waveform, *, own_process: bool = False, batch: int = 4, **parameters: object
+) -> Mitigation:
     """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
+
+    Parameters
+    ----------
+    name : str
+    waveform : Waveform
+    own_process : bool
+        Compute in a process of its own, ``batch`` frames at a time (`OwnProcess`). Without effect where this process
+        may use one core only, since the two would but take turns.
+    batch : int
+    **parameters
+        Of the method.
 
     Raises
     ------
@@ -49,6 +64,10 @@ def create(name: str, waveform: Waveform, **parameters: object) -> Mitigation:
     """
     if name not in METHODS and name != CUSTOM:
         raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+    if not isinstance(own_process, bool):
+        raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
+    if own_process and len(allowed_cores()) > 1:
+        return OwnProcess(name, waveform, batch=batch, **parameters)
     try:
         return (METHODS | {CUSTOM: Custom})[name](waveform, **parameters)
     except TypeError as error:

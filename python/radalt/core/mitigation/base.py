@@ -31,9 +31,12 @@ class Mitigation(ABC):
         Frames processed since construction or `reset`.
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
+    outside_cpu_ns : int
+        CPU time spent on frames outside the calling thread, in nanoseconds; 0 but for `OwnProcess`.
     """
 
     name = "mitigation"
+    outside_cpu_ns = 0
 
     def __init__(self, waveform: Waveform) -> None:
         self.waveform = waveform
@@ -67,6 +70,10 @@ class Mitigation(ABC):
             if finite.any():
                 out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
         return out.reshape(frames.shape)
+
+    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """Like `process`, (n, N) into ``out`` of the same shape."""
+        out[:] = self.process(frames)
 
     @abstractmethod
     def _clean(self, batch: np.ndarray) -> np.ndarray:

@@ -62,7 +62,12 @@ class ShiftCheck:
         )
 
     def holds(
-        self, received: np.ndarray, cleaned: np.ndarray, clean: Callable[[np.ndarray], np.ndarray]
+        self,
+        received: np.ndarray,
+        cleaned: np.ndarray,
+        clean: Callable[[np.ndarray], np.ndarray],
+        *,
+        disturbed: bool = False,
     ) -> np.ndarray:
         """(n,) bool: whether altitudes found in cleaned frames were in the received ones, or none is found.
 
@@ -72,12 +77,15 @@ class ShiftCheck:
             Finite frames before and after the network.
         clean : callable
             The network: (k, N) complex64 in and out.
+        disturbed : bool
+            Whether all frames are known to show interference, by the same detector: they are not transformed for it
+            again.
         """
         n = len(received)
         before = received.copy()
-        disturbed = self._detector.present(received)
-        if disturbed.any():
-            before[disturbed] = self._moved_and_back(received[disturbed], cleaned[disturbed], clean)
+        shown = np.ones(n, dtype=bool) if disturbed else self._detector.present(received)
+        if shown.any():
+            before[shown] = self._moved_and_back(received[shown], cleaned[shown], clean)
         both = np.concatenate([cleaned, before])
         held = np.ones(n, dtype=bool)
         for altimeter in self._altimeters:

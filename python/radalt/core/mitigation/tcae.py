@@ -174,7 +174,9 @@ class Tcae(Mitigation):
     def _confirmed(self, batch: np.ndarray) -> np.ndarray:
         out = self._infer(batch)
         if self._shift_check is not None:
-            invented = ~self._shift_check.holds(batch, out, self._infer)
+            # with a detector only frames that show interference come here
+            known = self._detector is not None
+            invented = ~self._shift_check.holds(batch, out, self._infer, disturbed=known)
             self.unconfirmed_frames += int(invented.sum())
             out[invented] = 0
         return out

@@ -1,0 +1,231 @@
+"""A method in a process of its own, so that it computes beside the interpreter that everything else shares."""
+
+from __future__ import annotations
+
+import dataclasses
+import mmap
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import weakref
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+
+import numpy as np
+
+from ..cores import leave_home, return_home
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError
+
+__all__ = ["OwnProcess"]
+
+_FRAMES = 64  # that the shared memory holds, each received and cleaned
+_START_S = 120.0  # a method that is not built by then is given up
+_END_S = 5.0
+# Messages are bytes, since pickled objects cost a tenth of a frame. Requests: the method's making (pickled), then a
+# span of frames or one of these two words; answers: nanoseconds of CPU time and diverged frames, a status (pickled),
+# or the text of an error, told apart by their first byte.
+_RESET, _STATUS = b"reset", b"status"
+_SPAN, _DONE = struct.Struct("<ii"), struct.Struct("<cqq")
+# what the process runs: this package where the parent found it, and no GNU Radio
+_PROGRAM = "import sys; sys.path.append({folder!r}); from {module} import serve; serve({link}, {memory})"
+
+
+class OwnProcess(Mitigation):
+    """Any registered method, computed by a process of its own; the results are the method's, bit for bit.
+
+    The threads of a flowgraph share one interpreter and wait for each other. A process shares nothing but the frames,
+    which pass through memory that both have mapped: one copy each way, no pickling.
+
+    Parameters
+    ----------
+    method : str
+        Registry name.
+    waveform : Waveform
+    batch : int
+        Frames that the method gets at once.
+    **parameters
+        Of the method.
+
+    Raises
+    ------
+    MitigationError
+        For whatever the method refuses, when it is built or later, and if its process ends.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radalt.core.waveform import Waveform
+    >>> w = Waveform()
+    >>> frames = np.stack([w.reference] * 3)
+    >>> beside = OwnProcess("none", w)
+    >>> bool((beside.process(frames) == frames).all())
+    True
+    """
+
+    def __init__(self, method: str, waveform: Waveform, *, batch: int = 4, **parameters: object) -> None:
+        if batch < 1:
+            raise MitigationError(f"batch is {batch}; it has to be at least 1 frame")
+        self.name, self._batch = method, int(batch)
+        n = waveform.samples_per_frame
+        with tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as file:
+            file.truncate(2 * _FRAMES * n * np.dtype(np.complex64).itemsize)
+            self._received, self._cleaned = _map(file.fileno(), n)
+            self._link, theirs = Pipe()
+            self._process = _start(theirs, file.fileno())
+        theirs.close()
+        self._finalizer = weakref.finalize(self, _end, self._link, self._process)
+        self._lock = threading.Lock()  # a status may be asked for while frames are under way
+        self._ask(pickle.dumps((method, dataclasses.asdict(waveform), parameters, leave_home())))
+        if not self._link.poll(_START_S):
+            raise MitigationError(f"{method}: its process was not ready after {_START_S:g} s")
+        self._carries = self._status_now()["carries_altitude"]
+        # the base class would reset a method that is new
+        self.waveform = waveform
+        self.frames = self.diverged_frames = 0
+
+    @property
+    def process_id(self) -> int:
+        """Of the process beside this one."""
+        return self._process.pid
+
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        with self._lock:
+            self._ask(_RESET)
+            self._done()
+        self.frames = 0
+
+    def close(self) -> None:
+        """End the process; also done when this object, or the program, goes."""
+        self._finalizer()
+
+    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """See `Mitigation.process_into`; what is not finite is the method's own business."""
+        self.frames += len(frames)
+        for first in range(0, len(frames), _FRAMES):
+            self._exchange(frames[first : first + _FRAMES], out[first : first + _FRAMES])
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        out = np.empty_like(batch)
+        for first in range(0, len(batch), _FRAMES):
+            self._exchange(batch[first : first + _FRAMES], out[first : first + _FRAMES])
+        return out
+
+    def _exchange(self, received: np.ndarray, cleaned: np.ndarray) -> None:
+        """Frames over and back; while some are computed others are copied."""
+        spans = [slice(i, min(i + self._batch, len(received))) for i in range(0, len(received), self._batch)]
+        with self._lock:
+            for span in spans:
+                self._received[span] = received[span]
+                self._ask(_SPAN.pack(span.start, span.stop))
+            for span in spans:
+                self._done()
+                cleaned[span] = self._cleaned[span]
+
+    def _ask(self, request: bytes) -> None:
+        try:
+            self._link.send_bytes(request)
+        except OSError:
+            raise self._gone() from None
+
+    def _answer(self) -> bytes:
+        try:
+            answer = self._link.recv_bytes()
+        except (EOFError, OSError):
+            raise self._gone() from None
+        if answer[:1] == b"E":
+            raise MitigationError(answer[1:].decode())
+        return answer
+
+    def _done(self) -> None:
+        """Wait until a request is done."""
+        _, cpu_ns, self.diverged_frames = _DONE.unpack(self._answer())
+        self.outside_cpu_ns += cpu_ns
+
+    def _status_now(self) -> dict[str, object]:
+        """The method's status, after what was asked before."""
+        return pickle.loads(self._answer()[1:])
+
+    def _gone(self) -> MitigationError:
+        try:
+            code = self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            code = "still running"
+        return MitigationError(f"{self.name}: its process ended ({code}); leave out own_process to see why")
+
+    @property
+    def carries_altitude(self) -> bool:
+        """See `Mitigation.carries_altitude`."""
+        return bool(self._carries)
+
+    def status(self) -> dict[str, object]:
+        """The method's own status; waits for frames that are under way."""
+        with self._lock:
+            self._ask(_STATUS)
+            status = self._status_now()
+        return status | {"frames": self.frames, "process_id": self.process_id}
+
+
+def _map(memory: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Received and cleaned frames, each (frames, N) complex64, in the memory of a file."""
+    both = np.frombuffer(mmap.mmap(memory, 0), dtype=np.complex64).reshape(2, _FRAMES, samples)
+    return both[0], both[1]
+
+
+def _start(link: Connection, memory: int) -> subprocess.Popen:
+    here = Path(__file__).resolve()
+    module = ".".join((*here.parts[-4:-1], here.stem))
+    program = _PROGRAM.format(folder=str(here.parents[3]), module=module, link=link.fileno(), memory=memory)
+    return subprocess.Popen(
+        [sys.executable, "-c", program], pass_fds=(link.fileno(), memory), stdin=subprocess.DEVNULL
+    )
+
+
+def _end(link: Connection, process: subprocess.Popen) -> None:
+    """Close the link, which ends the process, and wait for it."""
+    return_home()
+    link.close()
+    try:
+        process.wait(_END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def serve(link: int, memory: int) -> None:
+    """What the process does: build the method, then clean spans of the shared frames until the link closes."""
+    from . import create
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the flowgraph, which then closes the link
+    with Connection(link) as requests:
+        try:
+            name, waveform, parameters, cores = pickle.loads(requests.recv_bytes())
+            if cores:
+                os.sched_setaffinity(0, cores)
+            method = create(name, Waveform(**waveform), **parameters)
+            received, cleaned = _map(memory, method.waveform.samples_per_frame)
+            request = _STATUS
+            while True:
+                begin = time.process_time_ns()
+                if request == _STATUS:
+                    requests.send_bytes(b"S" + pickle.dumps(method.status()))
+                elif request == _RESET:
+                    method.reset()
+                else:
+                    span = slice(*_SPAN.unpack(request))
+                    method.process_into(received[span], cleaned[span])
+                if request != _STATUS:
+                    spent = time.process_time_ns() - begin
+                    requests.send_bytes(_DONE.pack(b"D", spent, method.diverged_frames))
+                request = requests.recv_bytes()
+        except (EOFError, ConnectionError):
+            return  # the other side is done
+        except MitigationError as error:
+            requests.send_bytes(b"E" + str(error).encode())

@@ -1,0 +1,150 @@
+"""A method in a process of its own: the same bits, the same refusals, and a death that is noticed."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core import cores
+from gnuradio.radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
+from gnuradio.radalt.core.waveform import Waveform
+
+pytestmark = pytest.mark.timeout(120)
+
+W = Waveform()
+
+
+def received(count, seed=1):
+    """Frames of a return under a strong tone, in noise."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    tone = 5 * np.exp(2j * np.pi * (0.1 * np.arange(W.samples_per_frame) + rng.random((count, 1))))
+    return (W.beat_shifted(250.0) + tone + 0.2 * white).astype(np.complex64)
+
+
+@pytest.fixture
+def beside():
+    """Makes methods beside this process; all end with the test."""
+    made = []
+
+    def make(name, **parameters):
+        made.append(OwnProcess(name, W, **parameters))
+        return made[-1]
+
+    yield make
+    for method in made:
+        method.close()
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+def test_results_are_those_of_the_method_bit_for_bit(beside, name):
+    frames = received(7)
+    frames[3, 100] = np.nan  # one bad frame, and the one after it has to be right again
+    here, there = create(name, W), beside(name, batch=1)
+    wanted = np.concatenate([here.process(frame[None]) for frame in frames])
+    np.testing.assert_array_equal(there.process(frames), wanted)
+    assert there.carries_altitude == here.carries_altitude
+    mine = there.status()
+    assert mine.pop("process_id") == there.process_id
+    assert mine == here.status()
+    assert there.outside_cpu_ns > 0
+
+
+def test_more_frames_than_the_memory_holds_and_ragged_chunks(beside):
+    frames = received(150)
+    wanted = create("blanking", W).process(frames)
+    there = beside("blanking", batch=4)
+    np.testing.assert_array_equal(there.process(frames), wanted)
+    out = np.empty_like(frames)
+    edges = [0, 1, 4, 70, 71, 149, 150]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        there.process_into(frames[first:last], out[first:last])
+    np.testing.assert_array_equal(out, wanted)
+    assert there.frames == 300
+    there.reset()
+    assert there.frames == there.status()["frames"] == 0
+
+
+def test_a_refusal_is_the_methods_own_line(beside, tmp_path):
+    with pytest.raises(MitigationError, match="tcae model .*missing.onnx does not exist"):
+        beside("tcae", model=str(tmp_path / "missing.onnx"))
+    with pytest.raises(MitigationError, match="unknown mitigation method 'magic'"):
+        beside("magic")
+    with pytest.raises(MitigationError, match="own_process is 'yes'"):
+        create("blanking", W, own_process="yes")
+
+
+def test_what_fails_later_is_one_line_too(beside, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "def mitigate(frames, waveform):\n"
+        "    if abs(frames).max() > 3:\n        raise RuntimeError('too loud')\n    return frames\n"
+    )
+    there = beside("custom", file=str(file))
+    with pytest.raises(MitigationError, match="mine.py, line 3: RuntimeError: too loud"):
+        there.process(4 * W.reference[None])
+
+
+def test_a_killed_process_is_named(beside):
+    there = beside("blanking")
+    os.kill(there.process_id, signal.SIGKILL)
+    with pytest.raises(MitigationError, match=r"blanking: its process ended \(-9\)"):
+        there.process(received(1))
+
+
+def test_the_process_ends_with_the_method():
+    there = OwnProcess("blanking", W)
+    number = there.process_id
+    os.kill(number, signal.SIGINT)  # Ctrl-C reaches it as well, and is not its business
+    time.sleep(0.1)
+    np.testing.assert_array_equal(there.process(received(1)), create("blanking", W).process(received(1)))
+    del there
+    with pytest.raises(ProcessLookupError):
+        os.kill(number, 0)
+
+
+def test_one_core_computes_in_place(monkeypatch):
+    import gnuradio.radalt.core.mitigation as package
+
+    monkeypatch.setattr(package, "allowed_cores", lambda: [3])
+    assert not isinstance(create("blanking", W, own_process=True), OwnProcess)
+
+
+def test_the_interpreter_keeps_to_one_core_while_something_runs_beside_it(monkeypatch):
+    pinned = []
+    monkeypatch.setattr(cores, "_home", -1)
+    monkeypatch.setattr(cores, "_beside", 0)
+    monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _: {7, 2, 4})
+    monkeypatch.setattr(cores.os, "sched_setaffinity", lambda _, chosen: pinned.append(chosen))
+    assert not cores.join_home()
+    others = cores.leave_home()
+    assert len(others) == 2
+    assert cores.leave_home() == others
+    assert cores.join_home()
+    assert pinned == [{7, 2, 4} - set(others)]
+    cores.return_home()
+    assert cores.join_home()
+    cores.return_home()
+    assert not cores.join_home()
+
+
+def test_in_a_flowgraph(tmp_path):
+    from gnuradio import blocks, gr, radalt
+
+    from gnuradio.radalt.core.scene import load_scene
+
+    scene = load_scene("paper_qpsk")
+    frames = received(21)
+    wanted = np.concatenate([create("tcae", W).process(frame[None]) for frame in frames])
+    top = gr.top_block()
+    source = blocks.vector_source_c(frames.reshape(-1).tolist(), vlen=W.samples_per_frame)
+    network, sink = radalt.tcae(scene, own_process=True), blocks.vector_sink_c(W.samples_per_frame)
+    top.connect(source, network, sink)
+    top.start()
+    top.wait()
+    np.testing.assert_array_equal(np.array(sink.data(), np.complex64).reshape(wanted.shape), wanted)
+    assert network.status()["frames"] == 21
+    assert network.milliseconds().size == 21
+    assert (network.milliseconds() > 0).all()
