@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import uhd_double
+from gnuradio import radalt
 
 from gnuradio.radalt.core.calibration import CalibrationError, load_latency_samples, store_latency_samples
 from gnuradio.radalt.core.interlock import InterlockError, require_enclosure
@@ -125,6 +126,26 @@ def test_altitudes_are_right_and_events_are_counted(air):
     assert result.segmenter["tx_underflows"] == 2  # the double publishes one a transmitter
     assert result.segmenter["saturated_frames"] == 0
     assert any("gain dB" in line and "asked" in line for line in lines)
+
+
+def test_a_live_slider_cannot_make_the_jammer_clip(air):
+    """The converters are scaled for the scene's burst; less SIR, or a shorter burst, is held at that power."""
+    scene = a_scene()
+    jammer = radalt.mixture_jammer_source(scene, overlap=1.0, sir_db=-60.0)
+    assert jammer.stream.total_sir_db == -60.0  # in the simulated channel nothing clips
+    jammer.hold_drive()
+    for overlap, sir_db in ((1.0, -60.0), (0.1, scene.sir_db), (0.02, 0.0), (1.0, -3.0)):
+        jammer.set_overlap(overlap)
+        jammer.set_sir_db(sir_db)
+        burst = -jammer.stream.total_sir_db - 10 * np.log10(overlap)
+        assert burst == pytest.approx(min(scene.burst_db, -sir_db - 10 * np.log10(overlap)))
+
+
+def test_set_up_holds_the_jammers_drive(air, monkeypatch):
+    held = []
+    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", held.append)
+    fly(air, a_scene())
+    assert len(held) == 1
 
 
 def test_saturation_is_counted(air):

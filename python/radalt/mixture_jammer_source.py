@@ -43,6 +43,15 @@ class mixture_jammer_source(JammerSource):
         )
         self._scene = scene
         self._overlap, self._sir_db = overlap, sir_db
+        self._strongest_db = float("inf")
+        self._apply()
+
+    def hold_drive(self) -> None:
+        """From now on no burst is stronger than the scene's: on the air the converters were scaled for that one.
+
+        A lower SIR, or a shorter burst at the same SIR, then takes the lowest SIR that does not clip.
+        """
+        self._strongest_db = self._scene.burst_db
         self._apply()
 
     def set_overlap(self, overlap: float) -> None:
@@ -60,4 +69,7 @@ class mixture_jammer_source(JammerSource):
             overlap=None if self._overlap < 0 else self._overlap,
             sir_db=None if self._sir_db > 900 else self._sir_db,
         )
+        excess_db = scene.burst_db - self._strongest_db
+        if excess_db > 0:
+            scene = scene.at(sir_db=scene.sir_db + excess_db)
         self.stream.interferers, self.stream.total_sir_db = scene.interference, scene.total_sir_db

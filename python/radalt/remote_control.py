@@ -10,7 +10,7 @@ import numpy as np
 
 from .core.altimeter import RESULT_DTYPE, Reason
 from .core.control import CONTROL_VERSION, MAX_REQUEST_BYTES, Request, RequestError, parse_request
-from .core.scene import Scene
+from .core.scene import Scene, burst_db
 
 __all__ = ["remote_control"]
 
@@ -163,12 +163,11 @@ class remote_control:
         if not hasattr(self._top, "jammer_usrp_sink") or not {"overlap", "sir_db"} & changes.keys():
             return
         state = self._jammer_state() | {k: v for k, v in changes.items() if k in ("overlap", "sir_db")}
-        start = self._start_state()
-        if state["overlap"] > 0 and _burst_db(state) > _burst_db(start) + 0.01:
+        more_db = burst_db(state["sir_db"], state["overlap"]) - self._scene.burst_db
+        if state["overlap"] > 0 and more_db > 0.01:
             raise RequestError(
-                f"sir_db {state['sir_db']:g} at overlap {state['overlap']:g} makes bursts "
-                f"{_burst_db(state) - _burst_db(start):.1f} dB stronger than the radios were set up for; "
-                "start with that SIR"
+                f"sir_db {state['sir_db']:g} at overlap {state['overlap']:g} makes bursts {more_db:.1f} dB stronger "
+                "than the radios were set up for; start with that SIR"
             )
 
     # -- what is there ------------------------------------------------------------------------------------------------
@@ -188,17 +187,12 @@ class remote_control:
             return self._scene.altitude.programme.altitude_m(index)
         return source.altitude_m(index)
 
-    def _start_state(self) -> dict[str, float]:
-        powers = [10.0 ** (-i.sir_db / 10.0) for i in self._scene.interference]
-        total = self._scene.total_sir_db
-        sir = total if total is not None else -10.0 * float(np.log10(sum(powers)))
-        return {"overlap": max(i.overlap for i in self._scene.interference), "sir_db": sir}
-
     def _jammer_state(self) -> dict[str, float | None]:
         if not hasattr(self._top, "jammer_source"):
             return {"overlap": 0.0, "sir_db": None}
         own = {"overlap": self._overlap, "sir_db": self._sir_db}
-        return self._start_state() | {k: v for k, v in own.items() if v is not None}
+        start = {"overlap": max(i.overlap for i in self._scene.interference), "sir_db": self._scene.sir_db}
+        return start | {k: v for k, v in own.items() if v is not None}
 
     def state(self) -> dict[str, Any]:
         """Altitude, jammer, active methods, lock and counters."""
@@ -213,11 +207,6 @@ class remote_control:
             "segmenter": self._top.frame_segmenter.status(),
             "published": self.published,
         }
-
-
-def _burst_db(state: dict[str, float]) -> float:
-    """Power of a burst while it lasts, relative to the return."""
-    return -state["sir_db"] - 10.0 * float(np.log10(max(state["overlap"], 1e-6)))
 
 
 def _finite(value: Any) -> Any:

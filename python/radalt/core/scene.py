@@ -6,6 +6,7 @@ A wrong key, unit, range or type gives one line that names file, key, value and 
 from __future__ import annotations
 
 import dataclasses
+import math
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -278,11 +279,30 @@ class Scene:
         return dataclasses.replace(self, **changes)
 
     @property
+    def sir_db(self) -> float:
+        """SIR of all interference together, over the whole frame; infinite without any."""
+        if not self.interference:
+            return float("inf")
+        if self.total_sir_db is not None:
+            return self.total_sir_db
+        return -10.0 * math.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in self.interference))
+
+    @property
+    def burst_db(self) -> float:
+        """Power of the interference while it lasts over the return's, in decibels, all bursts at once."""
+        return burst_db(self.sir_db, max((i.overlap for i in self.interference), default=0.0))
+
+    @property
     def interference_name(self) -> str:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
         return "+".join(emitter_label(i.emitter) for i in self.interference)
+
+
+def burst_db(sir_db: float, overlap: float) -> float:
+    """Power of a burst over the return's, in decibels, from the SIR of the whole frame and the burst's share of it."""
+    return -sir_db - 10.0 * math.log10(max(overlap, 1e-6))
 
 
 def load_scene(name: str | Path) -> Scene:

@@ -171,8 +171,8 @@ def set_up(
 ) -> Ready:
     """Everything between the construction of a flowgraph for the air and its start.
 
-    The interlock once more, `bring_up` with its readback, the segmenter's full scale and calibration, and one start
-    time for all, last.
+    The interlock once more, `bring_up` with its readback, the jammer's strongest burst, the segmenter's full scale and
+    calibration, and one start time for all, last.
 
     Parameters
     ----------
@@ -202,6 +202,8 @@ def set_up(
     _check_blocks(top, scene)
     for entry in bring_up(top, scene, uhd, sleep):
         log(str(entry))
+    if scene.has_jammer:
+        top.jammer_source.hold_drive()
     segmenter = top.frame_segmenter
     segmenter.set_full_scale(FULL_SCALE)
     latency = None
