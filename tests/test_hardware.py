@@ -143,7 +143,7 @@ def test_a_live_slider_cannot_make_the_jammer_clip(air):
 
 def test_set_up_holds_the_jammers_drive(air, monkeypatch):
     held = []
-    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", held.append)
+    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", lambda self: held.append(self))
     fly(air, a_scene())
     assert len(held) == 1
 
