@@ -72,7 +72,7 @@ RECIPES: dict[str, Recipe] = {
     ),
     # samples, not beats: from random weights the beat loss starts on a plateau (error share 1, no slope)
     "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),
-    "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=2_000, rate=1e-3),
+    "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=1_200, rate=1e-3),
     # comparison of architectures: same data, same number of examples, same loss
     "compare_compact": Recipe("compact", steps=700),
     "compare_beat_spectrum": Recipe("beat_spectrum", steps=700),
