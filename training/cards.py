@@ -47,8 +47,8 @@ RECIPE = {
     ),
     "cnn": (
         "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, rate at most 1e-3, batches of 128. "
-        "Steps were added twice, 620 and 1,200 in place of 500, and the cosine of the rate drawn anew each time. Weights "
-        "are stored as int8 with one scale a row and widened when the file is loaded."
+        "Steps were added twice, 620 and 1,200 in place of 500, and the cosine of the rate drawn anew each time. "
+        "Weights are stored as int8 with one scale a row and widened when the file is loaded."
     ),
     "fc": (
         "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, peak rate 1e-3, cosine to zero, "
