@@ -88,7 +88,7 @@ def main() -> None:
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
     parts = ("compact_first", "compact_deep", "compact")
     draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in parts])
-    draw_training(out / "tcae_paper.png", [logs / "paper_random_start.csv", logs / "paper.csv"])
+    draw_training(out / "tcae_paper.png", [logs / "paper.csv"])
 
 
 if __name__ == "__main__":

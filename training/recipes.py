@@ -25,7 +25,7 @@ class Recipe:
     bfloat16 : bool
         Autocast of the forward pass where the processor has it.
     start_from : str
-        Recipe whose checkpoint the network starts from; ``"closed_form"``: `networks.paper_start`; empty starts anew.
+        Recipe whose checkpoint the network starts from; empty starts anew.
     stop : int
         Step after which training ends, before the schedule does; 0 runs to ``steps``.
     """
@@ -48,7 +48,7 @@ RECIPES: dict[str, Recipe] = {
     "compact_deep": Recipe("compact", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
     "compact": Recipe("compact", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
-    "paper_random": Recipe(
+    "paper": Recipe(
         "paper",
         data="paper",
         loss="sample",
@@ -57,18 +57,6 @@ RECIPES: dict[str, Recipe] = {
         rate=1e-3,
         schedule="constant",
         bfloat16=True,
-    ),
-    # the same from the closed-form start, in batches of 32 and at a tenth of the rate, so as not to lose it
-    "paper": Recipe(
-        "paper",
-        data="paper",
-        loss="sample",
-        batch=32,
-        steps=234_375,
-        rate=1e-4,
-        schedule="constant",
-        bfloat16=True,
-        start_from="closed_form",
     ),
     # samples, not beats: from random weights the beat loss starts on a plateau (error share 1, no slope)
     "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),

@@ -20,7 +20,6 @@ import torch
 from data import CONFIGS, batches, validation_batch
 from losses import BeatLoss, sample_loss
 from networks import build
-from networks.paper_start import closed_form_start
 from recipes import RECIPES, Recipe
 from torch import Tensor, nn
 
@@ -70,9 +69,6 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.seconds = state["step"], state["seconds"]
-        elif self.recipe.start_from == "closed_form":
-            share = closed_form_start(self.network, self.waveform)
-            print(f"closed-form start passes {share:.3f} of a return's energy", flush=True)
         elif self.recipe.start_from:
             start = RUNS / self.recipe.start_from / "checkpoint.pt"
             state = torch.load(start, map_location=self.device, weights_only=True)
