@@ -65,10 +65,11 @@ def draw_training(path: Path, logs: list[Path]) -> None:
             color=colour,
             marker="o",
             ms=3,
-            label=log.stem,
+            label=log.stem.removeprefix("compare_"),
         )
     axis.set(xlabel="examples", ylabel="validation loss")
-    axis.legend()
+    if len(logs) > 1:
+        figure.legend(loc="outside right upper")  # curves run through every corner
     axis.grid(alpha=0.3)
     figure.savefig(path, dpi=110)
     plt.close(figure)
