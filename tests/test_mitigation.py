@@ -455,6 +455,35 @@ def test_frames_that_two_threads_bring_at_once_are_computed_once():
         np.testing.assert_array_equal(result, frames.sum(axis=1))
 
 
+def test_a_thread_that_comes_while_another_makes_the_weights_is_served(monkeypatch):
+    import threading
+
+    from radalt.core.frame_memory import FrameMemory
+
+    inside, go_on = threading.Event(), threading.Event()
+    make = np.random.default_rng
+
+    def slow(seed):
+        if threading.current_thread().name == "first":
+            inside.set()
+            assert go_on.wait(10.0)
+        return make(seed)
+
+    monkeypatch.setattr(np.random, "default_rng", slow)
+    memory = FrameMemory(lambda batch: (batch.sum(axis=1),))
+    frames = np.arange(64, dtype=np.complex64).reshape(4, 16)
+    results = []
+    first = threading.Thread(target=lambda: results.append(memory(frames)[0]), name="first")
+    first.start()
+    assert inside.wait(10.0)
+    results.append(memory(frames)[0])
+    go_on.set()
+    first.join()
+    for result in results:
+        np.testing.assert_array_equal(result, frames.sum(axis=1))
+    assert memory.computed == 4
+
+
 def test_a_known_verdict_spares_the_shift_test_its_detector(monkeypatch):
     from radalt.core.detector import InterferenceDetector
 

@@ -49,7 +49,7 @@ class FrameMemory:
     ) -> None:
         self._compute, self._limit = compute, int(frames)
         self._rows: dict[tuple[int, bytes], tuple[np.ndarray, ...]] = {}
-        self._odd, self._random = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.float32)
+        self._weights = np.zeros(0, dtype=np.uint64), np.zeros(0, dtype=np.float32)
         self._lock = threading.Lock()
         self.computed = 0
 
@@ -72,10 +72,12 @@ class FrameMemory:
 
     def _keys(self, frames: np.ndarray) -> list[tuple[int, bytes]]:
         words, rails = frames.view(np.uint64), frames.view(np.float32)
-        if self._odd.size != words.shape[1]:
-            self._odd = np.arange(1, 2 * words.shape[1], 2, dtype=np.uint64)
-            self._random = np.random.default_rng(0).standard_normal(rails.shape[1], dtype=np.float32)
+        odd, random = self._weights
+        if odd.size != words.shape[1]:
+            odd = np.arange(1, 2 * words.shape[1], 2, dtype=np.uint64)
+            random = np.random.default_rng(0).standard_normal(rails.shape[1], dtype=np.float32)
+            self._weights = odd, random  # both at once: another thread may be asking
         with np.errstate(invalid="ignore", over="ignore"):  # a frame may hold anything
-            sums = np.einsum("ij,j->i", rails, self._random)
+            sums = np.einsum("ij,j->i", rails, random)
         bits = [value.tobytes() for value in sums]
-        return list(zip(np.einsum("ij,j->i", words, self._odd).tolist(), bits, strict=True))
+        return list(zip(np.einsum("ij,j->i", words, odd).tolist(), bits, strict=True))
