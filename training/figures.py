@@ -59,7 +59,7 @@ def draw_training(path: Path, logs: list[Path]) -> None:
         with log.open(newline="") as file:
             rows = list(csv.DictReader(file))
         axis.plot(
-            [int(row["examples"]) for row in rows],
+            [int(row["examples"]) / 1000 for row in rows],
             [float(row["validation_loss"]) for row in rows],
             dash,
             color=colour,
@@ -67,7 +67,7 @@ def draw_training(path: Path, logs: list[Path]) -> None:
             ms=3,
             label=log.stem.removeprefix("compare_"),
         )
-    axis.set(xlabel="examples", ylabel="validation loss")
+    axis.set(xlabel="examples / 1000", ylabel="validation loss")
     if len(logs) > 1:
         figure.legend(loc="outside right upper")  # curves run through every corner
     axis.grid(alpha=0.3)

@@ -109,25 +109,25 @@ class OwnProcess(Mitigation):
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """See `Mitigation.process_into`; what is not finite is the method's own business."""
         self.frames += len(frames)
-        for first in range(0, len(frames), _FRAMES):
-            self._exchange(frames[first : first + _FRAMES], out[first : first + _FRAMES])
+        self._exchange(frames, out)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
-        for first in range(0, len(batch), _FRAMES):
-            self._exchange(batch[first : first + _FRAMES], out[first : first + _FRAMES])
+        self._exchange(batch, out)
         return out
 
     def _exchange(self, received: np.ndarray, cleaned: np.ndarray) -> None:
-        """Frames over and back; while some are computed others are copied."""
-        spans = [slice(i, min(i + self._batch, len(received))) for i in range(0, len(received), self._batch)]
-        with self._lock:
-            for span in spans:
-                self._received[span] = received[span]
-                self._ask(_SPAN.pack(span.start, span.stop))
-            for span in spans:
-                self._done()
-                cleaned[span] = self._cleaned[span]
+        """(n, N) frames over and back; while some are computed others are copied."""
+        for first in range(0, len(received), _FRAMES):
+            there, back = received[first : first + _FRAMES], cleaned[first : first + _FRAMES]
+            spans = [slice(i, min(i + self._batch, len(there))) for i in range(0, len(there), self._batch)]
+            with self._lock:
+                for span in spans:
+                    self._received[span] = there[span]
+                    self._ask(_SPAN.pack(span.start, span.stop))
+                for span in spans:
+                    self._done()
+                    back[span] = self._cleaned[span]
 
     def _ask(self, request: bytes) -> None:
         try:
