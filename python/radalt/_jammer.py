@@ -64,6 +64,10 @@ class JammerSource(gr.sync_block):
             if self._at == self._frame.size:
                 if self._limit and self.stream.frame_index >= self._limit:
                     return done or WORK_DONE
+                if out.size - done >= self._n:  # a whole frame fits: made in its place
+                    self.stream.next_frame(out[done : done + self._n])
+                    done += self._n
+                    continue
                 self._frame, self._at = self.stream.next_frame(), 0
             count = min(self._frame.size - self._at, out.size - done)
             out[done : done + count] = self._frame[self._at : self._at + count]

@@ -149,9 +149,7 @@ class QpskEmitter:
         offset, phase = rng.random(2)
         turn = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
-            # times are not negative: the conversion is the floor
-            index = (_ramp(count, rate) + offset).astype(np.intp)
-            symbols = _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng)
+            symbols, index = self._held(count, rate, offset, rng)
             if not self.carrier_hz:  # there are fewer symbols to turn than samples
                 return np.take(symbols * turn, index)
             baseband = symbols[index]
@@ -160,6 +158,32 @@ class QpskEmitter:
         if self.carrier_hz:
             return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
         return baseband * turn
+
+    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
+        """Samples of that mean power into ``span``, complex64 or complex128, where this takes less than `samples`.
+
+        True if written: rectangular pulses without a carrier have one modulus, so their symbols are scaled before they
+        are held. Otherwise nothing is drawn or written.
+        """
+        rate = self.symbol_rate_hz / rate_hz
+        if self.pulse != "rectangular" or self.carrier_hz or rate > 1:
+            return False
+        offset, phase = rng.random(2)
+        symbols, index = self._held(span.size, rate, offset, rng)
+        symbols = symbols * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)
+        np.take(
+            symbols.astype(span.dtype), index, out=span, mode="clip"
+        )  # the default mode buffers the output
+        return True
+
+    @staticmethod
+    def _held(
+        count: int, rate: float, offset: float, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Symbols at ``rate`` a sample, and which of them each of ``count`` samples holds."""
+        # times are not negative: the conversion is the floor
+        index = (_ramp(count, rate) + offset).astype(np.intp)
+        return _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
@@ -257,11 +281,13 @@ def _place(
         first = int(rng.integers(0, frame_samples - count + 1))
     else:
         first = min(round(interferer.start * frame_samples), frame_samples - count)
-    burst = interferer.emitter.samples(count, rate_hz, rng)
-    energy = np.vdot(burst, burst).real
+    emitter, span = interferer.emitter, silence[first : first + count]
     wanted = return_power * 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
+    if isinstance(emitter, QpskEmitter) and emitter.write(span, wanted / count, rate_hz, rng):
+        return
+    burst = emitter.samples(count, rate_hz, rng)
+    energy = np.vdot(burst, burst).real
     if energy > 0:  # an emitter that is silent in this window (a pulsed radar between pulses) stays silent
-        span = silence[first : first + count]
         np.multiply(burst, np.sqrt(wanted / energy), out=span, casting="same_kind")
 
 
@@ -276,19 +302,21 @@ def interference_frames(
     total_sir_db: float | None = None,
     transform: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
     dtype: type = np.complex128,
+    out: np.ndarray | None = None,
 ) -> np.ndarray:
     """(frames, N) ``dtype``: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
 
     ``transform(frame, rng)`` is applied to each interferer's frame before its power is set anew (multipath). Sums are
-    made in complex128 whatever the ``dtype``.
+    made in complex128 whatever the ``dtype``. ``out``, if given, is written to and returned, in its own dtype.
     """
     if len(interferers) == 1 and transform is None and total_sir_db is None:  # nothing to sum
-        alone = np.zeros((frames, frame_samples), dtype=dtype)
+        alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
+        alone[:] = 0
         for row in alone:
             _place(row, interferers[0], rate_hz, rng, return_power)
         return alone
-    out = np.zeros((frames, frame_samples), dtype=np.complex128)
-    for row in out:
+    total = np.zeros((frames, frame_samples), dtype=np.complex128)
+    for row in total:
         for interferer in interferers:
             part = interference_frame(interferer, frame_samples, rate_hz, rng, return_power=return_power)
             if transform is not None:
@@ -296,7 +324,10 @@ def interference_frames(
             row += part
         if total_sir_db is not None:
             row[:] = _rescale(row, return_power * 10.0 ** (-total_sir_db / 10.0) * frame_samples)
-    return out.astype(dtype, copy=False)
+    if out is None:
+        return total.astype(dtype, copy=False)
+    out[:] = total
+    return out
 
 
 def _rescale(frame: np.ndarray, energy: float) -> np.ndarray:

@@ -54,28 +54,29 @@ class JammerStream:
         frames = 0 if programme is None else programme.total_frames
         self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
 
-    def next_frame(self) -> np.ndarray:
-        """(N,) complex64: the next sweep's worth of interference."""
+    def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:
+        """(N,) complex64: the next sweep's worth of interference, in ``out`` if that is given."""
         index = self.frame_index
         self.frame_index += 1
         n = self.waveform.samples_per_frame
+        frame = np.empty(n, dtype=np.complex64) if out is None else out
         if self._is_silent(index):
-            frame = np.zeros(n, dtype=np.complex64)
+            frame[:] = 0
         else:
-            frame = interference_frames(
+            interference_frames(
                 self.interferers,
                 1,
                 n,
                 self.waveform.rate_hz,
                 self._rng,
                 total_sir_db=self.total_sir_db,
-                dtype=np.complex64,
-            )[0]
-        if not self._shift:
-            return frame
-        joined = np.concatenate([self._carry, frame])
-        self._carry = joined[n:]
-        return joined[:n]
+                out=frame[None],
+            )
+        if self._shift:
+            joined = np.concatenate([self._carry, frame])
+            self._carry = joined[n:]
+            frame[:] = joined[:n]
+        return frame
 
     def _is_silent(self, index: int) -> bool:
         if self.programme is None:

@@ -333,13 +333,16 @@ class FrameSegmenter:
 
         Matched filters at the transmitted altitude, up to two samples either side.
         """
-        x = frame.samples
-        # whole samples apart, the expected frames are one frame shifted in a circle: so is the received one instead
-        around = np.concatenate((x[-2:], x, x[:2]))
-        # SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
+        x, n = frame.samples, self._n
+        # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
+        # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
         expected = self._expected_frame(frame.index)
-        response = [abs(blas.cdotc(expected, around, n=self._n, offy=shift)) for shift in range(5)]
-        energy = blas.cdotc(x, x).real
+        response = [
+            abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
+            for shift in range(-2, 3)
+        ]
+        rails = x.view(np.float32)
+        energy = blas.sdot(rails, rails)
         if not (math.isfinite(energy) and energy > 0):
             return None
         best = response.index(max(response))
