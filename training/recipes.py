@@ -26,6 +26,8 @@ class Recipe:
         Autocast of the forward pass where the processor has it.
     start_from : str
         Recipe whose checkpoint the network starts from; empty starts anew.
+    dropped_blocks : tuple of int
+        Gated blocks of that checkpoint's network which this one does without.
     stop : int
         Step after which training ends, before the schedule does; 0 runs to ``steps``.
     """
@@ -39,14 +41,19 @@ class Recipe:
     schedule: str = "cosine"
     bfloat16: bool = False
     start_from: str = ""
+    dropped_blocks: tuple[int, ...] = ()
     stop: int = 0
 
 
 RECIPES: dict[str, Recipe] = {
-    # the shipped model in three parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear
-    "compact_first": Recipe("compact", steps=10_000, stop=2_750),
-    "compact_deep": Recipe("compact", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
-    "compact": Recipe("compact", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
+    # the shipped model in four parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
+    # then without what it can do without (training/networks/__init__.py)
+    "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
+    "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
+    "compact_heard": Recipe("compact_wide", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
+    "compact": Recipe(
+        "compact", data="lean", steps=9_000, rate=1e-3, start_from="compact_heard", dropped_blocks=(2, 4)
+    ),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
     "paper": Recipe(
         "paper",
@@ -62,7 +69,7 @@ RECIPES: dict[str, Recipe] = {
     "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),
     "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=1_200, rate=1e-3),
     # comparison of architectures: same data, same number of examples, same loss
-    "compare_compact": Recipe("compact", steps=700),
+    "compare_compact": Recipe("compact_wide", steps=700),
     "compare_beat_spectrum": Recipe("beat_spectrum", steps=700),
     "compare_beat_only": Recipe("beat_only", steps=700),
     "compare_mask": Recipe("mask", steps=700),

@@ -12,14 +12,17 @@ import argparse
 import csv
 import multiprocessing
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
 from data import CONFIGS, batches, validation_batch
 from losses import BeatLoss, sample_loss
 from networks import build
+from onnx import numpy_helper
 from recipes import RECIPES, Recipe
 from torch import Tensor, nn
 
@@ -45,10 +48,33 @@ def _produce(queue: multiprocessing.Queue, recipe: Recipe, first: int) -> None:
         queue.put((received, clean))
 
 
+def exported_weights(model: Path) -> dict[str, Tensor]:
+    """Trained weights that `export.py` wrote in float32."""
+    read = onnx.load(str(model))
+    names = {entry.key: entry.value for entry in read.metadata_props}["radalt_weights"].split(",")
+    return {t.name: torch.tensor(numpy_helper.to_array(t)) for t in read.graph.initializer if t.name in names}
+
+
+def without_blocks(weights: dict[str, Tensor], dropped: Sequence[int]) -> dict[str, Tensor]:
+    """Weights of a network whose gated blocks of these numbers are gone and the others close up."""
+    kept = {}
+    for name, values in weights.items():
+        stack, _, rest = name.partition("blocks.")
+        if not stack and rest:
+            number, _, part = rest.partition(".")
+            if int(number) in dropped:
+                continue
+            name = f"blocks.{int(number) - sum(d < int(number) for d in dropped)}.{part}"
+        kept[name] = values
+    return kept
+
+
 class Trainer:
     """State of one run; `run` goes on from wherever it stands."""
 
-    def __init__(self, name: str, recipe: Recipe, *, device: str, interval: int) -> None:
+    def __init__(
+        self, name: str, recipe: Recipe, *, device: str, interval: int, start: Path | None = None
+    ) -> None:
         self.recipe, self.device, self.interval = recipe, torch.device(device), interval
         self.folder = RUNS / name
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -58,21 +84,26 @@ class Trainer:
         self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
         self.beat_loss = BeatLoss(self.waveform).to(self.device)
         self.step, self.seconds, self.last = 0, 0.0, recipe.stop or recipe.steps
-        self._resume()
+        self._resume(start)
         received, clean, _ = validation_batch(CONFIGS[recipe.data], self.waveform, 256)
         self.validation = tuple(torch.from_numpy(x) for x in (received, clean))
 
-    def _resume(self) -> None:
+    def _resume(self, start: Path | None) -> None:
+        """State of the checkpoint, else the weights to start from: an exported model's, or of the recipe before."""
+        weights = None
         path = self.folder / "checkpoint.pt"
         if path.is_file():
             state = torch.load(path, map_location=self.device, weights_only=True)
             self.network.load_state_dict(state["network"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.seconds = state["step"], state["seconds"]
+        elif start is not None:
+            weights = exported_weights(start)
         elif self.recipe.start_from:
             start = RUNS / self.recipe.start_from / "checkpoint.pt"
-            state = torch.load(start, map_location=self.device, weights_only=True)
-            self.network.load_state_dict(state["network"])
+            weights = torch.load(start, map_location=self.device, weights_only=True)["network"]
+        if weights is not None:
+            self.network.load_state_dict(without_blocks(weights, self.recipe.dropped_blocks))
 
     def _save(self) -> None:
         state = {
@@ -199,6 +230,7 @@ def main() -> None:
     )
     parser.add_argument("recipe", nargs="?", default="compact", choices=sorted(RECIPES))
     parser.add_argument("--name", help="folder below training/runs (default: the recipe's name)")
+    parser.add_argument("--start", type=Path, metavar="FILE", help="exported model (float32) to start from")
     parser.add_argument("--steps", type=int, help="instead of the recipe's number")
     parser.add_argument("--minutes", type=float, default=1e6, help="stop, resumable, after this long")
     parser.add_argument("--interval", type=int, default=250, help="steps between reports and checkpoints")
@@ -209,12 +241,13 @@ def main() -> None:
     if args.steps:
         recipe = replace(recipe, steps=args.steps)
     torch.set_num_threads(args.threads)
-    for name in _missing_before(recipe):
+    for name in [] if args.start else _missing_before(recipe):
         print(f"{args.recipe} starts from {name}: training that first", flush=True)
         earlier = Trainer(name, RECIPES[name], device=args.device, interval=args.interval)
         earlier.run(time.time() + 60 * args.minutes)
         draw_curves(earlier.folder)
-    trainer = Trainer(args.name or args.recipe, recipe, device=args.device, interval=args.interval)
+    where = {"device": args.device, "interval": args.interval, "start": args.start}
+    trainer = Trainer(args.name or args.recipe, recipe, **where)
     trainer.run(time.time() + 60 * args.minutes)
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)

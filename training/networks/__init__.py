@@ -14,8 +14,12 @@ from .paper import Convolutional, FullyConnected, Paper
 
 __all__ = ["NETWORKS", "build"]
 
+# what ships: two of seven blocks and two thirds of the spectral gains fewer
+_LEAN = {"dilations": (1, 2, 8, 32, 1), "spectrum_step": 15, "spectrum_smooth": 3}
+
 NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
-    "compact": Compact,
+    "compact": lambda w: Compact(w, CompactSettings(**_LEAN)),
+    "compact_wide": Compact,
     "beat_only": lambda w: Compact(w, CompactSettings(modulus=False, spectrum=False)),
     "beat_spectrum": lambda w: Compact(w, CompactSettings(modulus=False)),
     "mask": Mask,

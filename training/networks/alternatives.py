@@ -39,7 +39,7 @@ class Mask(nn.Module):
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
-        gain = torch.sigmoid(self.leave(self.blocks(self.enter(features) + self.position)))
+        gain = torch.sigmoid(self.leave(self.blocks((self.enter(features) + self.position).unsqueeze(2))))
         blocks = self.bank.back(cells * torch.cat([gain, gain], 1))
         return from_blocks(blocks * self.bank.norm)
 
@@ -64,4 +64,4 @@ class Residual(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        return x - self.leave(self.blocks(self.enter(x)))
+        return x - self.leave(self.blocks(self.enter(x).unsqueeze(2)))

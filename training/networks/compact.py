@@ -26,9 +26,22 @@ from torch.nn import functional as nnf
 
 from radalt.core.waveform import Waveform
 
-from .layers import BandGain, Dechirp, FourierBank, GatedStack, RowConv, from_blocks, log_power, to_blocks
+from .layers import (
+    BandGain,
+    Dechirp,
+    FourierBank,
+    GatedStack,
+    RowConv,
+    Same,
+    from_blocks,
+    log_power,
+    to_blocks,
+)
 
 __all__ = ["Compact", "CompactSettings"]
+
+
+_WIDE_CELLS = 75  # of the DFT: the surroundings that a gain's power is compared with
 
 
 @dataclass(frozen=True)
@@ -36,7 +49,8 @@ class CompactSettings:
     """Sizes and which stages exist.
 
     ``hop`` has to divide the frame, ``kernel`` is three hops, ``reach`` bins on each side of zero beat are
-    kept.
+    kept. ``spectrum_step`` cells of the frame's DFT share a gain, whose input is the mean over ``spectrum_smooth``
+    such groups (odd).
     """
 
     hop: int = 30
@@ -46,6 +60,8 @@ class CompactSettings:
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 1)
     modulus: bool = True
     spectrum: bool = True
+    spectrum_step: int = 5
+    spectrum_smooth: int = 5
 
 
 def _local_mean(hop: int) -> Tensor:
@@ -128,8 +144,10 @@ class _Modulus(nn.Module):
 class _Spectrum(nn.Module):
     """Stage 2: soft limit on the smoothed spectrum, (B, 2, N) -> (B, 2, N)."""
 
-    def __init__(self, samples: int, step: int = 5) -> None:
+    def __init__(self, samples: int, settings: CompactSettings) -> None:
         super().__init__()
+        step = settings.spectrum_step
+        self.smooth, self.wide = settings.spectrum_smooth, _WIDE_CELLS // step | 1
         self.dft = BandGain(_factors(samples, step), step)
         self.hidden = nn.Conv1d(4, 8, 3, padding=1)
         self.out = nn.Conv1d(8, 2, 3, padding=1)
@@ -143,10 +161,11 @@ class _Spectrum(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """See the class."""
         spectrum, power = self.dft.analyse(x)
-        wrapped = torch.cat([power[..., -2:], power, power[..., :2]], 2)  # the band is a circle
-        smooth = nnf.avg_pool1d(wrapped, 5, 1) + 1e-6
+        side = self.smooth // 2
+        wrapped = torch.cat([power[..., -side:], power, power[..., :side]], 2)  # the band is a circle
+        smooth = nnf.avg_pool1d(wrapped, self.smooth, 1) + 1e-6
         floor = 1.0 / (1.0 / smooth).mean(2, keepdim=True)  # harmonic mean: the quiet part of the band
-        wide = nnf.avg_pool1d(smooth, 15, 1, padding=7, count_include_pad=False)
+        wide = nnf.avg_pool1d(smooth, self.wide, 1, padding=self.wide // 2, count_include_pad=False)
         level = torch.log(smooth)
         middle = level.mean(2, keepdim=True)
         over = level - torch.log(floor)
@@ -179,7 +198,7 @@ class Compact(nn.Module):
         self.dechirp = Dechirp(waveform, settings.hop)
         self.bank = FourierBank(samples, settings.kernel, settings.hop, bins)
         self.modulus = _Modulus(settings, len(bins)) if settings.modulus else None
-        self.spectrum = _Spectrum(samples) if settings.spectrum else None
+        self.spectrum = _Spectrum(samples, settings) if settings.spectrum else None
         c, b = settings.channels, len(bins)
         # what belongs to cells and what to whole columns apart: ONNX Runtime is fast with multiples of four channels,
         # 28 here, and with few
@@ -187,6 +206,7 @@ class Compact(nn.Module):
         self.enter = RowConv(cells, c, 4, stride=2, padding=1)
         self.enter_columns = RowConv(columns, c, 4, bias=False, stride=2, padding=1)
         self.position = nn.Parameter(torch.zeros(1, c, self.bank.steps // 2))
+        self.same = Same(c)
         self.blocks = GatedStack(c, settings.dilations)
         self.leave = nn.ConvTranspose1d(c, b, 4, stride=2, padding=1)
         with torch.no_grad():
@@ -217,5 +237,5 @@ class Compact(nn.Module):
             of_cells.append(0.25 * raw)
             of_columns.append(0.25 * envelope)
         entered = self.enter(torch.cat(of_cells, 1)) + self.enter_columns(torch.cat(of_columns, 1))
-        gain = torch.sigmoid(self.leave(self.blocks(entered + self.position)))
+        gain = torch.sigmoid(self.leave(self.blocks(self.same(entered + self.position.unsqueeze(2)))))
         return torch.cat([gain, gain], 1)

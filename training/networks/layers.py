@@ -18,6 +18,7 @@ __all__ = [
     "FourierBank",
     "GatedStack",
     "RowConv",
+    "Same",
     "from_blocks",
     "log_power",
     "shifted",
@@ -251,7 +252,7 @@ class GatedBlock(nn.Module):
 
 
 class RowConv(nn.Conv2d):
-    """Convolution of (B, C, L), computed as one of (B, C, 1, L): see `GatedBlock`."""
+    """Convolution of (B, C, L) to (B, C', 1, L'): see `GatedBlock`."""
 
     def __init__(self, entering: int, leaving: int, kernel: int, *, bias: bool = True, **shape: int) -> None:
         row = {name: (1 if name == "stride" else 0, value) for name, value in shape.items()}
@@ -259,15 +260,31 @@ class RowConv(nn.Conv2d):
 
     def forward(self, x: Tensor) -> Tensor:
         """See the class."""
-        return super().forward(x.unsqueeze(2)).squeeze(2)
+        return super().forward(x.unsqueeze(2))
 
 
 class GatedStack(nn.Sequential):
-    """`GatedBlock` for each dilation, (B, C, L) -> (B, C, L)."""
+    """`GatedBlock` for each dilation, (B, C, 1, L) -> (B, C, L)."""
 
     def __init__(self, channels: int, dilations: Sequence[int]) -> None:
         super().__init__(*(GatedBlock(channels, d) for d in dilations))
 
     def forward(self, h: Tensor) -> Tensor:
         """See the class."""
-        return super().forward(h.unsqueeze(2)).squeeze(2)
+        return super().forward(h).squeeze(2)
+
+
+class Same(nn.Module):
+    """What comes in; where it is exported, through a convolution, whose output lies in ONNX Runtime's blocked layout.
+
+    Only there are the residual sums of the blocks that follow made inside their convolutions, without two reorderings
+    each.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("ones", torch.eye(channels)[:, :, None, None], persistent=False)
+
+    def forward(self, h: Tensor) -> Tensor:
+        """(B, C, 1, L) -> (B, C, 1, L)."""
+        return nnf.conv2d(h, self.ones) if torch.onnx.is_in_onnx_export() else h
