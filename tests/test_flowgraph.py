@@ -6,6 +6,9 @@ import dataclasses
 import importlib.util
 import inspect
 import io
+import os
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -355,8 +358,6 @@ def test_what_was_left_out_is_listed(clear, jammed):
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
     """DESIGN.md 7: the scene decides what is built, and what is not built is not imported."""
-    import subprocess
-
     scene = flowgraph.write_scene(scene_of(), tmp_path / "scene.yaml")
     statements = (
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
@@ -386,3 +387,61 @@ def test_run_beyond_its_time_is_stopped_and_says_so(clear):
     altitude = {"programme_m": [300.0], "frames": 20_000}
     with pytest.raises(FlowgraphError, match="did not end within 0.5 s"):
         run_point(clear, scene_of(altitude=altitude), time_limit_s=0.5)
+
+
+# -- the companion's Run button ---------------------------------------------------------------------------------------
+
+
+def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A generated program, started as the shipped flowgraphs' option *Run Command* says."""
+    command = load_grc(ROOT / "flowgraphs/ota_sim.grc")["options"]["parameters"]["run_command"]
+    words = shlex.split(command.format(python=shlex.quote(sys.executable), filename=shlex.quote(str(module))))
+    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"}
+    return subprocess.run(
+        [*words, *arguments], capture_output=True, text=True, timeout=120, check=False, env=environment
+    )
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
+    command = load_grc(path)["options"]["parameters"]["run_command"]
+    assert command == "{python} -u -m gnuradio.radalt.evaluation.companion {filename}"
+
+
+def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
+    module = flowgraph.generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
+    scene = tmp_path / "wrong.yaml"
+    scene.write_text("altitude: {frames: -3}\n")
+    done = run_button(module, "--scene-file", str(scene))
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"ota_sim: {scene}: altitude.frames -3 has to be at least 1 and preamble_frames 8 at least 6"
+    ]
+
+
+def test_run_button_ends_with_1_and_a_line_where_a_block_fails(tmp_path):
+    module = tmp_path / "failing.py"
+    module.write_text(
+        "import numpy as np\n"
+        "from gnuradio import blocks, gr\n"
+        "from gnuradio.radalt._guard import guarded\n"
+        "class broken(gr.sync_block):\n"
+        "    def __init__(self):\n"
+        "        gr.sync_block.__init__(self, 'broken', [np.complex64], None)\n"
+        "    @guarded\n"
+        "    def work(self, input_items, output_items):\n"
+        "        raise ValueError('the third rail is missing')\n"
+        "top, sink = gr.top_block(), broken()\n"  # a block of Python lives as long as its object
+        "top.connect(blocks.null_source(8), sink)\n"
+        "top.run()\n"
+    )
+    done = run_button(module)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == "failing: the third rail is missing"
+
+
+def test_run_button_ends_with_0_where_nothing_fails_and_hands_arguments_on(tmp_path):
+    module = tmp_path / "fine.py"
+    module.write_text("import sys\nprint(__name__, *sys.argv[1:])\n")
+    done = run_button(module, "--frames", "3")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "__main__ --frames 3\n", "")

@@ -13,9 +13,11 @@ from threadpoolctl import threadpool_limits
 
 from .core.cores import join_home
 
-__all__ = ["WORK_DONE", "guarded", "raise_stored"]
+__all__ = ["WORK_DONE", "guarded", "raise_stored", "raised"]
 
 WORK_DONE = -1
+
+raised: list[Exception] = []  # what blocks of this program have raised, for whoever has no list of its blocks
 
 # Every block is a thread that holds the interpreter for tens of microseconds at a time. With Python's default of 5 ms a
 # block that returns from NumPy waits that long behind a busy one: a flowgraph of five methods then took three times as
@@ -41,6 +43,7 @@ def guarded(work: Callable) -> Callable:
             return work(self, input_items, output_items)
         except Exception as error:
             self.error = error
+            raised.append(error)
             traceback.print_exc()
             return WORK_DONE
 
