@@ -130,6 +130,19 @@ CONFIGS: dict[str, SceneConfig] = {
 }
 # fourth part of `compact`: the same again in examples not seen yet
 CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
+# fifth part: more NR, above all of 10 MHz, and more of several at once
+CONFIGS["crowded"] = replace(
+    CONFIGS["heard"],
+    kinds=(
+        ("tones", 0.7),
+        ("qpsk_rectangular", 1.3),
+        ("qpsk_shaped", 0.9),
+        ("nr5", 1.3),
+        ("nr10", 1.8),
+    ),
+    counts=(0.04, 0.5, 0.16, 0.3),
+    seed=6,
+)
 
 
 @lru_cache(maxsize=1)
