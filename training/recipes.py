@@ -70,7 +70,7 @@ RECIPES: dict[str, Recipe] = {
     "fc": Recipe("fc", data="mild", loss="sample", batch=128, steps=500, rate=1e-3),
     "cnn": Recipe("cnn", data="mild", loss="sample", batch=128, steps=1_200, rate=1e-3),
     # comparison of architectures: same data, same number of examples, same loss
-    "compare_compact": Recipe("compact_wide", steps=700),
+    "compare_compact_wide": Recipe("compact_wide", steps=700),
     "compare_beat_spectrum": Recipe("beat_spectrum", steps=700),
     "compare_beat_only": Recipe("beat_only", steps=700),
     "compare_mask": Recipe("mask", steps=700),
