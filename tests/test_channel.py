@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from radalt.core.channel import ChannelSettings, DropSettings, SimulatedChannel
-from radalt.core.delay_line import DelayLine
 from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.returns import point_return
@@ -317,17 +316,3 @@ def test_free_emitters_pass_at_their_power():
     j = QpskEmitter(pulse="rrc").samples(FRAMES * N, 7.5e6, np.random.default_rng(1))
     settings = replace(PLAIN, start_offset_samples=100.4, jammer_clock_ppm=5.0, jammer_lo_offset_hz=2e3)
     assert power_db(play(settings, None, j)[N:]) == pytest.approx(power_db(j), abs=0.1)
-
-
-def test_stream_that_repeats_its_blocks_is_delayed_as_any_other():
-    """What is remembered of repeated blocks changes nothing, to the bit, whenever the stream moves on to another."""
-    rng = np.random.default_rng(8)
-    block = 600
-    kinds = (rng.standard_normal((3, block, 2)).view(np.complex128)[..., 0]).astype(np.complex64)
-    order = [0] * 14 + [1] * 2 + [0] * 3 + [2] + [1] * 15 + [0, 1, 0]
-    plain, remembering = DelayLine(block, 1500.0), DelayLine(block, 1500.0, repeats=True)
-    for kind in order:
-        plain.push(kinds[kind])
-        remembering.push(kinds[kind])
-        for delay in (0.0, 100.0, 100.3, 1400.75):
-            np.testing.assert_array_equal(remembering.read(delay), plain.read(delay))

@@ -237,5 +237,6 @@ class Compact(nn.Module):
             of_cells.append(0.25 * raw)
             of_columns.append(0.25 * envelope)
         entered = self.enter(torch.cat(of_cells, 1)) + self.enter_columns(torch.cat(of_columns, 1))
-        gain = torch.sigmoid(self.leave(self.blocks(self.same(entered + self.position.unsqueeze(2)))))
+        placed = entered.squeeze(2) + self.position
+        gain = torch.sigmoid(self.leave(self.blocks(self.same(placed.unsqueeze(2)))))
         return torch.cat([gain, gain], 1)

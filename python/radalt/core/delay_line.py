@@ -42,18 +42,10 @@ class DelayLine:
         self._store = np.zeros(self._length + _SPARE_BLOCKS * block, dtype=np.complex64)
         self._end = self._length
         self._kernels: dict[float, np.ndarray] = {}
-        self._last: dict[float, tuple[int, np.ndarray, np.ndarray]] = {}
-        self._alike = 0  # blocks in a row that were the same as the one before
-        self._changes = 0
+        self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
 
     def push(self, samples: np.ndarray) -> None:
         """Append one block."""
-        if self._repeats:
-            same = _same_bits(self._store[self._end - self._block : self._end], samples)
-            self._alike = self._alike + 1 if same else 0
-            if self._alike * self._block > self._length:
-                return  # the history is one block again and again: moved on by another it stays as it is
-            self._changes += 1
         if self._end + self._block > self._store.size:
             keep = self._length - self._block
             self._store[:keep] = self._store[self._end - keep : self._end].copy()
@@ -79,15 +71,14 @@ class DelayLine:
         if not self._repeats:
             return self._filter(first, fraction)
         # the same samples at the same delay give the same output, to the bit
-        changes, before, out = self._last.get(delay, (-1, None, None))
-        if changes == self._changes:
-            return out
         span = self._store[first - HALF_TAPS - self._early : first + self._block + HALF_TAPS]
-        if before is None or not _same_bits(before, span):
-            out, before = self._filter(first, fraction), span.copy()
+        known = self._last.get(delay)
+        if known is not None and _same_bits(known[0], span):
+            return known[1]
+        out = self._filter(first, fraction)
         if len(self._last) >= 4:
             self._last.clear()
-        self._last[delay] = (self._changes, before, out)
+        self._last[delay] = (span.copy(), out)
         return out
 
     def _filter(self, first: int, fraction: float) -> np.ndarray:
