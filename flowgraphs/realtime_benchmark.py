@@ -37,7 +37,6 @@ def _parser() -> argparse.ArgumentParser:
     add("--seconds", type=float, default=60.0, help="of signal, each run (%(default)g)")
     add("--overlap", type=float, default=1.0, help="of the interference (%(default)g)")
     add("--batch", type=int, default=8, help="frames a run of the network takes at most (%(default)s)")
-    add("--altimeter-batch", type=int, default=16, help="frames an altimeter measures at once (%(default)s)")
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
     add("--free-only", action="store_true", help="leave out the run held to real time")
@@ -69,7 +68,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                     scene,
                     realtime=realtime,
                     time_limit_s=limit,
-                    sink_batch=args.altimeter_batch,
                 )
                 numbers["held to real time" if realtime else "as fast as it goes"] = result
                 _print(result, realtime)

@@ -39,8 +39,7 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
         skip_clean=False,
         own_process=False,
     )
-    # a batch that 408 frames do not fill: what is left over counts, too
-    result = measure(prepared, scene, realtime=realtime, time_limit_s=50, sink_batch=1 if realtime else 16)
+    result = measure(prepared, scene, realtime=realtime, time_limit_s=50)
     total = scene.altitude.programme.total_frames
     for count in result.frames.values():
         assert total <= count + result.dropped_frames <= total + 3

@@ -64,8 +64,6 @@ class altimeter_sink(gr.sync_block):
         self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
         self._messages = bool(messages)
-        self._streaming = bool(stream)
-        self.set_batch(1)
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
         self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
         self._count = 0
@@ -104,48 +102,10 @@ class altimeter_sink(gr.sync_block):
                 output_items[0][:] = np.nan
             return len(frames)
         tags = read_frame_tags(self, len(frames))
-        if self._batch > 1:
-            self._gather(frames, tags)
-            return len(frames)
         results = self._measure(frames, tags)
         if output_items:
             output_items[0][:] = results["altitude_m"]
         return len(frames)
-
-    def set_batch(self, frames: int) -> None:
-        """Measure so many frames at once: a third of the CPU time at 8, and as many milliseconds later.
-
-        For runs that are read at their end; raises ValueError below 1, or with the stream output.
-        """
-        if frames < 1 or (frames > 1 and self._streaming):
-            raise ValueError(f"batch is {frames}; at least 1 frame, and 1 with the stream output")
-        self._batch = int(frames)
-        n = self.altimeter.waveform.samples_per_frame
-        self._waiting = np.empty((self._batch, n), dtype=np.complex64)
-        self._waiting_tags = np.empty((self._batch, 3))
-        self._gathered = 0
-
-    def _gather(self, frames: np.ndarray, tags: np.ndarray) -> None:
-        """Measure whole batches; what does not fill one is copied, and waits for the rest of it."""
-        at = 0
-        while at < len(frames):
-            if not self._gathered and len(frames) - at >= self._batch:
-                self._measure(frames[at : at + self._batch], tags[at : at + self._batch])
-                at += self._batch
-                continue
-            count = min(len(frames) - at, self._batch - self._gathered)
-            here = slice(self._gathered, self._gathered + count)
-            self._waiting[here], self._waiting_tags[here] = frames[at : at + count], tags[at : at + count]
-            self._gathered += count
-            at += count
-            if self._gathered == self._batch:
-                self._flush()
-
-    def _flush(self) -> None:
-        """Measure what has been gathered."""
-        count, self._gathered = self._gathered, 0
-        if count:
-            self._measure(self._waiting[:count], self._waiting_tags[:count])
 
     def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
         """Measure, store and publish; returns the results."""
@@ -195,7 +155,6 @@ class altimeter_sink(gr.sync_block):
 
     def results(self) -> np.ndarray:
         """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`."""
-        self._flush()
         if self._count <= self._store.size:
             return self._store[: self._count].copy()
         return np.roll(self._store, -(self._count % self._store.size))
@@ -226,8 +185,7 @@ class altimeter_sink(gr.sync_block):
         return self._when[np.arange(self._count - kept, self._count) % self._store.size]
 
     def stop(self) -> bool:
-        """Measure what still waits for its batch, close the ZMQ socket."""
-        self._flush()
+        """Close the ZMQ socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -44,7 +44,6 @@ __all__ = [
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
-_BATCH = 16  # frames an altimeter measures at once in a headless run
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
 
 
@@ -354,8 +353,6 @@ def run_point(
         top = load_class(prepared)(scene_file=str(path), drop_when_slow=0)
     finally:
         path.unlink()
-    for method in prepared.methods:
-        getattr(top, f"altimeter_{method}").set_batch(_BATCH)  # nobody waits for a single frame's result
     recorder = None
     if capture:
         from .recording import attach_recorder

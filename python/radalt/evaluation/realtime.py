@@ -110,7 +110,6 @@ def measure(
     *,
     realtime: bool,
     time_limit_s: float,
-    sink_batch: int = 1,
 ) -> Measurement:
     """Run once, watching threads and memory from outside the signal path.
 
@@ -125,8 +124,6 @@ def measure(
         the air.
     time_limit_s : float
         Longest wall time.
-    sink_batch : int
-        Frames that an altimeter measures at once.
 
     Raises
     ------
@@ -143,8 +140,6 @@ def measure(
         if hasattr(block, "work") or hasattr(block, "general_work")
     }
     sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
-    for sink in sinks.values():
-        sink.set_batch(sink_batch)
     tcae = getattr(top, "mitigation_tcae", None)
     beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
     watch = _Watch(blocks, beside)
