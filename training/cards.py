@@ -26,16 +26,17 @@ TITLE = {
 RECIPE = {
     "tcae": (
         "Loss: log of the beat spectrum's error share after the best complex scale (`training/losses.py`). Adam, "
-        "gradient norm limited to 1. Five parts, each from the weights of the one before: `compact_first` (data "
+        "gradient norm limited to 1. Six parts, each from the weights of the one before: `compact_first` (data "
         "`fresh`, SIR -50..5 dB, peak rate 2e-3, stopped after 2,750 steps of 32 = 88,000 examples), `compact_deep` "
         "(data `deep`, SIR -62..2 dB, peak rate 1.5e-3, cosine to zero, 160,000 examples), `compact_heard` (data "
         "`heard`: half of the interferers through a fractional delay and a carrier offset, a quarter of the frames "
         "with three at once, 6 % through a converter of 1 to 8 bits; peak rate 1e-3, cosine to zero, 168,000), these "
         "with a wider network (`compact_wide`: seven gated blocks, a gain every 5 cells of the spectrum); then "
-        "`compact_lean` (two blocks gone, a gain every 15 cells; new examples of the same kind, same rate, 288,000) "
-        "and `compact` (data `crowded`: more NR of 10 MHz, more frames with three at once). The examples above count "
-        "the last part alone. The weight of samples off the mean modulus was added before the third part. float32 on "
-        "a shared two-core machine, two and a half hours in all."
+        "`compact_lean` (two blocks gone, a gain every 15 cells; new examples of the same kind, same rate, 288,000), "
+        "`compact_crowded` (data `crowded`: more NR of 10 MHz, more frames with three at once, 192,000) and `compact` "
+        "(data `ground`: SNR up to 45 dB, more extended ground, more frames without interference). The examples above "
+        "count the last part alone. The weight of samples off the mean modulus was added before the third part. float32 on "
+        "a shared two-core machine, three hours in all."
     ),
     "paper": (
         "The paper's recipe: its set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam "

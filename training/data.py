@@ -143,6 +143,10 @@ CONFIGS["crowded"] = replace(
     counts=(0.04, 0.5, 0.16, 0.3),
     seed=6,
 )
+# sixth part: SNR up to 45 dB, twice as much extended ground, three times as many frames without interference
+CONFIGS["ground"] = replace(
+    CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
+)
 
 
 @lru_cache(maxsize=1)

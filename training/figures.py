@@ -87,7 +87,7 @@ def main() -> None:
     draw_before_after(out / "tcae_before_after_burst.png", "rectangular", -20.0, 0.4)
     logs = ROOT / "training" / "logs"
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
-    parts = ("compact_first", "compact_deep", "compact_heard", "compact_lean", "compact")
+    parts = ("compact_first", "compact_deep", "compact_heard", "compact_lean", "compact_crowded", "compact")
     draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in parts])
     draw_training(out / "tcae_paper.png", [logs / "paper.csv"])
 

@@ -46,15 +46,17 @@ class Recipe:
 
 
 RECIPES: dict[str, Recipe] = {
-    # the shipped model in five parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
-    # then without what it can do without (training/networks/__init__.py); then more of what it was weak in
+    # the shipped model in six parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
+    # then without what it can do without (training/networks/__init__.py); then more of what it was weak in; then frames
+    # almost without noise
     "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
     "compact_heard": Recipe("compact_wide", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
     "compact_lean": Recipe(
         "compact", data="lean", steps=9_000, rate=1e-3, start_from="compact_heard", dropped_blocks=(2, 4)
     ),
-    "compact": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
+    "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
+    "compact": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
     # the paper's recipe: 150 epochs of 50,000, Adam 1e-3, from random weights
     "paper": Recipe(
         "paper",
