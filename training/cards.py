@@ -35,8 +35,8 @@ RECIPE = {
         "`compact_lean` (two blocks gone, a gain every 15 cells; new examples of the same kind, same rate, 288,000), "
         "`compact_crowded` (data `crowded`: more NR of 10 MHz, more frames with three at once, 192,000) and `compact` "
         "(data `ground`: SNR up to 45 dB, more extended ground, more frames without interference). The examples above "
-        "count the last part alone. The weight of samples off the mean modulus was added before the third part. float32 "
-        "on a shared two-core machine, three hours in all."
+        "count the last part alone. The weight of samples off the mean modulus was added before the third part. "
+        "float32 on a shared two-core machine, three hours in all."
     ),
     "paper": (
         "The paper's recipe: its set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam "
