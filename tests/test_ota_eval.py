@@ -86,7 +86,8 @@ def test_a_killed_run_resumes_to_the_same_rows_with_another_number_of_workers(wh
     folder = tmp_path / "run"
     process = start(*SWEEP, "--out", folder, "--jobs", 1)
     try:
-        while process.poll() is None and not (folder / "rows.csv").exists():
+        rows = folder / "rows.csv"  # there for an instant before the first point is in it
+        while process.poll() is None and not (rows.exists() and rows.stat().st_size):
             time.sleep(0.02)
     finally:
         process.kill()
