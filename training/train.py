@@ -20,6 +20,7 @@ import numpy as np
 import onnx
 import torch
 from data import CONFIGS, batches, validation_batch
+from google.protobuf.message import DecodeError
 from losses import BeatLoss, sample_loss
 from networks import build
 from onnx import numpy_helper
@@ -49,10 +50,26 @@ def _produce(queue: multiprocessing.Queue, recipe: Recipe, first: int) -> None:
 
 
 def exported_weights(model: Path) -> dict[str, Tensor]:
-    """Trained weights that `export.py` wrote in float32."""
-    read = onnx.load(str(model))
-    names = {entry.key: entry.value for entry in read.metadata_props}["radalt_weights"].split(",")
-    return {t.name: torch.tensor(numpy_helper.to_array(t)) for t in read.graph.initializer if t.name in names}
+    """Trained weights by parameter name, as `export.py` wrote them in float32.
+
+    Raises
+    ------
+    ValueError
+        If the file is no such model.
+    """
+    if not model.is_file():
+        raise ValueError(f"--start {model} does not exist")
+    try:
+        read = onnx.load(str(model))
+    except DecodeError:
+        raise ValueError(f"--start {model} is no ONNX file") from None
+    names = {entry.key: entry.value for entry in read.metadata_props}.get("radalt_weights", "").split(",")
+    have = {t.name: torch.tensor(numpy_helper.to_array(t)) for t in read.graph.initializer if t.name in names}
+    if len(have) != len(names):
+        raise ValueError(
+            f"--start {model} does not hold its weights in float32; name one that export.py made so"
+        )
+    return have
 
 
 def without_blocks(weights: dict[str, Tensor], dropped: Sequence[int]) -> dict[str, Tensor]:
@@ -102,8 +119,13 @@ class Trainer:
         elif self.recipe.start_from:
             start = RUNS / self.recipe.start_from / "checkpoint.pt"
             weights = torch.load(start, map_location=self.device, weights_only=True)["network"]
-        if weights is not None:
-            self.network.load_state_dict(without_blocks(weights, self.recipe.dropped_blocks))
+        if weights is None:
+            return
+        weights = without_blocks(weights, self.recipe.dropped_blocks)
+        own = {name: values.shape for name, values in self.network.state_dict().items()}
+        if own != {name: values.shape for name, values in weights.items()}:
+            raise ValueError(f"weights of {start} do not fit the network {self.recipe.network!r}")
+        self.network.load_state_dict(weights)
 
     def _save(self) -> None:
         state = {
@@ -247,7 +269,12 @@ def main() -> None:
         earlier.run(time.time() + 60 * args.minutes)
         draw_curves(earlier.folder)
     where = {"device": args.device, "interval": args.interval, "start": args.start}
-    trainer = Trainer(args.name or args.recipe, recipe, **where)
+    try:
+        trainer = Trainer(args.name or args.recipe, recipe, **where)
+    except ValueError as error:
+        parser.error(str(error))
+    if args.start and trainer.step:
+        print(f"goes on from its own checkpoint at step {trainer.step}, not from {args.start}", flush=True)
     trainer.run(time.time() + 60 * args.minutes)
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)

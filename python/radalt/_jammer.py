@@ -43,8 +43,6 @@ class JammerSource(gr.sync_block):
         )
         self._n = scene.waveform.samples_per_frame
         self._limit = int(frames)
-        self._frame = np.zeros(0, dtype=np.complex64)
-        self._at = 0
         gather_frames(self, self._n)
 
     def set_overlap(self, overlap: float) -> None:
@@ -57,20 +55,13 @@ class JammerSource(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Copy frames into the output, making the next one when needed."""
+        """Make whole frames in their places; `gather_frames` sees to it that there is room for some."""
         out = output_items[0]
-        done = 0
-        while done < out.size:
-            if self._at == self._frame.size:
-                if self._limit and self.stream.frame_index >= self._limit:
-                    return done or WORK_DONE
-                if out.size - done >= self._n:  # a whole frame fits: made in its place
-                    self.stream.next_frame(out[done : done + self._n])
-                    done += self._n
-                    continue
-                self._frame, self._at = self.stream.next_frame(), 0
-            count = min(self._frame.size - self._at, out.size - done)
-            out[done : done + count] = self._frame[self._at : self._at + count]
-            done += count
-            self._at += count
-        return done
+        frames = out.size // self._n
+        if self._limit:
+            frames = min(frames, self._limit - self.stream.frame_index)
+            if not frames:
+                return WORK_DONE
+        for frame in out[: frames * self._n].reshape(frames, self._n):
+            self.stream.next_frame(frame)
+        return frames * self._n
