@@ -25,7 +25,7 @@ _NO_PACKAGE = (
 
 try:
     from gnuradio.radalt.core.scene import SceneError
-    from gnuradio.radalt.evaluation.pooling import PoolError, collect
+    from gnuradio.radalt.evaluation.overlap.pooling import PoolError, collect
 except ImportError as _error:
     print(_NO_PACKAGE.format(_error), file=sys.stderr)
     raise SystemExit(2) from None

@@ -51,11 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from gnuradio.radalt.core.mitigation import MitigationError
     from gnuradio.radalt.core.paths import model_path
-    from gnuradio.radalt.evaluation import runtime
-    from gnuradio.radalt.evaluation.folder import versions
-    from gnuradio.radalt.evaluation.journal import Journal, JournalError
-    from gnuradio.radalt.evaluation.points import parse_axis
-    from gnuradio.radalt.evaluation.runtime_report import write_runtime_report
+    from gnuradio.radalt.evaluation.overlap.points import parse_axis
+    from gnuradio.radalt.evaluation.results.folder import versions
+    from gnuradio.radalt.evaluation.results.journal import Journal, JournalError
+    from gnuradio.radalt.evaluation.runtime import study as runtime
+    from gnuradio.radalt.evaluation.runtime.report import write_runtime_report
 
     models = args.models if args.models is not None else sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
     candidates = runtime.variants(models)

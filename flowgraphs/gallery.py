@@ -13,8 +13,8 @@ from pathlib import Path
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 import numpy as np
 
-from radalt.core.interference import interference_frames
-from radalt.core.returns import point_return
+from radalt.core.interference.placement import interference_frames
+from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene, SceneError, load_scene
 
 PANELS = (

@@ -32,14 +32,14 @@ except ImportError:
     sys.exit(2)
 
 try:
-    from gnuradio.radalt.evaluation import workers
+    from gnuradio.radalt.evaluation.engine import workers
     from gnuradio.radalt.evaluation.landing import figures as landing_figures
     from gnuradio.radalt.evaluation.landing import points as landing_points
     from gnuradio.radalt.evaluation.landing import report as landing_report
     from gnuradio.radalt.evaluation.landing import rows as landing_rows
     from gnuradio.radalt.evaluation.landing import study as landing
 except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.evaluation import workers
+    from radalt.evaluation.engine import workers
     from radalt.evaluation.landing import figures as landing_figures
     from radalt.evaluation.landing import points as landing_points
     from radalt.evaluation.landing import report as landing_report

@@ -32,8 +32,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.frames < 1 or args.repeats < 1:
         parser.error("--frames and --repeats have to be at least 1")
 
-    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-    from gnuradio.radalt.evaluation.leaving_out import SCENES, compare, compare_shared, markdown
+    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
+    from gnuradio.radalt.evaluation.leaving_out.study import SCENES, compare, compare_shared, markdown
 
     rows = []
     try:

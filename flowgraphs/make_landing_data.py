@@ -19,9 +19,9 @@ import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 HERE = Path(__file__).resolve().parent
 
 try:
-    from gnuradio.radalt.core import terrain
+    from gnuradio.radalt.core.returns import terrain
 except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.core import terrain
+    from radalt.core.returns import terrain
 
 CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
 

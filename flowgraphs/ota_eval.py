@@ -97,7 +97,7 @@ def _check_python() -> str | None:
 def _scene(args: argparse.Namespace) -> Any:
     """The scene with the command line's changes; raises SceneError."""
     from gnuradio.radalt.core.scene import SceneError, load_scene
-    from gnuradio.radalt.evaluation.points import parse_axis
+    from gnuradio.radalt.evaluation.overlap.points import parse_axis
 
     scene = load_scene(args.scene or DEFAULT_SCENE)
 
@@ -191,8 +191,8 @@ class _Progress:
 
 def _print_pd(out: Path) -> None:
     """The result in the terminal: Pd by overlap and method, a block a panel."""
-    from gnuradio.radalt.evaluation.figures import panels
-    from gnuradio.radalt.evaluation.folder import read_report
+    from gnuradio.radalt.evaluation.overlap.figures import panels
+    from gnuradio.radalt.evaluation.results.folder import read_report
 
     for title, rows in panels(read_report(out)["rows"]):
         methods = list(dict.fromkeys(r["method"] for r in rows))
@@ -207,8 +207,8 @@ def _print_pd(out: Path) -> None:
 
 def _check(args: argparse.Namespace) -> int:
     """The plan for the radios; 0 if the interlock would allow it, else 2."""
-    from gnuradio.radalt.evaluation.radios import describe
-    from gnuradio.radalt.evaluation.runner import check_scene
+    from gnuradio.radalt.evaluation.overlap.study import check_scene
+    from gnuradio.radalt.evaluation.radios.setup import describe
 
     scene = _scene(args)
     check_scene(scene)
@@ -218,8 +218,8 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> int:
-    from gnuradio.radalt.evaluation.plan import make_plan
-    from gnuradio.radalt.evaluation.runner import check_scene
+    from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
+    from gnuradio.radalt.evaluation.overlap.study import check_scene
 
     scene = _scene(args)
     check_scene(scene)
@@ -228,7 +228,7 @@ def _plan(args: argparse.Namespace) -> int:
 
 
 def _calibrate(args: argparse.Namespace) -> int:
-    from gnuradio.radalt.evaluation.hardware import calibrate
+    from gnuradio.radalt.evaluation.radios.hardware import calibrate
 
     scene = _scene(args)
     _require_radios(1)
@@ -239,7 +239,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     """Score a recording; prints one line a method."""
-    from gnuradio.radalt.evaluation.replay import score_recording
+    from gnuradio.radalt.evaluation.flowgraph.replay import score_recording
 
     out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     rows = score_recording(
@@ -263,8 +263,8 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, progress: _Progress) -> Path:
-    from gnuradio.radalt.evaluation.points import sweep_points
-    from gnuradio.radalt.evaluation.runner import check_scene, evaluate
+    from gnuradio.radalt.evaluation.overlap.points import sweep_points
+    from gnuradio.radalt.evaluation.overlap.study import check_scene, evaluate
 
     scene = _scene(args)
     check_scene(scene)
@@ -307,13 +307,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if problem:
         print(f"{PROGRAM}: {problem}", file=sys.stderr)
         return 2
-    from gnuradio.radalt.core.calibration import CalibrationError
-    from gnuradio.radalt.core.interlock import InterlockError
     from gnuradio.radalt.core.mitigation import MitigationError
-    from gnuradio.radalt.core.recording import RecordingError
+    from gnuradio.radalt.core.radio.calibration import CalibrationError
+    from gnuradio.radalt.core.radio.interlock import InterlockError
+    from gnuradio.radalt.core.radio.recording import RecordingError
     from gnuradio.radalt.core.scene import SceneError
-    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-    from gnuradio.radalt.evaluation.workers import WorkerError
+    from gnuradio.radalt.evaluation.engine.workers import WorkerError
+    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
 
     begin = time.monotonic()
     progress = _Progress()

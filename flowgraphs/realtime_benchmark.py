@@ -48,8 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
     args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-    from gnuradio.radalt.evaluation.realtime import long_scene, measure, prepare_benchmark
+    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
+    from gnuradio.radalt.evaluation.realtime.study import long_scene, measure, prepare_benchmark
 
     methods = tuple(m.strip() for m in args.methods.split(","))
     numbers = {}

@@ -50,7 +50,7 @@ def _arguments() -> argparse.Namespace:
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
     """The top block of the simulated live view, with the controls where the command line wants them."""
-    from gnuradio.radalt.evaluation import flowgraph
+    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 
     data = flowgraph.simulate(flowgraph.load_grc(HERE / "ota_live.grc"), "ota_live_sim")
     start = {"altitude_m": STEPS_M[-1], "sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}

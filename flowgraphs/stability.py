@@ -39,10 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from gnuradio.radalt.core.mitigation import METHODS as KNOWN
     from gnuradio.radalt.core.paths import model_path
-    from gnuradio.radalt.evaluation import stability_checks
-    from gnuradio.radalt.evaluation.stability import run_cases, subjects
-    from gnuradio.radalt.evaluation.stability_cases import all_cases
-    from gnuradio.radalt.evaluation.stability_report import failures, write_stability_report
+    from gnuradio.radalt.evaluation.stability import checks as stability_checks
+    from gnuradio.radalt.evaluation.stability.cases import all_cases
+    from gnuradio.radalt.evaluation.stability.report import failures, write_stability_report
+    from gnuradio.radalt.evaluation.stability.study import run_cases, subjects
 
     methods = tuple(args.methods.split(","))
     groups = args.groups.split(",")

@@ -76,7 +76,7 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
 def main() -> None:
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation import flowgraph
+    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 
     app = Qt.QApplication(sys.argv[:1])
     folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
-from radalt.core.bounds import altitude_crb_m, vertical_speed_crb_m_per_s
-from radalt.core.returns import point_return
+from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
+from radalt.core.receiver.cramer_rao import altitude_crb_m, vertical_speed_crb_m_per_s
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 W = Waveform()

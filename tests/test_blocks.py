@@ -9,13 +9,13 @@ import pmt
 import pytest
 from gnuradio import gr, radalt
 
-from gnuradio.radalt._guard import raise_stored
-from gnuradio.radalt.core.altimeter import RESULT_DTYPE, Altimeter
-from gnuradio.radalt.core.channel import SimulatedChannel
-from gnuradio.radalt.core.jamming import JammerStream
+from gnuradio.radalt.blocks._guard import raise_stored
+from gnuradio.radalt.core.channel.simulated import SimulatedChannel
+from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import Mitigation, create
+from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
+from gnuradio.radalt.core.receiver.segmenter import FrameSegmenter
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.core.timing import FrameSegmenter
 
 N = 7500
 CHUNKS = [977, 7501, 100_000]  # largest number of items a call may produce
@@ -415,7 +415,7 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
 
 
 def test_range_profile_shows_every_so_many_frames_in_any_chunks():
-    from gnuradio.radalt.core.live import RangeProfile
+    from gnuradio.radalt.core.scene.live import RangeProfile
 
     scene = scene_of()
     frames, tags, _ = frames_with_tags(40)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import Altimeter, AltimeterSettings
-from radalt.core.cfar import Cfar, cell_correlation
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.cfar import Cfar, cell_correlation
 from radalt.core.waveform import Waveform
 
 W = Waveform()

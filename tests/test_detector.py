@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from radalt.core.detector import InterferenceDetector
-from radalt.core.interference import Interferer, interference_frames
-from radalt.core.returns import point_return
+from radalt.core.interference.placement import Interferer, interference_frames
+from radalt.core.mitigation.interference_detector import InterferenceDetector
+from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from radalt.core.emitters_radar import FmcwEmitter, PulsedRadarEmitter
-from radalt.core.faa import FaaMask
-from radalt.core.fading import FadedEmitter, FadingChannel
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from radalt.core.nr import NrEmitter
-from radalt.core.receiver_filter import resample_periodic
+from radalt.core.interference.faa_91_220 import FaaMask
+from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.nr import NrEmitter
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.radars import FmcwEmitter, PulsedRadarEmitter
+from radalt.core.interference.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
 

@@ -6,9 +6,10 @@ import error_vs_runtime
 import numpy as np
 import pytest
 
-from gnuradio.radalt.evaluation import runtime
-from gnuradio.radalt.evaluation.journal import Journal, JournalError
-from gnuradio.radalt.evaluation.runtime import (
+from gnuradio.radalt.evaluation.results.journal import Journal, JournalError
+from gnuradio.radalt.evaluation.runtime import study as runtime
+from gnuradio.radalt.evaluation.runtime.figure import place_labels
+from gnuradio.radalt.evaluation.runtime.study import (
     Variant,
     break_point_db,
     measure_errors,
@@ -16,7 +17,6 @@ from gnuradio.radalt.evaluation.runtime import (
     pareto,
     summarise_times,
 )
-from gnuradio.radalt.evaluation.runtime_figure import place_labels
 
 
 def test_nothing_on_the_front_is_beaten_and_everything_off_it_is():
@@ -69,7 +69,7 @@ def small():
     interferers = {k: runtime.INTERFERERS[k] for k in ("QPSK rectangular, 30 %", "5 tones, all")}
     patch = pytest.MonkeyPatch()
     patch.setattr(runtime, "INTERFERERS", interferers)
-    patch.setattr("gnuradio.radalt.evaluation.runtime_report.INTERFERERS", interferers)
+    patch.setattr("gnuradio.radalt.evaluation.runtime.report.INTERFERERS", interferers)
     patch.setattr(runtime, "measure_memory", lambda variant, batch: 1)
     yield ["--models", "--frames", "6", "--rounds", "2", "--sir-db=-15,-45"]
     patch.undo()

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from radalt.core.faa import AttenuationTable, ButterworthFilter, FaaMask, pfd_dbw_per_m2_mhz
+from radalt.core.interference.faa_91_220 import (
+    AttenuationTable,
+    ButterworthFilter,
+    FaaMask,
+    pfd_dbw_per_m2_mhz,
+)
 
 RATE_HZ = 7.5e6
 C_M_PER_S = 299_792_458.0

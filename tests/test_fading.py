@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from radalt.core.fading import PROFILES, FadedEmitter, FadingChannel
+from radalt.core.interference.multipath import PROFILES, FadedEmitter, FadingChannel
 
 RATE_HZ = 7.5e6
 

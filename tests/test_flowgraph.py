@@ -17,8 +17,15 @@ import pytest
 from gnuradio import gr, radalt
 
 from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.evaluation import flowgraph
-from gnuradio.radalt.evaluation.flowgraph import FlowgraphError, load_grc, prepare, prune, run_point, simulate
+from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+from gnuradio.radalt.evaluation.flowgraph.run import (
+    FlowgraphError,
+    load_grc,
+    prepare,
+    prune,
+    run_point,
+    simulate,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
@@ -373,7 +380,7 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
 
 
 def test_error_in_a_block_comes_out_of_the_run_as_it_was(clear, monkeypatch, capfd):
-    from gnuradio.radalt.core.altimeter import Altimeter
+    from gnuradio.radalt.core.receiver.altimeter import Altimeter
 
     def fail(self, *args, **kwargs):
         raise FloatingPointError("as it was")
@@ -405,7 +412,7 @@ def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
     command = load_grc(path)["options"]["parameters"]["run_command"]
-    assert command == "{python} -u -m gnuradio.radalt.evaluation.companion {filename}"
+    assert command == "{python} -u -m gnuradio.radalt.evaluation.flowgraph.companion {filename}"
 
 
 def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
@@ -424,7 +431,7 @@ def test_run_button_ends_with_1_and_a_line_where_a_block_fails(tmp_path):
     module.write_text(
         "import numpy as np\n"
         "from gnuradio import blocks, gr\n"
-        "from gnuradio.radalt._guard import guarded\n"
+        "from gnuradio.radalt.blocks._guard import guarded\n"
         "class broken(gr.sync_block):\n"
         "    def __init__(self):\n"
         "        gr.sync_block.__init__(self, 'broken', [np.complex64], None)\n"

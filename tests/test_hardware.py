@@ -11,11 +11,15 @@ import pytest
 import uhd_double
 from gnuradio import radalt
 
-from gnuradio.radalt.core.calibration import CalibrationError, load_latency_samples, store_latency_samples
-from gnuradio.radalt.core.interlock import InterlockError, require_enclosure
-from gnuradio.radalt.core.levels import drive, rx_level_dbm, tx_power_dbm
+from gnuradio.radalt.core.radio.calibration import (
+    CalibrationError,
+    load_latency_samples,
+    store_latency_samples,
+)
+from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
+from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm, tx_power_dbm
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph import (
+from gnuradio.radalt.evaluation.flowgraph.run import (
     FlowgraphError,
     Prepared,
     generate,
@@ -23,8 +27,8 @@ from gnuradio.radalt.evaluation.flowgraph import (
     load_grc,
     write_scene,
 )
-from gnuradio.radalt.evaluation.hardware import calibrate, run_hardware
-from gnuradio.radalt.evaluation.radios import describe, plan
+from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
+from gnuradio.radalt.evaluation.radios.setup import describe, plan
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -107,7 +107,9 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     init, core, version, *blocks = lines
     assert [Path(init), Path(core)] == [package / "__init__.py", package / "core/__init__.py"]
     assert version == cache["CMAKE_PROJECT_VERSION"]
-    assert set(" ".join(blocks).split()) == {file.stem for file in (root / "python/radalt").glob("[!_]*.py")}
+    assert set(" ".join(blocks).split()) == {
+        file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")
+    }
 
 
 def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from radalt.core.interference import (
+from radalt.core.interference.placement import (
     Interferer,
     QpskEmitter,
     ToneEmitter,
@@ -12,7 +12,7 @@ from radalt.core.interference import (
     interference_frames,
     rrc_taps,
 )
-from radalt.core.jamming import JammerStream
+from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
 from radalt.core.waveform import Waveform
 

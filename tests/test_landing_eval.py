@@ -10,9 +10,9 @@ import landing_eval
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import AltimeterSettings
-from radalt.core.landing import LandingSpec
-from radalt.core.returns import point_return
+from radalt.core.receiver.altimeter import AltimeterSettings
+from radalt.core.returns.landing import LandingSpec
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.landing import points as landing_points
 from radalt.evaluation.landing import report as landing_report
@@ -256,7 +256,7 @@ def test_live_profile_plays_the_same_echoes(root):
 
 
 def test_describing_a_landing_loads_no_terrain_code(root):
-    code = "import sys; from radalt.core import landing; landing.LandingSpec(); "
+    code = "import sys; from radalt.core.returns import landing; landing.LandingSpec(); "
     code += "sys.exit(any('terrain' in m or m.startswith('dted') for m in sys.modules))"
     environment = {**os.environ, "PYTHONPATH": str(root / "python")}
     assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0

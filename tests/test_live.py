@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings
-from gnuradio.radalt.core.live import AltitudeStrip, RangeProfile, by_hand
 from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import load_scene, parse_scene
+from gnuradio.radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
 from gnuradio.radalt.core.waveform import Waveform
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -287,7 +287,7 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
 @pytest.mark.parametrize("name", ["ota_live", "ota_b210", "ota_embedded"])
 def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
     """main() of the generated Python: construction (interlock first), set-up, start."""
-    from gnuradio.radalt.evaluation import flowgraph
+    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 
     text = flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
     main = text[text.index("def main(") :]
@@ -304,8 +304,8 @@ def test_view_transmits_nothing_without_an_enclosure(tmp_path):
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1] + '/python')\n"
         "from PyQt5 import Qt; app = Qt.QApplication([])\n"
         "from gnuradio import uhd\n"
-        "from gnuradio.radalt.core.interlock import InterlockError\n"
-        "from gnuradio.radalt.evaluation import flowgraph\n"
+        "from gnuradio.radalt.core.radio.interlock import InterlockError\n"
+        "from gnuradio.radalt.evaluation.flowgraph import run as flowgraph\n"
         "uhd.usrp_sink = uhd.usrp_source = lambda *args: print('a radio was made')\n"
         "data = flowgraph.load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
         "made = flowgraph.Prepared(flowgraph.generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from radalt.core.altimeter import RESULT_DTYPE
-from radalt.core.interference import Interferer, QpskEmitter
+from radalt.core.interference.placement import Interferer, QpskEmitter
 from radalt.core.programme import Programme
+from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene, SweepSpec
-from radalt.evaluation.metrics import pool, score, wilson_interval
-from radalt.evaluation.points import Point, parse_axis, point_seed, scene_at, sweep_points
-from radalt.evaluation.rows import make_row
+from radalt.evaluation.overlap.points import Point, parse_axis, point_seed, scene_at, sweep_points
+from radalt.evaluation.overlap.rows import make_row
+from radalt.evaluation.results.score import pool, score, wilson_interval
 
 PROGRAMME = Programme(altitudes_m=(600.0, 100.0), frames_per_step=4, preamble_frames=6)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import Altimeter, AltimeterSettings, Reason
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import METHODS, MitigationError, create
-from radalt.core.returns import point_return
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -485,7 +485,7 @@ def test_a_thread_that_comes_while_another_makes_the_weights_is_served(monkeypat
 
 
 def test_a_known_verdict_spares_the_shift_test_its_detector(monkeypatch):
-    from radalt.core.detector import InterferenceDetector
+    from radalt.core.mitigation.interference_detector import InterferenceDetector
 
     asked = []
     present = InterferenceDetector.present

@@ -11,10 +11,10 @@ from math import prod
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import Altimeter
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
-from radalt.core.returns import point_return
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 SHIPPED = ("tcae", "paper", "cnn", "fc")

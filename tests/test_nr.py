@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from radalt.core import nr, nr_sequences
-from radalt.core.nr import Element
+from radalt.core.interference import nr, nr_sequences
+from radalt.core.interference.nr import Element
 
 RATE_HZ = 7.5e6
 

@@ -13,11 +13,11 @@ import ota_eval
 import pytest
 
 from gnuradio.radalt.core.scene import SweepSpec, load_scene
-from gnuradio.radalt.evaluation.flowgraph import prepare
-from gnuradio.radalt.evaluation.folder import read_report
-from gnuradio.radalt.evaluation.points import scene_at, sweep_points
-from gnuradio.radalt.evaluation.rows import COLUMNS, TIMING_COLUMNS
-from gnuradio.radalt.evaluation.runner import Task, measure
+from gnuradio.radalt.evaluation.flowgraph.run import prepare
+from gnuradio.radalt.evaluation.overlap.points import scene_at, sweep_points
+from gnuradio.radalt.evaluation.overlap.rows import COLUMNS, TIMING_COLUMNS
+from gnuradio.radalt.evaluation.overlap.study import Task, measure
+from gnuradio.radalt.evaluation.results.folder import read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
 pytestmark = pytest.mark.timeout(150)

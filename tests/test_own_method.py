@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from gnuradio.radalt.core.mitigation import MitigationError, create
-from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation import flowgraph
-from gnuradio.radalt.evaluation.embedded import embed
+from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+from gnuradio.radalt.evaluation.flowgraph.embedded import embed
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"

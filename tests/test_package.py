@@ -15,11 +15,12 @@ def run_in_package(root: Path, tmp_path: Path):
     package = tmp_path / "gauge"
     package.mkdir()
     (package / "__init__.py").write_text((root / "python/radalt/__init__.py").read_text())
+    for room in ("blocks", "core"):
+        (package / room).mkdir()
+        (package / room / "__init__.py").write_text("")
     for name in ("chirp_source", "range_sink"):
-        (package / f"{name}.py").write_text(BLOCK.format(name=name))
-    (package / "_shared.py").write_text("")
-    (package / "core").mkdir()
-    (package / "core/__init__.py").write_text("")
+        (package / "blocks" / f"{name}.py").write_text(BLOCK.format(name=name))
+    (package / "blocks/_shared.py").write_text("")
 
     def run(statements: str) -> str:
         command = [sys.executable, "-c", statements]
@@ -41,8 +42,8 @@ def test_listing_shows_blocks_before_they_are_imported(run_in_package):
 
 def test_using_one_block_imports_no_other(run_in_package):
     loaded = run_in_package("import gauge, sys; gauge.chirp_source; print(*sorted(sys.modules))").split()
-    assert "gauge.chirp_source" in loaded
-    assert "gauge.range_sink" not in loaded
+    assert "gauge.blocks.chirp_source" in loaded
+    assert "gauge.blocks.range_sink" not in loaded
 
 
 @pytest.mark.parametrize(
@@ -51,13 +52,13 @@ def test_using_one_block_imports_no_other(run_in_package):
         "import gauge; block = gauge.chirp_source",
         "import gauge; gauge.chirp_source; block = gauge.chirp_source",
         "from gauge import chirp_source as block",
-        "import gauge.chirp_source; block = gauge.chirp_source",
-        "from gauge.chirp_source import chirp_source; import gauge; block = gauge.chirp_source",
+        "import gauge.blocks.chirp_source; block = gauge.chirp_source",
+        "from gauge.blocks.chirp_source import chirp_source; import gauge; block = gauge.chirp_source",
         "from gauge import *; block = chirp_source",
     ],
 )
 def test_block_name_is_the_class_however_it_was_first_imported(run_in_package, statements):
-    assert run_in_package(statements + "; print(block)") == "<class 'gauge.chirp_source.chirp_source'>"
+    assert run_in_package(statements + "; print(block)") == "<class 'gauge.blocks.chirp_source.chirp_source'>"
 
 
 def test_subpackage_is_an_attribute(run_in_package):
@@ -89,7 +90,7 @@ def test_package_and_core_load_nothing_but_numpy_and_scipy(root: Path):
 def test_every_block_is_a_class_of_gnu_radio(root: Path):
     from gnuradio import radalt
 
-    files = {file.stem for file in (root / "python/radalt").glob("[!_]*.py")}
+    files = {file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")}
     assert set(radalt.__all__) == files
     for name in files:
         assert isinstance(getattr(radalt, name), type), f"{name}.py defines no class {name}"
@@ -97,4 +98,4 @@ def test_every_block_is_a_class_of_gnu_radio(root: Path):
 
 def test_every_block_has_a_description_for_the_companion_and_no_other(root: Path):
     described = {file.name.removesuffix(".block.yml") for file in (root / "grc").glob("*.block.yml")}
-    assert described == {f"radalt_{file.stem}" for file in (root / "python/radalt").glob("[!_]*.py")}
+    assert described == {f"radalt_{file.stem}" for file in (root / "python/radalt/blocks").glob("[!_]*.py")}

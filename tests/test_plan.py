@@ -6,17 +6,19 @@ import sys
 import ota_eval
 import pytest
 
-from gnuradio.radalt.core import altimeter
 from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.receiver import altimeter
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation import flowgraph, leaving_out, plan
-from gnuradio.radalt.evaluation.plan import make_plan
+from gnuradio.radalt.evaluation.flowgraph import plan
+from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
+from gnuradio.radalt.evaluation.leaving_out import study as leaving_out
 
 RUN = """
 import sys, tempfile
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph import prepare, run_point
+from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
 scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
 with tempfile.TemporaryDirectory() as folder:
     result = run_point(prepare(scene, scene.methods, folder), scene)

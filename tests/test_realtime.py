@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import realtime_benchmark
 
-from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.realtime import long_scene, measure, prepare_benchmark
+from gnuradio.radalt.evaluation.realtime.study import long_scene, measure, prepare_benchmark
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -8,15 +8,15 @@ import pytest
 import sigmf
 import uhd_double
 
-from gnuradio.radalt.core.calibration import store_latency_samples
 from gnuradio.radalt.core.mitigation import CUSTOM, METHODS
-from gnuradio.radalt.core.recording import RecordingError, open_capture
-from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.radio.calibration import store_latency_samples
+from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
+from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph import prepare, run_point
-from gnuradio.radalt.evaluation.hardware import run_hardware
-from gnuradio.radalt.evaluation.recording import prepare_replay, replay_scene, run_replay, summary
+from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
+from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
+from gnuradio.radalt.evaluation.radios.hardware import run_hardware
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -161,7 +161,7 @@ def test_foreign_recordings_give_the_altitude(tmp_path, replayer, rate_hz, datat
 def test_resampling_in_blocks_is_resampling_at_once(tmp_path, monkeypatch):
     from scipy import signal
 
-    from gnuradio.radalt.core import recording
+    from gnuradio.radalt.core.radio import recording
 
     rng = np.random.default_rng(1)
     samples = rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)

@@ -8,9 +8,9 @@ import control_client
 import pytest
 import zmq
 
-from gnuradio.radalt.core.control import RequestError, parse_request
+from gnuradio.radalt.core.radio.control import RequestError, parse_request
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.remote import drive_remotely
+from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import yaml
 
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.scene import Scene, SceneError, SweepSpec, load_scene, parse_scene, scene_to_mapping
-from radalt.evaluation import figures
-from radalt.evaluation.folder import ResultFolder, read_report
-from radalt.evaluation.metrics import Score, wilson_interval
-from radalt.evaluation.points import point_seed, sweep_points
-from radalt.evaluation.pooling import PoolError, collect
-from radalt.evaluation.report import break_points, build_report, write_report
-from radalt.evaluation.rows import COLUMNS, RowFile, make_row, read_rows
+from radalt.evaluation.overlap import figures
+from radalt.evaluation.overlap.points import point_seed, sweep_points
+from radalt.evaluation.overlap.pooling import PoolError, collect
+from radalt.evaluation.overlap.report import break_points, build_report, write_report
+from radalt.evaluation.overlap.rows import COLUMNS, RowFile, make_row, read_rows
+from radalt.evaluation.results.folder import ResultFolder, read_report
+from radalt.evaluation.results.score import Score, wilson_interval
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from radalt.core.interference import QpskEmitter, ToneEmitter
+from radalt.core.interference.placement import QpskEmitter, ToneEmitter
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_from_parameters, scene_to_mapping
 
 ROOT = Path(__file__).resolve().parent.parent

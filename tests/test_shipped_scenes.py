@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.emitters import interference_notes
+from gnuradio.radalt.core.interference.registry import interference_notes
 from gnuradio.radalt.core.scene import load_scene, parse_scene, scene_to_mapping
 
 SCENES = ("nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw", "qpsk_shaped", "paper_qpsk")

@@ -6,15 +6,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.altimeter import Altimeter, AltimeterSettings, Reason
 from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.mitigation.base import Mitigation
-from gnuradio.radalt.core.returns import point_return
+from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
+from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation import stability_cases as cases
-from gnuradio.radalt.evaluation import stability_checks as checks
-from gnuradio.radalt.evaluation.stability import Subject, judge, run_cases, subjects
-from gnuradio.radalt.evaluation.stability_report import failures, write_stability_report
+from gnuradio.radalt.evaluation.stability import cases, checks
+from gnuradio.radalt.evaluation.stability.report import failures, write_stability_report
+from gnuradio.radalt.evaluation.stability.study import Subject, judge, run_cases, subjects
 
 W = Waveform()
 
@@ -151,7 +150,7 @@ class Overflow(Mitigation):
 @pytest.mark.parametrize("method", [Grudge, Overflow])
 def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
     monkeypatch.setattr(
-        "gnuradio.radalt.evaluation.stability.create", lambda name, waveform: method(waveform)
+        "gnuradio.radalt.evaluation.stability.study.create", lambda name, waveform: method(waveform)
     )
     assert judge(case, Subject("bad", "bad"))["verdict"] == "FAIL"
 

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from radalt.core.terrain import LAND_TYPES, GaussianAntenna, TabulatedAntenna, UlabyDobson, reflectivity
+from radalt.core.returns.terrain import (
+    LAND_TYPES,
+    GaussianAntenna,
+    TabulatedAntenna,
+    UlabyDobson,
+    reflectivity,
+)
 
 # vertical polarisation of the same C-band tables (Ulaby and Dobson 1989)
 VERTICAL = {

@@ -6,8 +6,8 @@ import dted
 import numpy as np
 import pytest
 
-from radalt.core import terrain
-from radalt.core.terrain import VOID_M, DtedCell, Terrain, TerrainError
+from radalt.core.returns import terrain
+from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError
 
 
 def _relief(level: int, lat: int, lon: int, seed: int = 3) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.terrain import geodesy
+from radalt.core.returns.terrain import geodesy
 
 
 def _bowring_iterated(position: np.ndarray) -> tuple[float, float, float]:

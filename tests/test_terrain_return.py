@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from radalt.core.terrain import (
+from radalt.core.returns.terrain import (
     AircraftState,
     ConstantGamma,
     FlatTerrain,

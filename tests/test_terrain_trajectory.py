@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.terrain import OHARE_10C, Approach, Trajectory, TrajectoryError
+from radalt.core.returns.terrain import OHARE_10C, Approach, Trajectory, TrajectoryError
 
 HEADER = "time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude\n"
 

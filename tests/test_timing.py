@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from radalt.core.altimeter import Altimeter
-from radalt.core.channel import ChannelSettings, DropSettings, SimulatedChannel
-from radalt.core.interference import Interferer, QpskEmitter
-from radalt.core.jamming import JammerStream
+from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
+from radalt.core.interference.placement import Interferer, QpskEmitter
+from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
-from radalt.core.timing import Frame, FrameSegmenter, SegmenterSettings
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.receiver.segmenter import Frame, FrameSegmenter, SegmenterSettings
 from radalt.core.waveform import Waveform
 
 W = Waveform()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radalt.core.returns import point_return
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 W = Waveform()

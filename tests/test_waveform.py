@@ -5,8 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from radalt.core.bounds import altitude_crb_m, beat_crb_hz, vertical_speed_crb_m_per_s
-from radalt.core.returns import point_return
+from radalt.core.receiver.cramer_rao import altitude_crb_m, beat_crb_hz, vertical_speed_crb_m_per_s
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m, exp_cycles
 
 C = 299_792_458.0

@@ -15,9 +15,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
-from radalt.core.nr import NrEmitter
-from radalt.core.returns import point_return
+from radalt.core.interference.nr import NrEmitter
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frame
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 __all__ = ["CONFIGS", "SceneConfig", "batches", "content_hash", "example", "make_batch", "return_parts"]
@@ -190,7 +190,7 @@ class _Cut:
     carrier_hz: float = 0.0
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `radalt.core.interference.Emitter`."""
+        """See `radalt.core.interference.placement.Emitter`."""
         signal = self.bank[rng.integers(len(self.bank))]
         start = rng.integers(0, signal.size - count + 1)
         cycles = rng.random() + np.arange(count) * (self.carrier_hz / rate_hz)

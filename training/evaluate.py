@@ -22,13 +22,13 @@ import numpy as np
 from data import SceneConfig, return_parts
 from evaluate_report import break_point_db, write_report
 
-from radalt.core.altimeter import Altimeter
-from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.nr import NrEmitter
+from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import Mitigation, create
-from radalt.core.nr import NrEmitter
-from radalt.core.returns import point_return
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
-from radalt.evaluation.metrics import wilson_interval
+from radalt.evaluation.results.score import wilson_interval
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 31_415_926  # no training configuration uses it
@@ -68,7 +68,7 @@ class Delayed:
     emitter: object
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `radalt.core.interference.Emitter`; 64 samples on each side are thrown away."""
+        """See `radalt.core.interference.placement.Emitter`; 64 samples on each side are thrown away."""
         longer = self.emitter.samples(count + 128, rate_hz, rng)
         turn = np.exp(-2j * np.pi * np.fft.fftfreq(longer.size) * rng.uniform(-0.5, 0.5))
         return np.fft.ifft(np.fft.fft(longer) * turn)[64 : 64 + count]

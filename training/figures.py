@@ -16,9 +16,9 @@ import numpy as np
 from evaluate_report import before_after
 from matplotlib import pyplot as plt
 
-from radalt.core.interference import Interferer, QpskEmitter, interference_frame
+from radalt.core.interference.placement import Interferer, QpskEmitter, interference_frame
 from radalt.core.mitigation import create
-from radalt.core.returns import point_return
+from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 ROOT = Path(__file__).resolve().parent.parent

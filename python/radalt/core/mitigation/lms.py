@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..altimeter import Altimeter, AltimeterSettings, shared_altimeter
+from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError
 

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..altimeter import AltimeterSettings, shared_altimeter
-from ..detector import InterferenceDetector
+from ..receiver.altimeter import AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
+from .interference_detector import InterferenceDetector
 
 __all__ = ["ShiftCheck"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..detector import InterferenceDetector
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
+from .interference_detector import InterferenceDetector
 from .onnx_network import OnnxNetwork
 from .shift_check import ShiftCheck
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.altimeter import Altimeter
 from ...core.mitigation import create
-from ..figures import series_style
-from ..metrics import CORRECT_LIMIT_M
+from ...core.receiver.altimeter import Altimeter
+from ..overlap.figures import series_style
+from ..results.score import CORRECT_LIMIT_M
 from .points import _seed, approach_frames, impaired
 from .report import asked_db, clean_rows, condition, curve
 from .study import LandingStudy, accuracy_limit_m

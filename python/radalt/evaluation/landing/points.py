@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ...core.altimeter import Altimeter, Spectra
-from ...core.interference import interference_frames
+from ...core.interference.placement import interference_frames
 from ...core.mitigation import create
-from ...core.returns import point_return
-from ...core.terrain import GroundReturn
-from ..metrics import CORRECT_LIMIT_M, wilson_interval
+from ...core.receiver.altimeter import Altimeter, Spectra
+from ...core.returns.point import point_return
+from ...core.returns.terrain import GroundReturn
+from ..results.score import CORRECT_LIMIT_M, wilson_interval
 from .study import LandingStudy, Point, accuracy_limit_m
 from .variants import VARIANTS
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...core.altimeter import Reason
-from ...core.bounds import altitude_crb_m
 from ...core.mitigation import create
-from ..folder import flatten, read_report, versions
-from ..metrics import CORRECT_LIMIT_M
+from ...core.receiver.altimeter import Reason
+from ...core.receiver.cramer_rao import altitude_crb_m
+from ..results.folder import flatten, read_report, versions
+from ..results.score import CORRECT_LIMIT_M
 from .study import LandingStudy, StudyError, accuracy_limit_m, study_dict
 from .variants import VARIANTS
 

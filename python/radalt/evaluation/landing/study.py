@@ -14,13 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from ...core.altimeter import AltimeterSettings
-from ...core.interference import Interferer, QpskEmitter, interference_frames
-from ...core.landing import AntennaSpec, GroundSpec, LandingSpec, LinkSpec, TerrainSpec, TrajectorySpec
+from ...core.interference.placement import Interferer, QpskEmitter, interference_frames
 from ...core.mitigation import MitigationError, create
 from ...core.parsing import build, plain
-from ...core.scene import SceneError, interference_from_yaml, interferer_to_mapping
-from ...core.terrain import (
+from ...core.receiver.altimeter import AltimeterSettings
+from ...core.returns.landing import (
+    AntennaSpec,
+    GroundSpec,
+    LandingSpec,
+    LinkSpec,
+    TerrainSpec,
+    TrajectorySpec,
+)
+from ...core.returns.terrain import (
     MIN_HEIGHT_M,
     AircraftState,
     TerrainError,
@@ -29,6 +35,7 @@ from ...core.terrain import (
     TrajectoryError,
     reflectivity,
 )
+from ...core.scene import SceneError, interference_from_yaml, interferer_to_mapping
 from ...core.waveform import Waveform
 
 __all__ = [

@@ -1,0 +1,70 @@
+"""Frames between blocks: vectors of N samples, each with one tag that carries index, counter and timing rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pmt
+
+from ..core.receiver.segmenter import Frame
+
+__all__ = [
+    "FRAME_KEY",
+    "RX_TIME_KEY",
+    "frame_tag",
+    "gather_frames",
+    "quiet_buffer",
+    "read_frame_tags",
+    "time_counter",
+    "time_tag",
+]
+
+FRAME_KEY = pmt.intern("radalt_frame")
+RX_TIME_KEY = pmt.intern("rx_time")
+
+
+def frame_tag(frame: Frame):  # noqa: ANN201 - a pmt
+    """Tag value of a frame: (index, sample counter, timing rest in seconds) in float64, exact to 2^53."""
+    return pmt.init_f64vector(3, [float(frame.index), float(frame.start_sample), frame.offset_s])
+
+
+def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
+    """(count, 3) tag values of the next ``count`` items of input 0; NaN in rows without a tag."""
+    tags = block.get_tags_in_window(0, 0, count, FRAME_KEY)
+    values = [pmt.f64vector_elements(tag.value) for tag in tags]
+    if len(values) == count:  # one each, in order
+        return np.array(values)
+    out = np.full((count, 3), np.nan)
+    first = block.nitems_read(0)
+    for tag, value in zip(tags, values, strict=True):
+        out[tag.offset - first] = value
+    return out
+
+
+def time_tag(counter: int, rate_hz: float):  # noqa: ANN201 - a pmt
+    """``rx_time`` of a sample counter as UHD sets it: (whole seconds, fraction)."""
+    whole, rest = divmod(counter, round(rate_hz))
+    return pmt.make_tuple(pmt.from_uint64(int(whole)), pmt.from_double(rest / rate_hz))
+
+
+def time_counter(value, rate_hz: float) -> int:  # noqa: ANN001 - a pmt
+    """Sample counter of an ``rx_time`` tag."""
+    seconds = pmt.to_uint64(pmt.tuple_ref(value, 0))
+    return round(seconds * rate_hz) + round(pmt.to_double(pmt.tuple_ref(value, 1)) * rate_hz)
+
+
+_GATHER = 16  # frames
+
+
+def gather_frames(block, samples: int) -> None:  # noqa: ANN001
+    """Have a block make up to sixteen frames a call: a call costs as much as a whole frame's work (FIELD_NOTES).
+
+    Eight took a tenth less CPU in all blocks together than four, sixteen a twentieth less than eight.
+    """
+    block.set_output_multiple(_GATHER * samples)
+    block.set_min_output_buffer(2 * _GATHER * samples)
+
+
+def quiet_buffer(block, samples: int) -> None:  # noqa: ANN001
+    """Ask for a buffer in the granularity GNU Radio can allocate for vectors of this size; it warns otherwise."""
+    size = 8 * samples
+    block.set_min_output_buffer(4096 // int(np.gcd(size, 4096)))

@@ -1,0 +1,58 @@
+"""Shared by all blocks: an exception in ``work`` must end the flowgraph, and threads must hand over in time."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+
+import scipy.linalg.blas  # noqa: F401 - SciPy brings a BLAS of its own, which has to be there to be limited
+from threadpoolctl import threadpool_limits
+
+from ..core.cores import join_home
+
+__all__ = ["WORK_DONE", "guarded", "raise_stored", "raised"]
+
+WORK_DONE = -1
+
+raised: list[Exception] = []  # what blocks of this program have raised, for whoever has no list of its blocks
+
+# Every block is a thread that holds the interpreter for tens of microseconds at a time. With Python's default of 5 ms a
+# block that returns from NumPy waits that long behind a busy one: a flowgraph of five methods then took three times as
+# long, most of it waiting.
+sys.setswitchinterval(1e-4)
+
+# Every block is a thread already: BLAS threads of its own only spin beside it (five times the CPU time, measured).
+threadpool_limits(1, user_api="blas")
+
+
+def guarded(work: Callable) -> Callable:
+    """Store whatever ``work`` raises in ``self.error`` and end the stream; the runner re-raises it.
+
+    GNU Radio's scheduler cannot carry a Python exception out of its thread, hence the broad catch.
+    """
+
+    @functools.wraps(work)
+    def wrapper(self, input_items, output_items):  # noqa: ANN001, ANN202 - GNU Radio's signature
+        if getattr(self, "thread_id", None) != threading.get_native_id():
+            self.thread_id = threading.get_native_id()  # for CPU time by block
+            join_home()
+        try:
+            return work(self, input_items, output_items)
+        except Exception as error:
+            self.error = error
+            raised.append(error)
+            traceback.print_exc()
+            return WORK_DONE
+
+    return wrapper
+
+
+def raise_stored(blocks: list) -> None:
+    """Raise the first error that a block's ``work`` has stored."""
+    for block in blocks:
+        error = getattr(block, "error", None)
+        if error is not None:
+            raise error

@@ -1,0 +1,58 @@
+"""What the mitigation blocks share: a `Mitigation` over vectors, timed."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+from gnuradio import gr
+
+from ..core.mitigation import Mitigation, OwnProcess
+from ._frames import quiet_buffer
+from ._guard import guarded
+
+__all__ = ["MitigationBlock"]
+
+_TIMES = 20_000  # frames whose processing time is kept
+
+
+class MitigationBlock(gr.sync_block):
+    """Frames in, cleaned frames out; tags pass with their frames."""
+
+    def __init__(self, name: str, method: Mitigation, batch: int = 1) -> None:
+        n = method.waveform.samples_per_frame
+        gr.sync_block.__init__(self, name, [(np.complex64, n)], [(np.complex64, n)])
+        if batch < 1:
+            raise ValueError(f"batch is {batch}; it has to be at least 1 frame")
+        self.method = method
+        self._batch = int(batch)
+        self.active = True
+        self._milliseconds: deque[float] = deque(maxlen=_TIMES)
+        quiet_buffer(self, n)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Clean what is there, at most ``batch`` frames at a time; pass it on where the method is not active."""
+        frames, out = input_items[0], output_items[0]
+        if not self.active:
+            out[:] = frames
+            return len(out)
+        # a process of its own takes all that is there, and divides it itself
+        batch = len(out) if isinstance(self.method, OwnProcess) else self._batch
+        for first in range(0, len(out), batch):
+            span = slice(first, first + batch)
+            begin = time.thread_time_ns() + self.method.outside_cpu_ns
+            self.method.process_into(frames[span], out[span])
+            count = len(out[span])
+            spent = time.thread_time_ns() + self.method.outside_cpu_ns - begin
+            self._milliseconds.extend([spent * 1e-6 / count] * count)
+        return len(out)
+
+    def milliseconds(self) -> np.ndarray:
+        """CPU milliseconds of this block's thread, and of the method's own process, a frame, the last 20,000."""
+        return np.array(self._milliseconds)
+
+    def status(self) -> dict[str, object]:
+        """The method's counters and state."""
+        return self.method.status()

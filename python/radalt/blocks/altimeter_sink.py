@@ -1,0 +1,192 @@
+"""Altimeter sink: frames in, one altitude result a frame out."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from ..core.receiver.altimeter import RESULT_DTYPE, Reason, shared_altimeter
+from ..core.scene import Scene
+from ._frames import read_frame_tags
+from ._guard import guarded
+
+__all__ = ["altimeter_sink"]
+
+MESSAGE_VERSION = 1
+
+
+class altimeter_sink(gr.sync_block):
+    """Dechirp, CFAR, pairing and altitude of every frame; see `Altimeter`.
+
+    ``R = c (f_up - f_down) / 4k``, ``v = c (f_up + f_down) / 4 f_c``.
+
+    Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary a frame:
+    version, method, frame_index, valid, reason, altitude_m, vertical_speed_m_per_s, beat_up_hz, beat_down_hz, snr_db,
+    forced_altitude_m, truth_m), ``altitude: float`` (optional, in metres, NaN where there is none).
+
+    Parameters
+    ----------
+    scene : Scene
+        Waveform, altimeter settings, programme (for ``truth_m``).
+    method : str
+        Label of the results.
+    endpoint : str
+        ZMQ PUB endpoint for the same messages as JSON, for example ``tcp://127.0.0.1:5556``; empty for none.
+    messages : bool
+        Whether the message port is used; a PDU costs 100 us and more a frame.
+    capacity : int
+        Results kept for `results`; older ones are overwritten.
+    stream : bool
+        Whether the block has the output ``altitude``, one value a frame, for displays.
+
+    Example
+    -------
+    ``alt = radalt.altimeter_sink(scene, method="whitening", endpoint="tcp://127.0.0.1:5556")``
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: str = "none",
+        endpoint: str = "",
+        messages: bool = True,
+        capacity: int = 100_000,
+        stream: bool = False,
+    ) -> None:
+        n = scene.waveform.samples_per_frame
+        outputs = [np.float32] if stream else None
+        gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], outputs)
+        self.method = method
+        self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
+        self._programme = scene.altitude.programme
+        self._messages = bool(messages)
+        self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
+        self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
+        self._count = 0
+        self.active = True
+        self._port = pmt.intern("result")
+        self.message_port_register_out(self._port)
+        self._keys = {
+            name: pmt.intern(name) for name in (*RESULT_DTYPE.names, "truth_m", "method", "version")
+        }
+        self._method_pmt = pmt.intern(method)
+        self._socket = self._open(endpoint) if endpoint else None
+
+    def _open(self, endpoint: str):  # noqa: ANN202 - a zmq socket, imported only when asked for
+        import zmq
+
+        socket = zmq.Context.instance().socket(zmq.PUB)
+        socket.setsockopt(
+            zmq.SNDHWM, 1000
+        )  # a slow or dead subscriber loses messages, it never slows the radio
+        socket.setsockopt(zmq.LINGER, 0)
+        try:
+            socket.bind(endpoint)
+        except zmq.ZMQError as error:
+            socket.close()
+            raise ValueError(
+                f"altimeter_sink.endpoint {endpoint!r} cannot be bound: {error}; use another port"
+            ) from None
+        return socket
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Measure every frame that is there in one batch."""
+        frames = input_items[0]
+        if not self.active:
+            if output_items:
+                output_items[0][:] = np.nan
+            return len(frames)
+        tags = read_frame_tags(self, len(frames))
+        results = self._measure(frames, tags)
+        if output_items:
+            output_items[0][:] = results["altitude_m"]
+        return len(frames)
+
+    def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
+        """Measure, store and publish; returns the results."""
+        index = np.nan_to_num(tags[:, 0], nan=-1).astype(np.int64)
+        results = self.altimeter.process(frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
+        at = (self._count + np.arange(len(results))) % self._store.size
+        self._store[at] = results
+        self._when[at, 0] = tags[:, 1]
+        self._when[at, 1] = time.perf_counter()
+        self._count += len(results)
+        if self._messages or self._socket is not None:
+            truth = self._programme.altitude_m(index)
+            for result, true in zip(results, truth, strict=True):
+                self._publish(result, float(true))
+        return results
+
+    def _publish(self, result: np.void, truth_m: float) -> None:
+        if self._socket is not None:
+            self._socket.send_string(json.dumps(self._as_mapping(result, truth_m)))
+        if self._messages:
+            self.message_port_pub(self._port, self._as_pmt(result, truth_m))
+
+    def _as_mapping(self, result: np.void, truth_m: float) -> dict[str, object]:
+        """One result for JSON; numbers that are not finite become null."""
+        fields = {name: result[name].item() for name in RESULT_DTYPE.names}
+        fields["reason"] = Reason.NAMES[int(result["reason"])]
+        fields = {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in fields.items()}
+        return {"version": MESSAGE_VERSION, "method": self.method, **fields, "truth_m": truth_m}
+
+    def _as_pmt(self, result: np.void, truth_m: float):  # noqa: ANN202 - a pmt
+        keys = self._keys
+        message = pmt.make_dict()
+        message = pmt.dict_add(message, keys["version"], pmt.from_long(MESSAGE_VERSION))
+        message = pmt.dict_add(message, keys["method"], self._method_pmt)
+        for name in RESULT_DTYPE.names:
+            value = result[name].item()
+            if name == "reason":
+                item = pmt.intern(Reason.NAMES[value])
+            elif isinstance(value, bool):
+                item = pmt.from_bool(value)
+            elif isinstance(value, int):
+                item = pmt.from_long(value)
+            else:
+                item = pmt.from_double(value)
+            message = pmt.dict_add(message, keys[name], item)
+        return pmt.dict_add(message, keys["truth_m"], pmt.from_double(truth_m))
+
+    def results(self) -> np.ndarray:
+        """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`."""
+        if self._count <= self._store.size:
+            return self._store[: self._count].copy()
+        return np.roll(self._store, -(self._count % self._store.size))
+
+    @property
+    def count(self) -> int:
+        """Results since the start."""
+        return self._count
+
+    @property
+    def last_index(self) -> int:
+        """Frame index of the last result, -1 before the first."""
+        return int(self._store["frame_index"][(self._count - 1) % self._store.size]) if self._count else -1
+
+    def results_since(self, count: int) -> tuple[int, np.ndarray]:
+        """Results after the first ``count``, as far as they are still kept, and the count for the next call.
+
+        For another thread: reading never waits for the block, nor the block for the reader.
+        """
+        now = self._count
+        # half the store is left to the block, which goes on writing meanwhile
+        first = max(count, now - self._store.size // 2)
+        return now, self._store[np.arange(first, now) % self._store.size]
+
+    def times(self) -> np.ndarray:
+        """(n, 2) sample counter of each kept frame's first sample and `time.perf_counter` at its result."""
+        kept = min(self._count, self._store.size)
+        return self._when[np.arange(self._count - kept, self._count) % self._store.size]
+
+    def stop(self) -> bool:
+        """Close the ZMQ socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        return True

@@ -1,0 +1,198 @@
+"""Frame segmenter: stream of samples in, whole aligned frames out."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+import pmt
+from gnuradio import gr
+
+from ..core.radio.calibration import CalibrationError
+from ..core.receiver.segmenter import Frame, FrameSegmenter
+from ..core.scene import Scene
+from ._frames import FRAME_KEY, RX_TIME_KEY, frame_tag, quiet_buffer, time_counter
+from ._guard import guarded
+
+__all__ = ["frame_segmenter"]
+
+_STATUS_EVERY = 1000  # frames between unsolicited status messages
+# Frames the scheduler offers room for, at least. Where input has run out it halves its offer down to this number and
+# asks `forecast` each time, which cost more than the calls that found something to do.
+_PLACES = 32
+
+
+class frame_segmenter(gr.basic_block):
+    """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
+
+    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, timing rest in seconds).
+    ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame is released when the next one
+    has confirmed the timing (1 ms).
+
+    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
+    ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
+
+    Parameters
+    ----------
+    scene : Scene
+        Waveform, programme, segmenter settings.
+    follow_programme : bool
+        True checks frames against the scene's programme; False for altitudes moved by hand.
+    drop_when_slow : bool
+        Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
+        In simulation leave it off: nothing is lost by waiting.
+
+    Example
+    -------
+    ``seg = radalt.frame_segmenter(scene)``
+    """
+
+    def __init__(self, scene: Scene, follow_programme: bool = True, drop_when_slow: bool = False) -> None:
+        n = scene.waveform.samples_per_frame
+        gr.basic_block.__init__(self, "radalt_frame_segmenter", [np.complex64], [(np.complex64, n)])
+        self._rate = scene.waveform.rate_hz
+        self.segmenter = FrameSegmenter(
+            scene.waveform,
+            scene.altitude.programme if follow_programme else None,
+            scene.segmenter,
+            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
+            true_delay=scene.altitude.mode == "true_delay",
+            point_target=scene.return_model == "point",
+        )
+        self.drop_when_slow = bool(drop_when_slow)
+        self.dropped_slow = 0
+        self.saturated_frames = 0
+        self._start_counter = 0
+        self._calibrated: float | None = None
+        self._latency = float("nan")
+        self.arrivals: deque[tuple[int, float]] | None = (
+            None  # (sample counter, time) of each chunk, where wanted
+        )
+        adc = scene.channel
+        # the largest value of a converter of that many bits; without one nothing saturates
+        self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
+        self._ready: deque[Frame] = deque()
+        self._started = False
+        self._reacquire = False
+        self._reported: tuple[str, int] = ("", 0)
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        quiet_buffer(self, n)
+        self.set_output_multiple(_PLACES)
+        self._status_port = pmt.intern("status")
+        self.message_port_register_out(self._status_port)
+        command = pmt.intern("command")
+        self.message_port_register_in(command)
+        self.set_msg_handler(command, self._on_command)
+
+    def _on_command(self, message) -> None:  # noqa: ANN001
+        """``reacquire``: take timing anew at the next opportunity."""
+        if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
+            self._reacquire = True
+
+    def reacquire(self) -> None:
+        """Take timing anew at the next opportunity; for other threads."""
+        self._reacquire = True
+
+    def set_full_scale(self, full_scale: float) -> None:
+        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
+        self._full_scale = float(full_scale)
+
+    def set_start_time(self, seconds: float) -> None:
+        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start."""
+        self._start_counter = round(seconds * self._rate)
+
+    def set_calibration(self, latency_samples: float | None) -> None:
+        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts."""
+        self._calibrated = latency_samples
+
+    @property
+    def latency_samples(self) -> float:
+        """Samples between the transmitter's sweep and the receiver's, fraction included, by the last frame."""
+        return self._latency
+
+    def status(self) -> dict[str, object]:
+        """State, lock quality and counters."""
+        own = {"dropped_slow": self.dropped_slow, "saturated_frames": self.saturated_frames}
+        return self.segmenter.status() | own
+
+    def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
+        """Any sample at all, unless finished frames wait."""
+        return [0 if self._ready else 1] * ninputs
+
+    @guarded
+    def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Feed the segmenter between time tags, hand finished frames on."""
+        out = output_items[0]
+        if self._reacquire:
+            self._reacquire = False
+            self.segmenter.reacquire()
+        # a bounded bite: never more frames than the output can take
+        bite = input_items[0][: max(1, len(out) - len(self._ready)) * out.shape[1]]
+        if self.drop_when_slow:
+            bite = input_items[0]
+        self._take(bite)
+        if self.arrivals is not None:
+            self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
+        self.consume(0, bite.size)
+        done = self._hand_on(out)
+        self._report()
+        return done
+
+    def _take(self, samples: np.ndarray) -> None:
+        first = self.nitems_read(0)
+        at = 0
+        for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
+            cut = tag.offset - first
+            self._ready.extend(self.segmenter.push(samples[at:cut]))
+            self._ready.extend(self._on_time(tag.value))
+            at = cut
+        self._ready.extend(self.segmenter.push(samples[at:]))
+
+    def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
+        """Counter of an ``rx_time`` tag; the first one sets the origin."""
+        counter = time_counter(value, self._rate) - self._start_counter
+        if not self._started:
+            self._started = True
+            self.segmenter.reset(counter)
+            return []
+        return self.segmenter.jump(counter - self.segmenter.sample_counter)
+
+    def _hand_on(self, out: np.ndarray) -> int:
+        done = 0
+        while self._ready and done < len(out):
+            frame = self._ready.popleft()
+            if self.drop_when_slow and len(out) - done <= _PLACES:
+                # keep places free: with fewer the scheduler would stop calling, and the radio would overflow
+                self.dropped_slow += 1
+                continue
+            out[done] = frame.samples
+            self._inspect(frame)
+            self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame))
+            done += 1
+        return done
+
+    def _inspect(self, frame: Frame) -> None:
+        """Count saturation, keep the latency, and put a calibrated latency in the place of the found one."""
+        rails = frame.samples.view(np.float32)
+        if np.isfinite(self._full_scale) and max(rails.max(), -rails.min()) >= self._full_scale * 0.9999:
+            self.saturated_frames += 1
+        n = frame.samples.size
+        before = frame.start_sample - frame.index * n
+        self._latency = before + frame.offset_s * self._rate
+        if self._calibrated is not None:
+            path = self._latency - self._calibrated
+            if not -2.0 <= path <= n / 4:
+                raise CalibrationError(
+                    f"the stored latency of {self._calibrated:g} samples does not fit the {self._latency:.2f} found; "
+                    "calibrate anew"
+                )
+            frame.offset_s = (self._calibrated - before) / self._rate
+
+    def _report(self) -> None:
+        """A status message on every change of state and every thousand frames."""
+        seg = self.segmenter
+        now = (seg.state, seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY)
+        if now != self._reported:
+            self._reported = now
+            self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))

@@ -1,0 +1,52 @@
+"""Mitigation block for every registered method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.mitigation import Mitigation, create
+from ..core.scene import Scene
+from ._mitigation import MitigationBlock
+
+__all__ = ["mitigation"]
+
+
+class mitigation(MitigationBlock):
+    """One method by its name: any of `METHODS`, or ``custom``, one of your own.
+
+    Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N > frames: complex vector of N``.
+
+    Parameters
+    ----------
+    scene : Scene
+        Waveform; ``method_options`` of the scene give the method's parameters.
+    method : str
+        Name as in `gnuradio.radalt.core.mitigation.create`. Live.
+    options : dict, optional
+        Parameters that override the scene's.
+
+    Example
+    -------
+    ``clean = radalt.mitigation(scene, "whitening")``
+    """
+
+    def __init__(
+        self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None
+    ) -> None:
+        self._scene, self._name, self._options = scene, method, options or {}
+        super().__init__("radalt_mitigation", self._create(method), _batch(method))
+
+    def _create(self, method: str) -> Mitigation:
+        parameters = {**self._scene.method_options.get(method, {}), **self._options}
+        return create(method, self._scene.waveform, **parameters)
+
+    def set_method(self, method: str) -> None:
+        """Another method from the next frames on, without what was learnt before."""
+        if method != self._name:
+            self.method, self._name = self._create(method), method
+            self._batch = _batch(method)
+
+
+def _batch(method: str) -> int:
+    """Frames a call: classical methods give the same bits in any batch, in fewer calls; a network's depend on it."""
+    return 1 if method == "tcae" else 4

@@ -1,0 +1,75 @@
+"""Jammer source that plays the scene's interference, one emitter or many."""
+
+from __future__ import annotations
+
+from ..core.scene import Scene
+from ._jammer import JammerSource
+
+__all__ = ["mixture_jammer_source"]
+
+
+class mixture_jammer_source(JammerSource):
+    """The sum of all interferers of the scene, each at its overlap and SIR, the sum at the scene's total SIR.
+
+    Category: [RadAlt]/Interference. Ports: ``out: complex``.
+
+    Parameters
+    ----------
+    scene : Scene
+        Interference, frame length, programme (silent while timing is acquired) and seed.
+    overlap, sir_db : float
+        Override the scene's overlap (0..1) and total SIR from the next sweep on; overlap below 0 and SIR above 900
+        keep the scene's. Live.
+    frames : int
+        Sweeps before the stream ends; 0 for endless.
+
+    Example
+    -------
+    ``jam = radalt.mixture_jammer_source(load_scene("mixture"))``
+    """
+
+    KEEP_SIR_DB = 999.0
+
+    def __init__(
+        self, scene: Scene, overlap: float = -1.0, sir_db: float = KEEP_SIR_DB, frames: int = 0
+    ) -> None:
+        super().__init__(
+            "radalt_mixture_jammer_source",
+            scene,
+            scene.interference,
+            total_sir_db=scene.total_sir_db,
+            free_running=any(i.free_running for i in scene.interference),
+            frames=frames,
+        )
+        self._scene = scene
+        self._overlap, self._sir_db = overlap, sir_db
+        self._strongest_db = float("inf")
+        self._apply()
+
+    def hold_drive(self) -> None:
+        """From now on no burst is stronger than the scene's: on the air the converters were scaled for that one.
+
+        A lower SIR, or a shorter burst at the same SIR, then takes the lowest SIR that does not clip.
+        """
+        self._strongest_db = self._scene.burst_db
+        self._apply()
+
+    def set_overlap(self, overlap: float) -> None:
+        """Active fraction from the next sweep on; below 0 keeps the scene's."""
+        self._overlap = overlap
+        self._apply()
+
+    def set_sir_db(self, sir_db: float) -> None:
+        """Total SIR from the next sweep on; above 900 keeps the scene's."""
+        self._sir_db = sir_db
+        self._apply()
+
+    def _apply(self) -> None:
+        scene = self._scene.at(
+            overlap=None if self._overlap < 0 else self._overlap,
+            sir_db=None if self._sir_db > 900 else self._sir_db,
+        )
+        excess_db = scene.burst_db - self._strongest_db
+        if excess_db > 0:
+            scene = scene.at(sir_db=scene.sir_db + excess_db)
+        self.stream.interferers, self.stream.total_sir_db = scene.interference, scene.total_sir_db

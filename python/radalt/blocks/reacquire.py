@@ -1,0 +1,107 @@
+"""Reacquire: a press of a button takes the timing anew, at altitude zero and with the jammer silent."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pmt
+from gnuradio import gr
+
+from ..core.scene import Scene
+
+__all__ = ["reacquire"]
+
+_MARGIN_FRAMES = 64  # beyond what the source has made: a chunk that it is making, and the latency of a radio
+_ARRIVE_S = 10.0  # how long what is sent may take to the segmenter
+_LOCK_S = 3.0  # how long the segmenter may take to find the sweep
+_POLL_S = 0.02
+
+
+class reacquire(gr.basic_block):
+    """Any message sends the segmenter the command ``reacquire`` at the one time when it is right.
+
+    The segmenter takes what it finds for altitude zero, so an altitude set by hand would be gone for good. The block
+    therefore sends altitude zero and mutes the jammer, waits until that has come in (by the sample counter), commands,
+    waits for the lock, and puts both back; an altitude that was moved meanwhile stays. Nothing is sent that was
+    switched off. One line is printed at the end.
+
+    Category: [RadAlt]/Receiver. Ports: ``pressed: message > command: message`` (the symbol ``reacquire``).
+
+    Parameters
+    ----------
+    top : object
+        The flowgraph (``self`` in a companion's block): its variable ``altitude_m`` and its blocks ``chirp_source``,
+        ``frame_segmenter`` and, if there, ``jammer_switch`` (a mute) are found by name.
+    scene : Scene
+        Waveform.
+
+    Example
+    -------
+    ``again = radalt.reacquire(self, scene)``
+    """
+
+    def __init__(self, top: Any, scene: Scene) -> None:
+        gr.basic_block.__init__(self, "radalt_reacquire", [], [])
+        self._top = top
+        self._n = scene.waveform.samples_per_frame
+        self._thread: threading.Thread | None = None
+        self._command = pmt.intern("command")
+        self.message_port_register_out(self._command)
+        pressed = pmt.intern("pressed")
+        self.message_port_register_in(pressed)
+        self.set_msg_handler(pressed, self._on_press)
+
+    @property
+    def running(self) -> bool:
+        """Whether a reacquisition is under way; further presses are ignored meanwhile."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def _on_press(self, message) -> None:  # noqa: ANN001 - a pmt, whatever its value
+        if not self.running:
+            # a message handler that waited would hold up the block's thread
+            self._thread = threading.Thread(target=self._run, daemon=True, name="radalt_reacquire")
+            self._thread.start()
+
+    def _run(self) -> None:
+        top = self._top
+        jammer = getattr(top, "jammer_switch", None)
+        altitude_m = top.altitude_m
+        was_muted = jammer is not None and jammer.mute()
+        top.set_altitude_m(0.0)
+        if jammer is not None:
+            jammer.set_mute(True)
+        try:
+            print(f"reacquire: {self._take_timing()}", flush=True)
+        finally:
+            if top.altitude_m == 0.0:
+                top.set_altitude_m(altitude_m)
+            if jammer is not None:
+                jammer.set_mute(was_muted)
+
+    def _take_timing(self) -> str:
+        """Wait for altitude zero, command, wait for the lock; returns what came of it."""
+        segmenter = self._top.frame_segmenter.segmenter
+        sent = [self._top.chirp_source.nitems_written(0)]
+        if hasattr(self._top, "jammer_switch"):
+            sent.append(self._top.jammer_switch.nitems_written(0))
+        mark = max(sent) + _MARGIN_FRAMES * self._n
+        if not _wait(lambda: segmenter.sample_counter >= mark, _ARRIVE_S):
+            return f"nothing that was sent came in within {_ARRIVE_S:g} s; timing stays as it was"
+        before = segmenter.counters["acquisitions"]
+        self.message_port_pub(self._command, pmt.intern("reacquire"))
+        if not _wait(lambda: segmenter.counters["acquisitions"] > before, _LOCK_S):
+            return f"no sweep found within {_LOCK_S:g} s; is the radar transmitting?"
+        return "timing taken anew"
+
+
+def _wait(done: Callable[[], bool], limit_s: float) -> bool:
+    """Whether it is done in time."""
+    end = time.monotonic() + limit_s
+    while not done():
+        if time.monotonic() > end:
+            return False
+        time.sleep(_POLL_S)
+    return True

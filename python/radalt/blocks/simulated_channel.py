@@ -1,0 +1,116 @@
+"""Two B210s and the air, simulated: takes the place of the UHD blocks."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+from gnuradio import gr
+
+from ..core.channel.simulated import SimulatedChannel, TerrainPlayer
+from ..core.scene import Scene
+from ._frames import RX_TIME_KEY, gather_frames, time_tag
+from ._guard import guarded
+
+__all__ = ["simulated_channel"]
+
+
+class simulated_channel(gr.basic_block):
+    """What the radar's receiver hears of both transmitters.
+
+    ``y = D(x_radar) + D_j(x_jammer) + noise`` and the impairments of the scene's ``channel`` (`ChannelSettings`), each
+    costing nothing while it is off. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD
+    sets it.
+
+    Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``.
+
+    Parameters
+    ----------
+    scene : Scene
+        Channel settings, waveform, true-delay programme and seed.
+    jammer : bool
+        Whether the second input exists.
+    realtime : bool
+        Never faster than the sample rate, as radios are; for live views.
+
+    Example
+    -------
+    ``chan = radalt.simulated_channel(scene, jammer=True)``
+    """
+
+    def __init__(self, scene: Scene, jammer: bool = True, realtime: bool = False) -> None:
+        gr.basic_block.__init__(
+            self, "radalt_simulated_channel", [np.complex64] * (2 if jammer else 1), [np.complex64]
+        )
+        programme = scene.altitude.programme
+        on_terrain = scene.return_model == "terrain"
+        self.channel = SimulatedChannel(
+            scene.waveform,
+            scene.channel,
+            seed=scene.seed,
+            true_delay=programme if scene.altitude.mode == "true_delay" and not on_terrain else None,
+            terrain=TerrainPlayer(scene.landing, programme, scene.waveform, scene.seed)
+            if on_terrain
+            else None,
+            frames=programme.total_frames,
+        )
+        self._n = scene.waveform.samples_per_frame
+        self._rate = scene.waveform.rate_hz
+        self._tagged = scene.channel.drops.tagged
+        self._pieces: deque[tuple[int, np.ndarray]] = deque()
+        self._expected: int | None = None
+        self._realtime = bool(realtime)
+        self._start_s = 0.0  # of sample 0, by the monotonic clock
+        self.set_tag_propagation_policy(gr.TPP_DONT)
+        gather_frames(self, self._n)
+
+    def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
+        """A whole frame of each input, unless finished samples wait."""
+        return [0 if self._pieces else self._n] * ninputs
+
+    @guarded
+    def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """One frame in when nothing waits; as much out as fits."""
+        out = output_items[0]
+        if self._realtime:
+            self._wait()
+        done = self._flush(out, 0)
+        frames = min(len(items) for items in input_items) // self._n
+        used = 0
+        while not self._pieces and used < frames and done < out.size:
+            span = slice(used * self._n, (used + 1) * self._n)
+            jammer = input_items[1][span] if len(input_items) > 1 else None
+            self._pieces.extend(self.channel.process(input_items[0][span], jammer))
+            used += 1
+            done = self._flush(out, done)
+        for port in range(len(input_items)):
+            self.consume(port, used * self._n)
+        return done
+
+    def _wait(self) -> None:
+        """Sleep off what is ahead of the clock; a backlog is forgiven, not caught up with."""
+        now, sent_s = time.monotonic(), (self._expected or 0) / self._rate
+        self._start_s = max(self._start_s, now - sent_s)
+        time.sleep(max(0.0, self._start_s + sent_s - now))
+
+    def _flush(self, out: np.ndarray, done: int) -> int:
+        """Copy waiting pieces, tagging the first sample after a gap."""
+        while self._pieces and done < out.size:
+            counter, samples = self._pieces[0]
+            if counter != self._expected and (self._tagged or self._expected is None):
+                self._tag_time(done, counter)
+            count = min(samples.size, out.size - done)
+            out[done : done + count] = samples[:count]
+            done += count
+            self._expected = counter + count
+            if count == samples.size:
+                self._pieces.popleft()
+            else:
+                self._pieces[0] = (counter + count, samples[count:])
+        return done
+
+    def _tag_time(self, at: int, counter: int) -> None:
+        """``rx_time`` as UHD's (whole seconds, fraction)."""
+        value = time_tag(counter, self._rate)
+        self.add_item_tag(0, self.nitems_written(0) + at, RX_TIME_KEY, value)

@@ -1,0 +1,56 @@
+"""TCAE block: an ONNX network on frames."""
+
+from __future__ import annotations
+
+from ..core.mitigation import create
+from ..core.scene import Scene
+from ._mitigation import MitigationBlock
+
+__all__ = ["tcae"]
+
+
+class tcae(MitigationBlock):
+    """Temporal convolutional autoencoder, or any network with the same ONNX metadata contract; see `Tcae`.
+
+    Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N > frames: complex vector of N``.
+
+    Parameters
+    ----------
+    scene : Scene
+        Waveform that the model's contract is checked against, on construction.
+    model : str
+        ONNX file; empty takes the scene's ``method_options.tcae.model``, else the shipped default.
+    threads : int
+        ONNX Runtime's threads; 1 is fastest inside a flowgraph.
+    batch : int
+        Frames a run of the network takes at most; more amortise the call, at that many milliseconds of latency
+        and with the last bit of a result depending on which frames came together.
+    skip_clean : bool
+        Frames that show no interference pass without the network (`InterferenceDetector`).
+    own_process : bool
+        The network computes in a process of its own and the flowgraph's Python blocks keep to one core (`OwnProcess`):
+        for live flowgraphs on two cores or more; without effect on one.
+
+    Example
+    -------
+    ``clean = radalt.tcae(scene, model="models/tcae.onnx")``
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        model: str = "",
+        threads: int = 1,
+        batch: int = 1,
+        skip_clean: bool = False,
+        own_process: bool = False,
+    ) -> None:
+        options = dict(scene.method_options.get("tcae", {}))
+        if model:
+            options["model"] = model
+        options.setdefault("threads", threads)
+        if skip_clean:
+            options["skip_clean"] = True
+        if own_process:
+            options["own_process"] = True
+        super().__init__("radalt_tcae", create("tcae", scene.waveform, batch=batch, **options), batch)

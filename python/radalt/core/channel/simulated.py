@@ -1,0 +1,379 @@
+"""What two B210s and the air between them do, sample by sample, without hardware (DESIGN.md 6.7).
+
+The channel works in blocks of one frame counted from the transmitter's first sample, whatever the chunks it is fed:
+a run is a function of its seed, bit for bit. Every impairment is off unless the scene asks, and costs nothing then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..interference.multipath import FadingChannel
+from ..programme import Programme
+from ..returns.landing import LandingSpec
+from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
+from .delay_line import HALF_TAPS, STEPS, DelayLine
+from .noise import ReceiverNoise
+
+__all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
+
+
+@dataclass(frozen=True)
+class DropSettings:
+    """Samples lost between the radio and the host.
+
+    Parameters
+    ----------
+    count : int
+        Number of gaps in the run, spread at random; 0 for none.
+    min_samples, max_samples : int
+        Length of a gap, drawn uniformly.
+    tagged : bool
+        Mark the first sample after a gap with ``rx_time``, as UHD does.
+    """
+
+    count: int = 0
+    min_samples: int = 100
+    max_samples: int = 5000
+    tagged: bool = True
+
+    def __post_init__(self) -> None:
+        if self.count < 0 or not 1 <= self.min_samples <= self.max_samples:
+            raise ValueError(
+                f"drops: count {self.count} has to be 0 or above and 1 <= min_samples {self.min_samples} <= "
+                f"max_samples {self.max_samples}"
+            )
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """Impairments of the simulated channel, each off by default.
+
+    Parameters
+    ----------
+    snr_db : float or None
+        Signal-to-noise ratio of the return over the whole complex band, before dechirping; None for no noise.
+    start_offset_samples : float or None
+        Hardware latency between transmitter and receiver, fraction included; None draws it from the seed.
+    gain_db : float
+        Gain of return and interference together.
+    jammer_delay_samples : float
+        Extra delay of the jammer against the radar.
+    jammer_clock_ppm, jammer_lo_offset_hz : float
+        The jammer runs from its own clock and LO.
+    dc_offset : float
+        Amplitude of a constant added, relative to the return.
+    iq_gain_db, iq_phase_deg : float
+        IQ imbalance of the receiver.
+    adc_bits : int
+        Converter resolution (B210: 12); 0 for none.
+    full_scale : float
+        Amplitude per rail at which the converter clips, relative to the return.
+    leakage_db : float or None
+        Direct transmitter leakage at zero delay, relative to the return; only with true delays.
+    drops : DropSettings
+        Lost samples.
+    return_multipath : FadingChannel or None
+        Tapped delay line of the return; with Doppler its gains move from frame to frame (below 500 Hz for 1 ms).
+    """
+
+    snr_db: float | None = 10.0
+    start_offset_samples: float | None = None
+    gain_db: float = 0.0
+    jammer_delay_samples: float = 0.0
+    jammer_clock_ppm: float = 0.0
+    jammer_lo_offset_hz: float = 0.0
+    dc_offset: float = 0.0
+    iq_gain_db: float = 0.0
+    iq_phase_deg: float = 0.0
+    adc_bits: int = 0
+    full_scale: float = 4.0
+    leakage_db: float | None = None
+    drops: DropSettings = DropSettings()
+    return_multipath: FadingChannel | None = None
+
+    def __post_init__(self) -> None:
+        if self.adc_bits and not 1 <= self.adc_bits <= 16:
+            raise ValueError(f"channel.adc_bits is {self.adc_bits}; 0 for none, else 1..16")
+        if not self.full_scale > 0:
+            raise ValueError(f"channel.full_scale is {self.full_scale:g}; it has to be above 0")
+        if self.start_offset_samples is not None and self.start_offset_samples < 0:
+            raise ValueError(
+                f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be 0 or above"
+            )
+        if abs(self.jammer_clock_ppm) > 100:
+            raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
+        if self.jammer_delay_samples < 0:
+            raise ValueError(
+                f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be 0 or above"
+            )
+
+
+class TerrainPlayer:
+    """The ground's echo by frame index, in the place of a point's.
+
+    Parameters
+    ----------
+    landing : LandingSpec
+    programme : Programme
+        Its altitudes have to be those of the landing, one a frame.
+    waveform, seed
+        As the scene has them.
+
+    Raises
+    ------
+    ValueError
+        If the altitudes are not those of the landing.
+    """
+
+    def __init__(self, landing: LandingSpec, programme: Programme, waveform: Waveform, seed: int) -> None:
+        self._programme = programme
+        self._profile = landing.profile(waveform, len(programme.altitudes_m), seed)
+        apart = np.max(np.abs(np.maximum(self._profile.altitude_m, 0.0) - programme.altitudes_m))
+        if apart > 0.5:
+            raise ValueError(
+                f"return: terrain plays the landing, but altitude.programme_m is up to {apart:.1f} m off it; leave "
+                "programme_m out"
+            )
+        index = np.arange(programme.total_frames)
+        self._trial = np.cumsum(programme.is_trial(index)) - 1
+
+    def echo(self, frame_index: int, transmitted: np.ndarray) -> np.ndarray:
+        """(N,) what comes back of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
+        if not self._programme.is_trial(frame_index):
+            return transmitted
+        return self._profile.frame(int(self._trial[frame_index]))
+
+
+class SimulatedChannel:
+    """Two transmitters' streams in, the receiver's stream out, a frame at a time.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : ChannelSettings
+    seed : int
+        Everything random follows from it.
+    terrain : TerrainPlayer or None
+        Puts the ground's echo in the place of the transmitted sweep.
+    true_delay : Programme or None
+        Plays these altitudes as true delays with Doppler and carrier phase; None where the source shifts the beat.
+    frames : int
+        Length of the run in frames, over which gaps are spread.
+
+    Notes
+    -----
+    The latency is kept at 80 samples or more, so that the interpolation kernel never looks into the future; with a
+    drawn latency it lies within 80..N-2 samples.
+    """
+
+    MIN_LATENCY = 80
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        settings: ChannelSettings = ChannelSettings(),  # noqa: B008 - frozen
+        *,
+        seed: int = 0,
+        true_delay: Programme | None = None,
+        terrain: TerrainPlayer | None = None,
+        frames: int = 1000,
+    ) -> None:
+        self.waveform, self.settings, self.true_delay = waveform, settings, true_delay
+        self.terrain = terrain
+        self.seed = seed
+        self.rng = np.random.default_rng([seed, 0xC4A])
+        n = waveform.samples_per_frame
+        self._n = n
+        low = min(self.MIN_LATENCY, n // 4)
+        drawn = self.rng.uniform(low, n - 2)
+        wanted = settings.start_offset_samples
+        if wanted is not None and wanted != int(wanted) and wanted < HALF_TAPS:
+            raise ValueError(
+                f"channel.start_offset_samples {wanted:g} has a fraction and is below the kernel's {HALF_TAPS}; "
+                f"use a whole number or at least {HALF_TAPS}"
+            )
+        self.latency_samples = drawn if wanted is None else float(wanted)
+        top_s = 0.0
+        if true_delay is not None:
+            top_s = float(altitude_to_delay_s(max(true_delay.altitudes_m) + 200.0))
+            if self.latency_samples < HALF_TAPS:
+                raise ValueError(
+                    f"true delays need channel.start_offset_samples of at least {HALF_TAPS}, or none"
+                )
+        if settings.return_multipath is not None:
+            top_s += float(settings.return_multipath.delays_s.max())
+        self._radar = DelayLine(n, self.latency_samples + top_s * waveform.rate_hz + 2 * n, repeats=True)
+        self._jammer_base = self.latency_samples + settings.jammer_delay_samples
+        fractional = settings.jammer_clock_ppm or self._jammer_base != int(self._jammer_base)
+        if fractional and self._jammer_base < HALF_TAPS:
+            raise ValueError(
+                f"channel.jammer_clock_ppm {settings.jammer_clock_ppm:g} and jammer_delay_samples "
+                f"{settings.jammer_delay_samples:g} need fractions of a sample, which start_offset_samples "
+                f"{self.latency_samples:g} leaves no room for; use at least {HALF_TAPS}, or none"
+            )
+        if settings.jammer_clock_ppm > 0:  # a fast jammer clock eats into the delay
+            self._jammer_base += n
+        self._jammer = DelayLine(n, self._jammer_base + n + 2)
+        self._noise = ReceiverNoise(n, [seed, 0x401])
+        self._gaps = self._draw_gaps(frames)
+        self._gains = self._draw_multipath(frames)
+        self._block = 0
+
+    def _draw_multipath(self, frames: int) -> np.ndarray | None:
+        """(taps, frames) gains of the return's paths, or None; drawn from a generator of their own."""
+        channel = self.settings.return_multipath
+        if channel is None:
+            return None
+        limit_hz = 0.5 / self.waveform.sweep_s
+        if channel.doppler_hz > limit_hz:
+            raise ValueError(
+                f"channel.return_multipath.doppler_hz is {channel.doppler_hz:g}; gains move once a frame, at most "
+                f"{limit_hz:g} Hz"
+            )
+        rng = np.random.default_rng([self.seed, 0xFAD])
+        return channel.gains((), frames + 8, 1.0 / self.waveform.sweep_s, rng)
+
+    def _draw_gaps(self, frames: int) -> list[tuple[int, int]]:
+        """Sorted (first sample, length) of lost samples, clear of the first 20 frames and of each other."""
+        drops = self.settings.drops
+        if not drops.count:
+            return []
+        first, last = 20 * self._n, (frames - 5) * self._n
+        if last - first < drops.count * (drops.max_samples + self._n):
+            raise ValueError(
+                f"channel.drops: {drops.count} gaps do not fit a run of {frames} frames; lengthen it or drop fewer"
+            )
+        lengths = self.rng.integers(drops.min_samples, drops.max_samples + 1, drops.count)
+        free = last - first - int(lengths.sum()) - drops.count * self._n
+        starts = np.sort(self.rng.integers(0, free, drops.count))
+        starts = first + starts + np.concatenate([[0], np.cumsum(lengths[:-1] + self._n)])
+        return [(int(s), int(length)) for s, length in zip(starts, lengths, strict=True)]
+
+    @property
+    def gaps(self) -> tuple[tuple[int, int], ...]:
+        """All gaps still to come: (first sample, length)."""
+        return tuple(self._gaps)
+
+    def process(self, radar: np.ndarray, jammer: np.ndarray | None = None) -> list[tuple[int, np.ndarray]]:
+        """One frame-long block of each transmitter in; received pieces out as (sample counter, samples).
+
+        A gap shows as a counter that jumps; normally there is one piece of N samples.
+        """
+        n, s = self._n, self.settings
+        if radar.shape != (n,):
+            raise ValueError(f"the channel takes blocks of {n} samples, got {radar.shape}")
+        self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
+        if jammer is None:
+            out = np.array(self._return(), dtype=np.complex64)
+        else:
+            self._jammer.push(jammer)
+            out = np.add(self._return(), self._interference(), dtype=np.complex64)
+        if s.gain_db:
+            out *= np.float32(10.0 ** (s.gain_db / 20.0))
+        self._impair(out)
+        first = self._block * n
+        self._block += 1
+        return self._cut(first, out)
+
+    def _return(self) -> np.ndarray:
+        """The radar's own signal at the receiver."""
+        if self.true_delay is None:
+            return self._paths(self.latency_samples)
+        n, w = self._n, self.waveform
+        # the altitude belongs to the frame at the receiver: the latency shifts frame boundaries inside this block
+        boundary = int(np.ceil(self.latency_samples)) % n
+        index = self._block - int(np.ceil(self.latency_samples)) // n
+        before = self._delayed(index - 1)[:boundary]
+        after = self._delayed(index)[boundary:]
+        return (
+            np.concatenate([before, after])
+            if boundary
+            else self._delayed(index)[:n] * w.reference.dtype.type(1)
+        )
+
+    def _paths(self, delay_samples: float) -> np.ndarray:
+        """The transmitted stream at a delay, through the return's multipath if there is any."""
+        if self._gains is None:
+            return self._radar.read(delay_samples)
+        delays = delay_samples + self.settings.return_multipath.delays_s * self.waveform.rate_hz
+        gains = self._gains[:, min(self._block, self._gains.shape[1] - 1)]
+        return sum(np.complex64(g) * self._radar.read(d) for g, d in zip(gains, delays, strict=True))
+
+    def _delayed(self, frame: int) -> np.ndarray:
+        """This block as a return of frame ``frame``'s altitude: delay, carrier phase, Doppler, leakage."""
+        n, w = self._n, self.waveform
+        altitude = float(self.true_delay.altitude_m(frame))
+        speed = float(self.true_delay.speed_m_per_s(frame))
+        delay_s = float(altitude_to_delay_s(altitude))
+        out = self._paths(self.latency_samples + delay_s * w.rate_hz)
+        carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
+        if speed:
+            # time since the middle of the frame, in this block's samples
+            t = (np.arange(n) + self._block * n - self.latency_samples) / w.rate_hz - (
+                frame + 0.5
+            ) * w.sweep_s
+            out = out * exp_cycles(carrier - float(w.vertical_speed_to_doppler_hz(speed)) * t)
+        else:
+            out = out * np.complex64(np.exp(2j * np.pi * carrier))
+        if self.settings.leakage_db is not None:
+            out = out + np.float32(10.0 ** (self.settings.leakage_db / 20.0)) * self._radar.read(
+                self.latency_samples
+            )
+        return out
+
+    def _interference(self) -> np.ndarray:
+        s, n = self.settings, self._n
+        delay = self._jammer_base
+        if s.jammer_clock_ppm:
+            # after a whole frame of drift the jammer skips, or repeats, one: a run has no longest time
+            delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
+            delay = round(delay * STEPS) / STEPS
+        out = self._jammer.read(delay)
+        if s.jammer_lo_offset_hz:
+            t = np.arange(n) + float(self._block) * n
+            out = out * exp_cycles(t * (s.jammer_lo_offset_hz / self.waveform.rate_hz))
+        return out
+
+    def _impair(self, out: np.ndarray) -> None:
+        """Noise, DC, imbalance, converter, in place and in the order of a receiver."""
+        s = self.settings
+        if s.snr_db is not None:
+            self._noise.add(out, 10.0 ** ((s.gain_db - s.snr_db) / 10.0))
+        if s.dc_offset:
+            out += np.complex64(s.dc_offset)
+        if s.iq_gain_db or s.iq_phase_deg:
+            phase = np.deg2rad(s.iq_phase_deg)
+            out.imag = np.float32(10.0 ** (s.iq_gain_db / 20.0)) * (
+                np.float32(np.cos(phase)) * out.imag + np.float32(np.sin(phase)) * out.real
+            )
+        if s.adc_bits:
+            rails = out.view(np.float32)
+            step = np.float32(s.full_scale / 2 ** (s.adc_bits - 1))
+            top = 2 ** (s.adc_bits - 1) - 1
+            # mid-rise for one bit would lose zero; converters are mid-tread above that
+            levels = (
+                np.sign(rails) * 0.5 if s.adc_bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
+            )
+            rails[:] = levels * step
+
+    def _cut(self, first: int, out: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Remove gaps from the block that starts at sample counter ``first``."""
+        pieces, at = [], first
+        end = first + out.size
+        while self._gaps and self._gaps[0][0] < end:
+            start, length = self._gaps[0]
+            if start > at:
+                pieces.append((at, out[at - first : start - first]))
+            at = max(at, start + length)
+            if at > end or start + length > end:
+                at = end
+                break
+            self._gaps.pop(0)
+        if at < end:
+            pieces.append((at, out[at - first :]))
+        elif self._gaps and self._gaps[0][0] + self._gaps[0][1] <= end:
+            self._gaps.pop(0)
+        return pieces

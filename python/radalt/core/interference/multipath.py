@@ -1,0 +1,250 @@
+"""Multipath: tapped-delay-line channels by name, for interference and for the radar's return.
+
+Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread) and EPA, EVA,
+ETU of 3GPP TS 36.104 Annex B.2 (delays fixed). Delays are applied in the frequency domain, so they need not
+be whole samples. Mean channel power is 1 over the ensemble of draws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from scipy.fft import next_fast_len
+
+from ..waveform import exp_cycles
+from .placement import Emitter
+
+_LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
+_WAVES = 32  # plane waves a tap; each has a Gaussian weight, so the tap is exactly Gaussian for any number
+_GUARD_SAMPLES = 64  # for the tails of fractional delays, which fall as 1/n
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A tapped delay line.
+
+    `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean
+    powers of the same length. `los_db`, if given, is the power of a steady line of sight at delay 0 on the
+    same scale.
+    """
+
+    delays: tuple[float, ...]
+    powers_db: tuple[float, ...]
+    los_db: float | None = None
+    normalised: bool = True
+
+
+def _tdl(rows: str, los_db: float | None = None) -> Profile:
+    pairs = [tuple(map(float, row.split())) for row in rows.split(",")]
+    return Profile(tuple(p[0] for p in pairs), tuple(p[1] for p in pairs), los_db)
+
+
+def _lte(delays_ns: tuple[float, ...], powers_db: tuple[float, ...]) -> Profile:
+    return Profile(tuple(d * 1e-9 for d in delays_ns), powers_db, normalised=False)
+
+
+PROFILES = MappingProxyType(
+    {
+        "TDL-A": _tdl(
+            "0 -13.4, 0.3819 0, 0.4025 -2.2, 0.5868 -4, 0.4610 -6, 0.5375 -8.2, 0.6708 -9.9, 0.5750 -10.5,"
+            "0.7618 -7.5, 1.5375 -15.9, 1.8978 -6.6, 2.2242 -16.7, 2.1718 -12.4, 2.4942 -15.2, 2.5119 -10.8,"
+            "3.0582 -11.3, 4.0810 -12.7, 4.4579 -16.2, 4.5695 -18.3, 4.7966 -18.9, 5.0066 -16.6,"
+            "5.3043 -19.9, 9.6586 -29.7"
+        ),
+        "TDL-B": _tdl(
+            "0 0, 0.1072 -2.2, 0.2155 -4, 0.2095 -3.2, 0.2870 -9.8, 0.2986 -1.2, 0.3752 -3.4, 0.5055 -5.2,"
+            "0.3681 -7.6, 0.3697 -3, 0.5700 -8.9, 0.5283 -9, 1.1021 -4.8, 1.2756 -5.7, 1.5474 -7.5,"
+            "1.7842 -1.9, 2.0169 -7.6, 2.8294 -12.2, 3.0219 -9.8, 3.6187 -11.4, 4.1067 -14.9,"
+            "4.2790 -9.2, 4.7834 -11.3"
+        ),
+        "TDL-C": _tdl(
+            "0 -4.4, 0.2099 -1.2, 0.2219 -3.5, 0.2329 -5.2, 0.2176 -2.5, 0.6366 0, 0.6448 -2.2, 0.6560 -3.9,"
+            "0.6584 -7.4, 0.7935 -7.1, 0.8213 -10.7, 0.9336 -11.1, 1.2285 -5.1, 1.3083 -6.8, 2.1704 -8.7,"
+            "2.7105 -13.2, 4.2589 -13.9, 4.6003 -13.9, 5.4902 -15.8, 5.6077 -17.1, 6.3065 -16, 6.6374 -15.7,"
+            "7.0427 -21.6, 8.6523 -22.8"
+        ),
+        "TDL-D": _tdl(
+            "0 -13.5, 0.035 -18.8, 0.612 -21, 1.363 -22.8, 1.405 -17.9, 1.804 -20.1, 2.596 -21.9, "
+            "1.775 -22.9, 4.042 -27.8, 7.937 -23.6, 9.424 -24.8, 9.708 -30, 12.525 -27.7",
+            los_db=-0.2,
+        ),
+        "TDL-E": _tdl(
+            "0 -22.03, 0.5133 -15.8, 0.5440 -18.1, 0.5630 -19.8, 0.5440 -22.9, 0.7112 -22.4, 1.9092 -18.6,"
+            "1.9293 -20.8, 1.9589 -22.6, 2.6426 -22.3, 3.7136 -25.6, 5.4524 -20.2, "
+            "12.0034 -29.8, 20.6519 -29.2",
+            los_db=-0.03,
+        ),
+        "EPA": _lte((0, 30, 70, 90, 110, 190, 410), (0.0, -1.0, -2.0, -3.0, -8.0, -17.2, -20.8)),
+        "EVA": _lte(
+            (0, 30, 150, 310, 370, 710, 1090, 1730, 2510),
+            (0.0, -1.5, -1.4, -3.6, -0.6, -9.1, -7.0, -12.0, -16.9),
+        ),
+        "ETU": _lte(
+            (0, 50, 120, 200, 230, 500, 1600, 2300, 5000), (-1.0, -1.0, -1.0, 0.0, 0.0, 0.0, -3.0, -5.0, -7.0)
+        ),
+    }
+)
+
+
+def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    """Circular complex normal numbers of unit mean power."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
+
+
+def _sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> np.ndarray:
+    """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
+
+    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
+    some 2 sqrt(count) exponentials a wave instead of count.
+    """
+    block = int(np.ceil(np.sqrt(count)))
+    blocks = -(-count // block)
+    coarse = exp_cycles(step_cycles[..., None, :] * (block * np.arange(blocks)[:, None]), np.complex128)
+    fine = exp_cycles(step_cycles[..., :, None] * np.arange(block), np.complex128)
+    product = (coarse * weights[..., None, :]) @ fine
+    return product.reshape(*product.shape[:-2], -1)[..., :count]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FadingChannel:
+    """Random multipath channel, one independent draw a frame.
+
+    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a steady
+    line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
+    autocorrelation J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
+
+    Parameters
+    ----------
+    profile : 'TDL-A' .. 'TDL-E', 'EPA', 'EVA' or 'ETU'
+    delay_spread_s : RMS delay spread that scales TDL profiles, 0..1e-5 (TR 38.901 Table 7.7.3-1: 10 ns very
+        short, 30 short, 100 nominal, 300 long, 1000 very long); not used by EPA, EVA, ETU
+    doppler_hz : maximum Doppler f_D >= 0; 0 keeps a channel fixed within a frame
+
+    Raises
+    ------
+    ValueError
+        If the profile is unknown or a value is out of range.
+
+    Example
+    -------
+    >>> channel = FadingChannel(profile="TDL-C", delay_spread_s=300e-9, doppler_hz=900.0)
+    >>> faded = channel.apply(np.ones((4, 7500), complex), 7.5e6, np.random.default_rng(1))
+    """
+
+    profile: str = "TDL-C"
+    delay_spread_s: float = 100e-9
+    doppler_hz: float = 0.0
+    _taps: tuple = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.profile not in PROFILES:
+            raise ValueError(
+                f"fading.profile {self.profile!r} is unknown; choose one of {', '.join(PROFILES)}"
+            )
+        if not 0.0 <= self.delay_spread_s <= 1e-5:
+            raise ValueError(
+                f"fading.delay_spread_s is {self.delay_spread_s!r}; it has to be within 0..1e-5 (seconds)"
+            )
+        if not 0.0 <= self.doppler_hz < np.inf:
+            raise ValueError(f"fading.doppler_hz is {self.doppler_hz!r}; it has to be finite and 0 or more")
+        profile = PROFILES[self.profile]
+        scale = self.delay_spread_s if profile.normalised else 1.0
+        power = 10.0 ** (np.array(profile.powers_db) / 10.0)
+        los = 0.0 if profile.los_db is None else 10.0 ** (profile.los_db / 10.0)
+        total = power.sum() + los
+        object.__setattr__(self, "_taps", (np.array(profile.delays) * scale, power / total, los / total))
+
+    @property
+    def delays_s(self) -> np.ndarray:
+        """(taps,) delays in seconds."""
+        return self._taps[0]
+
+    @property
+    def powers(self) -> np.ndarray:
+        """(taps,) mean powers of the Rayleigh parts; with `los_power` they sum to 1."""
+        return self._taps[1]
+
+    @property
+    def los_power(self) -> float:
+        """Power of the line of sight at delay 0."""
+        return float(self._taps[2])
+
+    def gains(
+        self, shape: tuple[int, ...], count: int, rate_hz: float, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Tap gains (*shape, taps, count) complex128 at times n / rate_hz, line of sight in tap 0."""
+        size = (*shape, self.powers.size)
+        if self.doppler_hz == 0.0:
+            gains = _gaussian(size, rng)[..., None] * np.ones(count)
+        else:
+            weights = _gaussian((*size, _WAVES), rng) / np.sqrt(_WAVES)
+            # Clarke: waves from directions that are uniform in angle (isotropic scattering in the plane).
+            step_cycles = self.doppler_hz / rate_hz * np.cos(2 * np.pi * rng.random((*size, _WAVES)))
+            gains = _sum_of_waves(weights, step_cycles, count)
+        gains *= np.sqrt(self.powers)[:, None]
+        if self.los_power:
+            moved = _LOS_DOPPLER * self.doppler_hz / rate_hz * np.arange(count)
+            cycles = rng.random(shape)[..., None] + moved
+            gains[..., 0, :] += np.sqrt(self.los_power) * exp_cycles(cycles, np.complex128)
+        return gains
+
+    def apply(
+        self, frames: np.ndarray, rate_hz: float, rng: np.random.Generator, *, periodic: bool = False
+    ) -> np.ndarray:
+        """Pass frames through independent draws of the channel.
+
+        Parameters
+        ----------
+        frames : complex (..., N) at `rate_hz`; every leading index gets its own draw
+        periodic : True repeats the frame before its start (exact for a band-limited, sweep-periodic return);
+            False takes it as zero before its start (a burst)
+
+        Returns
+        -------
+        complex128 (..., N); its mean power over many draws is that of `frames` (less what leaves the frame).
+
+        Raises
+        ------
+        ValueError
+            If `rate_hz` is not positive or `frames` is empty.
+        """
+        frames = np.asarray(frames)
+        if not rate_hz > 0:
+            raise ValueError(f"rate_hz {rate_hz!r} has to be above 0; give the complex sample rate")
+        if frames.ndim == 0 or frames.size == 0:
+            raise ValueError(f"frames of shape {frames.shape} hold no samples; give (..., N) with N >= 1")
+        count = frames.shape[-1]
+        tail = int(np.ceil(self.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
+        length = count if periodic else next_fast_len(count + tail)
+        spectrum = np.fft.fft(frames, length, axis=-1)
+        cycles = -self.delays_s[:, None] * np.fft.fftfreq(length, 1 / rate_hz)
+        response = exp_cycles(cycles, np.complex128)
+        if self.doppler_hz == 0.0:
+            gains = self.gains(frames.shape[:-1], 1, rate_hz, rng)[..., 0]
+            return np.fft.ifft(spectrum * (gains @ response), axis=-1)[..., :count]
+        gains = self.gains(frames.shape[:-1], count, rate_hz, rng)
+        faded = np.zeros(frames.shape, dtype=np.complex128)
+        for tap, delayed in enumerate(response):
+            faded += gains[..., tap, :] * np.fft.ifft(spectrum * delayed, axis=-1)[..., :count]
+        return faded
+
+
+@dataclass(frozen=True, kw_only=True)
+class FadedEmitter:
+    """An emitter heard through multipath: emitter protocol, long-run mean power 1.
+
+    The window is cut from a longer one, so that it holds the echoes of what was sent before it.
+
+    >>> FadedEmitter(emitter=NrEmitter(), channel=FadingChannel(profile="EVA"))  # doctest: +SKIP
+    """
+
+    emitter: Emitter
+    channel: FadingChannel
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """(count,) complex128 at `rate_hz`; see `Emitter`."""
+        lead = int(np.ceil(self.channel.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
+        sent = self.emitter.samples(count + lead + _GUARD_SAMPLES, rate_hz, rng)
+        return self.channel.apply(sent, rate_hz, rng)[lead : lead + count]

@@ -1,0 +1,84 @@
+"""A jammer's stream, frame by frame: what the jammer source blocks play."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..programme import Programme
+from ..waveform import Waveform
+from .placement import Interferer, interference_frames
+
+__all__ = ["JammerStream"]
+
+
+class JammerStream:
+    """Endless interference in frames of N samples, silent while the segmenter takes its timing.
+
+    Parameters
+    ----------
+    waveform : Waveform
+        Frame length and rate.
+    interferers : sequence of Interferer
+        What is summed; may be empty (silence).
+    programme : Programme or None
+        Frames that are not trials stay silent; None plays from the first frame.
+    seed : int
+        Everything random follows from it.
+    free_running : bool
+        False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
+        part of a frame, as an emitter's that knows nothing of the radar; SIR and overlap then hold in its own windows.
+    total_sir_db : float or None
+        SIR of the sum; None leaves each interferer its own.
+    """
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        interferers: Sequence[Interferer],
+        *,
+        programme: Programme | None = None,
+        seed: int = 0,
+        free_running: bool = False,
+        total_sir_db: float | None = None,
+    ) -> None:
+        self.waveform, self.interferers, self.programme = waveform, tuple(interferers), programme
+        self.total_sir_db = total_sir_db
+        self._rng = np.random.default_rng([seed, 0x3A3])
+        n = waveform.samples_per_frame
+        self._shift = int(self._rng.integers(0, n)) if free_running else 0
+        self._carry = np.zeros(self._shift, dtype=np.complex64)
+        self.frame_index = 0
+        # looked up once a frame: bytes answer ten times as fast as arrays
+        frames = 0 if programme is None else programme.total_frames
+        self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
+
+    def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:
+        """(N,) complex64: the next sweep's worth of interference, in ``out`` if that is given."""
+        index = self.frame_index
+        self.frame_index += 1
+        n = self.waveform.samples_per_frame
+        frame = np.empty(n, dtype=np.complex64) if out is None else out
+        if self._is_silent(index):
+            frame[:] = 0
+        else:
+            interference_frames(
+                self.interferers,
+                1,
+                n,
+                self.waveform.rate_hz,
+                self._rng,
+                total_sir_db=self.total_sir_db,
+                out=frame[None],
+            )
+        if self._shift:
+            joined = np.concatenate([self._carry, frame])
+            self._carry = joined[n:]
+            frame[:] = joined[:n]
+        return frame
+
+    def _is_silent(self, index: int) -> bool:
+        if self.programme is None:
+            return False
+        return not (self._trial[index] if index < len(self._trial) else self.programme.is_trial(index))

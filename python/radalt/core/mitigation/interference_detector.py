@@ -1,0 +1,76 @@
+"""Is there interference in this frame? A frame that shows none can skip the network.
+
+Dechirped, a return is one tone in each half sweep; noise and every interferer that does not sweep along are spread over
+all cells. The statistic is the power that is not in the tone over the power that is,
+``r = (E_total - E_tone) / E_tone`` over both half sweeps, with ``E_tone`` each one's peak cell and 24 on either side.
+Without interference ``r = 1 / SNR``; interference at window SIR ``s`` adds ``1 / s``. A dechirped frame has some 36 dB
+of compression, so what stays below the threshold cannot reach the altitude; what is above it goes to the network.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from ..waveform import Waveform
+
+__all__ = ["InterferenceDetector"]
+
+_REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles two cells
+
+
+class InterferenceDetector:
+    """Residual-to-return detector.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    threshold_db : float
+        Residual over return, -15..10 dB, from which a frame counts as interfered. Frames whose SNR is below
+        ``-threshold_db`` always do. Default -8 dB: at an SNR of 10 dB a frame with interference at a window SIR of
+        10 dB or below is missed in less than one of 10^3 (measured for QPSK, tones, NR and radar pulses down to an
+        overlap of 0.05, ``tests/test_detector.py``), and less than one clean frame in 10^3 is taken for interfered.
+
+    Notes
+    -----
+    An interferer that sweeps along with the radar is a ghost target, a tone itself, and not found here. A ground return
+    that spreads over many cells counts as interference: the network then runs, which is the safe side.
+
+    Examples
+    --------
+    >>> w = Waveform()
+    >>> detector = InterferenceDetector(w)
+    >>> bool(detector.present(w.reference[None])[0])
+    False
+    """
+
+    def __init__(self, waveform: Waveform, threshold_db: float = -8.0) -> None:
+        if not -15.0 <= threshold_db <= 10.0:
+            raise ValueError(f"threshold_db is {threshold_db!r}; it has to be within -15..10")
+        self.waveform, self.threshold_db = waveform, float(threshold_db)
+        self._half = waveform.samples_per_half
+        self._table = np.conj(waveform.reference).astype(np.complex64).reshape(1, 2, self._half)
+
+    def residual_db(self, frames: np.ndarray) -> np.ndarray:
+        """(n,) residual over return in dB of (n, N) complex64 frames; +inf for zeros, NaN where not finite."""
+        frames = np.asarray(frames, dtype=np.complex64)
+        n = self.waveform.samples_per_frame
+        if frames.ndim != 2 or frames.shape[1] != n:
+            raise ValueError(f"frames have shape {frames.shape}; expected (n, {n})")
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            spectrum = fft.fft(frames.reshape(-1, 2, self._half) * self._table, axis=-1)
+            power = spectrum.real**2 + spectrum.imag**2
+            peak = np.argmax(power, axis=-1)
+            cells = (peak[..., None] + np.arange(-_REACH, _REACH + 1)) % self._half
+            tone = np.take_along_axis(power, cells, axis=-1).sum(axis=-1, dtype=np.float64)
+            rest = power.sum(axis=-1, dtype=np.float64) - tone
+            tone, rest = tone.sum(axis=-1), rest.sum(axis=-1)
+            # a frame of zeros is infinite, and infinite or undefined samples stay undefined
+            ratio = np.where(
+                tone > 0, np.maximum(rest, 1e-12 * tone) / tone, np.where(tone == 0, np.inf, np.nan)
+            )
+            return 10.0 * np.log10(ratio)
+
+    def present(self, frames: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether frames show interference, or might (low SNR, no signal, values that are not finite)."""
+        return ~(self.residual_db(frames) < self.threshold_db)

@@ -1,0 +1,78 @@
+"""Transmit interlock: the air is regulated, 4.2-4.4 GHz is a safety-of-life band (DESIGN.md 6.9)."""
+
+from __future__ import annotations
+
+from ..scene import Scene
+from .levels import MAX_RX_DBM, MAX_TX_DBM, rx_level_dbm
+
+__all__ = ["InterlockError", "check_levels", "require_enclosure"]
+
+_ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)
+_MIN_CABLED_ATTENUATION_DB = 30.0  # whatever the gains: one mistyped gain must not reach the receiver's limit
+
+
+class InterlockError(ValueError):
+    """Transmission refused; the message is one line for the user."""
+
+
+def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> None:
+    """Refuse to build transmitters unless both the scene and the command line allow it.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``radio.enclosure`` has to be ``cabled`` (with its ``attenuation_db``) or ``shielded``.
+    transmit : bool
+        What the command line says (``--transmit``).
+    radios : bool
+        False where the flowgraph holds no radio (simulation): nothing to refuse.
+
+    Raises
+    ------
+    InterlockError
+        Without an enclosure, with too little attenuation for the gains, or without ``transmit``.
+    """
+    if not radios:
+        return
+    if scene.radio.enclosure == "none":
+        raise InterlockError(
+            f"transmit refused: {_why(scene)} and radio.enclosure is 'none'; state 'cabled' with "
+            "attenuation_db, or 'shielded', in the scene"
+        )
+    check_levels(scene)
+    if not transmit:
+        raise InterlockError(
+            "transmit is off: add --transmit (or set the flowgraph's parameter transmit to 1)"
+        )
+
+
+def check_levels(scene: Scene) -> None:
+    """Refuse gains and attenuation that could damage the receiver.
+
+    Raises
+    ------
+    InterlockError
+        If a cabled set-up states less than 30 dB, or the level at the receiver exceeds -15 dBm (`rx_level_dbm`).
+    """
+    radio = scene.radio
+    if radio.enclosure == "cabled" and radio.attenuation_db < _MIN_CABLED_ATTENUATION_DB:
+        raise InterlockError(
+            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 "
+            f"receiver is damaged above {MAX_RX_DBM:g} dBm and transmits up to {MAX_TX_DBM:+g} dBm: "
+            f"use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
+        )
+    level = rx_level_dbm(radio, scene.has_jammer)
+    if level > MAX_RX_DBM:
+        raise InterlockError(
+            f"transmit refused: up to {level:.1f} dBm would reach the receiver, which is damaged above "
+            f"{MAX_RX_DBM:g} dBm; lower the transmit gains or raise attenuation_db by {level - MAX_RX_DBM:.1f} dB"
+        )
+
+
+def _why(scene: Scene) -> str:
+    """What makes open transmission unlawful at the scene's sweep."""
+    w = scene.waveform
+    low, high = w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2
+    if low < _ALTIMETER_BAND_HZ[1] and high > _ALTIMETER_BAND_HZ[0]:
+        return "4.2-4.4 GHz is a safety-of-life band"
+    return f"{w.carrier_hz / 1e9:g} GHz is not free to use"

@@ -1,0 +1,116 @@
+"""Power levels of the two B210s: what leaves the transmitters, what reaches the receiver, which digital drive gives
+the wanted SIR.
+
+The model is an upper bound, meant for the interlock and not for metrology: a B210 gives at most +20 dBm at its highest
+transmit gain, every decibel of gain is a decibel of power, and a full-scale tone is the strongest signal. At 4.3 GHz
+a real B210 stays some decibels below that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..interference.stream import JammerStream
+from ..scene import RadioSpec, Scene
+
+__all__ = [
+    "Drive",
+    "MAX_RX_DBM",
+    "MAX_TX_DBM",
+    "MAX_TX_GAIN_DB",
+    "drive",
+    "jammer_stream_args",
+    "radar_stream_args",
+    "rx_level_dbm",
+    "tx_power_dbm",
+]
+
+MAX_TX_DBM = 20.0  # FIELD_NOTES: a B210's transmitter reaches +20 dBm
+MAX_TX_GAIN_DB = 89.75
+MAX_RX_DBM = -15.0  # above this a B210's receiver is damaged
+_HEADROOM = 0.7  # of the converter's full scale, so that interpolation filters do not overshoot it
+_CREST_MARGIN = 1.25  # on the largest rail seen in the frames that were looked at
+_LOOK_FRAMES = 24
+
+
+def tx_power_dbm(gain_db: float) -> float:
+    """Highest power of a full-scale tone at a transmit gain, 0..89.75 dB: ``+20 dBm - (89.75 dB - gain)``."""
+    return MAX_TX_DBM - (MAX_TX_GAIN_DB - gain_db)
+
+
+def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
+    """Highest power at the receiver's connector: both transmitters at full scale, less the stated attenuation.
+
+    Parameters
+    ----------
+    radio : RadioSpec
+        Transmit gains and ``attenuation_db`` from each transmitter to the receiver.
+    jammer : bool
+        Whether the second transmitter exists.
+    """
+    gains = [radio.radar_tx_gain_db] + ([radio.jammer_tx_gain_db] if jammer else [])
+    milliwatts = sum(10.0 ** ((tx_power_dbm(g) - radio.attenuation_db) / 10.0) for g in gains)
+    return float(10.0 * np.log10(milliwatts))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Digital full scale of both transmitters: the sample value that drives the converter fully.
+
+    Attributes
+    ----------
+    radar_full_scale, jammer_full_scale : float
+        For UHD's stream argument ``fullscale``; a sample of that value is the converter's largest.
+    radar_dbm, jammer_dbm : float
+        Mean power at each transmitter's connector by the model (jammer: averaged over the frame); NaN without jammer.
+    """
+
+    radar_full_scale: float
+    jammer_full_scale: float
+    radar_dbm: float
+    jammer_dbm: float
+
+
+def drive(scene: Scene) -> Drive:
+    """Scale both transmitters together so that neither clips and the SIR at the receiver is the scene's.
+
+    The blocks make a radar of unit amplitude and a jammer at the SIR relative to it. A difference of transmit gains is
+    taken out of the jammer's digital scale: ``F_j = F_r 10^((g_j - g_r)/20)``. Equal path losses from both
+    transmitters are assumed.
+    """
+    radio = scene.radio
+    radar = 1.0 / _HEADROOM
+    if not scene.has_jammer:
+        return Drive(
+            radar, radar, tx_power_dbm(radio.radar_tx_gain_db) - 20.0 * np.log10(radar), float("nan")
+        )
+    peak, power = _jammer_peak_and_power(scene)
+    difference = 10.0 ** ((radio.jammer_tx_gain_db - radio.radar_tx_gain_db) / 20.0)
+    radar = max(radar, peak / _HEADROOM / difference)
+    jammer = radar * difference
+    with np.errstate(divide="ignore"):
+        radar_dbm = tx_power_dbm(radio.radar_tx_gain_db) - 20.0 * np.log10(radar)
+        jammer_dbm = tx_power_dbm(radio.jammer_tx_gain_db) + 10.0 * np.log10(power) - 20.0 * np.log10(jammer)
+    return Drive(float(radar), float(jammer), float(radar_dbm), float(jammer_dbm))
+
+
+def radar_stream_args(scene: Scene) -> str:
+    """UHD stream arguments of the radar's transmitter."""
+    return f"fullscale={drive(scene).radar_full_scale:.6g}"
+
+
+def jammer_stream_args(scene: Scene) -> str:
+    """UHD stream arguments of the jammer's transmitter."""
+    return f"fullscale={drive(scene).jammer_full_scale:.6g}"
+
+
+def _jammer_peak_and_power(scene: Scene) -> tuple[float, float]:
+    """Largest rail, with margin, and mean power of the jammer over some frames of the scene's own seed."""
+    stream = JammerStream(
+        scene.waveform, scene.interference, seed=scene.seed, total_sir_db=scene.total_sir_db
+    )
+    frames = np.concatenate([stream.next_frame() for _ in range(_LOOK_FRAMES)])
+    peak = float(np.abs(frames.view(np.float32)).max())
+    return _CREST_MARGIN * peak, float(np.mean(np.abs(frames) ** 2))

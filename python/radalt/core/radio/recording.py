@@ -1,0 +1,301 @@
+"""SigMF recordings of received IQ: what a run wrote, and what others recorded (sigmf.org, version 1).
+
+The samples are ``cf32_le``. Each stretch without loss is one capture whose ``core:global_index`` is the sample counter
+since the transmitter's start, so that a replay sees the same gaps. The namespace ``radalt`` adds the scene (global)
+and, as annotations, altitude and jammer state by frame. sigmf is imported when a file is opened or closed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
+
+__all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
+
+_BLOCK = 1 << 18  # samples read at a time
+_COMPLEX = re.compile(r"c([fi](32|64)|[iu](8|16|32))(_le|_be)?")
+_MAX_TERM = 4096  # of the resampling ratio
+# a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
+RADIO_KEYS = ("calibration_samples", "full_scale")
+
+
+class RecordingError(ValueError):
+    """A recording that cannot be read or written; the message is one line for the user."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples without loss: position in the file, sample counter of the first, and number."""
+
+    file_start: int
+    global_index: int
+    count: int
+
+
+# -- writing ----------------------------------------------------------------------------------------------------------
+
+
+def write_metadata(
+    data_file: Path,
+    scene: Scene,
+    stretches: list[Stretch],
+    *,
+    latency_samples: float,
+    recorder: str,
+    radio: Mapping[str, float] | None = None,
+) -> Path:
+    """Write ``.sigmf-meta`` beside the samples: scene, captures, and annotations of altitude and jammer.
+
+    Parameters
+    ----------
+    data_file : Path
+        ``.sigmf-data`` that holds complex64 samples.
+    scene : Scene
+        As flown.
+    stretches : list of Stretch
+    latency_samples : float
+        Receiver samples from the counter's zero to the start of sweep 0.
+    recorder : str
+        Program that recorded.
+    radio : mapping, optional
+        Of a radio, any of `RADIO_KEYS`: what the segmenter was told besides the scene.
+    """
+    import sigmf
+
+    w = scene.waveform
+    recording = sigmf.SigMFFile(
+        data_file=str(data_file),
+        global_info={
+            "core:datatype": "cf32_le",
+            "core:sample_rate": float(w.rate_hz),
+            "core:version": "1.2.0",
+            "core:description": f"{scene.name}: received IQ of an FMCW radar altimeter under interference",
+            "core:recorder": recorder,
+            "core:extensions": [{"name": "radalt", "version": "1.0.0", "optional": True}],
+            "radalt:scene": scene_to_mapping(scene),
+            "radalt:latency_samples": float(latency_samples),
+            **{f"radalt:{key}": float(value) for key, value in (radio or {}).items()},
+        },
+    )
+    for stretch in stretches:
+        recording.add_capture(
+            stretch.file_start,
+            {"core:frequency": float(w.carrier_hz), "core:global_index": int(stretch.global_index)},
+        )
+    for start, length, fields in _annotations(scene, stretches, latency_samples):
+        recording.add_annotation(start, length, fields)
+    meta = data_file.with_suffix(".sigmf-meta")
+    recording.tofile(str(meta), overwrite=True)
+    return meta
+
+
+def _annotations(
+    scene: Scene, stretches: list[Stretch], latency_samples: float
+) -> Iterator[tuple[int, int, dict[str, Any]]]:
+    """(file start, length, fields) of every run of frames at one altitude, cut where samples are missing."""
+    programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    index = np.arange(programme.total_frames)
+    altitude, trial = programme.altitude_m(index), programme.is_trial(index)
+    change = np.nonzero((np.diff(altitude) != 0) | (np.diff(trial.astype(int)) != 0))[0] + 1
+    for first, last in zip(np.r_[0, change], np.r_[change, index.size], strict=True):
+        playing = bool(trial[first]) and scene.has_jammer
+        fields = {
+            "core:label": f"{altitude[first]:g} m" if trial[first] else "timing",
+            "radalt:altitude_m": float(altitude[first]),
+            "radalt:first_frame": int(first),
+            "radalt:frames": int(last - first),
+            "radalt:jammer": {
+                "on": playing,
+                "waveform": scene.interference_name if playing else "none",
+                "overlap": max((i.overlap for i in scene.interference), default=0.0) if playing else 0.0,
+                "sir_db": _sir_db(scene) if playing else None,
+            },
+        }
+        low, high = (int(first) * n + round(latency_samples), int(last) * n + round(latency_samples))
+        for s in stretches:
+            a, b = max(low, s.global_index), min(high, s.global_index + s.count)
+            if b > a:
+                yield s.file_start + a - s.global_index, b - a, fields
+
+
+def _sir_db(scene: Scene) -> float:
+    if scene.total_sir_db is not None:
+        return float(scene.total_sir_db)
+    return float(-10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)))
+
+
+# -- reading ----------------------------------------------------------------------------------------------------------
+
+
+class Capture:
+    """An opened recording; see `open_capture`.
+
+    Attributes
+    ----------
+    path : Path
+    rate_hz : float
+    datatype : str
+    scene : Scene or None
+        As flown, in a recording of this program; None in any other.
+    stretches : tuple of Stretch
+    radio : dict
+        Of a recording off a radio: what `write_metadata` was given.
+    """
+
+    def __init__(
+        self, path: Path, recording: Any, rate_hz: float, scene: Scene | None, radio: dict[str, float]
+    ) -> None:
+        self.path, self.rate_hz, self.scene, self.radio = path, rate_hz, scene, radio
+        self._recording = recording
+        self.datatype = recording.get_global_field("core:datatype")
+        self.sample_count = int(recording.sample_count)
+        self.stretches = self._find_stretches()
+
+    def _find_stretches(self) -> tuple[Stretch, ...]:
+        captures = self._recording.get_captures() or [{"core:sample_start": 0}]
+        starts = [int(c.get("core:sample_start", 0)) for c in captures]
+        out = []
+        for k, (capture, start) in enumerate(zip(captures, starts, strict=True)):
+            end = starts[k + 1] if k + 1 < len(starts) else self.sample_count
+            if not 0 <= start < end <= self.sample_count:
+                raise RecordingError(
+                    f"{self.path}: capture {k} starts at sample {start}, the data hold {self.sample_count}; "
+                    "the data file is truncated or belongs to another recording"
+                )
+            out.append(Stretch(start, int(capture.get("core:global_index", start)), end - start))
+        return tuple(out)
+
+    def blocks(self, rate_hz: float) -> Iterator[tuple[int, np.ndarray]]:
+        """(sample counter, complex64 samples) at ``rate_hz`` in order, a quarter of a million at a time at most.
+
+        Other rates are resampled by the nearest ratio of whole numbers up to 4096 (polyphase, Kaiser window). A counter
+        that does not continue the one before marks lost samples.
+
+        Raises
+        ------
+        RecordingError
+            At once, if there is no such ratio.
+        """
+        ratio = Fraction(rate_hz / self.rate_hz).limit_denominator(_MAX_TERM)
+        if abs(float(ratio) * self.rate_hz / rate_hz - 1) > 1e-6 or ratio.numerator > _MAX_TERM:
+            raise RecordingError(
+                f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of "
+                f"whole numbers up to {_MAX_TERM}; resample it first"
+            )
+        return self._blocks(ratio)
+
+    def _blocks(self, ratio: Fraction) -> Iterator[tuple[int, np.ndarray]]:
+        for stretch in self.stretches:
+            first = round(Fraction(stretch.global_index) * ratio)
+            for samples in self._stretch(stretch, ratio):
+                yield first, samples
+                first += samples.size
+
+    def _stretch(self, stretch: Stretch, ratio: Fraction) -> Iterator[np.ndarray]:
+        up, down = ratio.numerator, ratio.denominator
+        end = stretch.file_start + stretch.count
+        if up == down:
+            for at in range(stretch.file_start, end, _BLOCK):
+                yield self._read(at, min(_BLOCK, end - at))
+            return
+        # whole periods of the polyphase filter, with its reach (scipy: 10 max(up, down) taps) on either side
+        reach = -(-(10 * max(up, down)) // (up * down)) + 1
+        step = max(1, _BLOCK // down) * down
+        for at in range(stretch.file_start, end, step):
+            low = max(stretch.file_start, at - reach * down)
+            high = min(end, at + step + reach * down)
+            block = signal.resample_poly(self._read(low, high - low), up, down)
+            skip = (at - low) // down * up
+            count = -(-(min(at + step, end) - at) * up // down)
+            yield block[skip : skip + count].astype(np.complex64)
+
+    def _read(self, start: int, count: int) -> np.ndarray:
+        return np.ascontiguousarray(self._recording.read_samples(start, count), dtype=np.complex64)
+
+
+def open_capture(path: Path | str) -> Capture:
+    """Open a SigMF recording and check it against its metadata (checksum, sizes, captures, annotations).
+
+    Parameters
+    ----------
+    path : path
+        ``.sigmf-meta`` (or ``.sigmf-data``) of a complex recording with one channel, any SigMF sample format.
+
+    Raises
+    ------
+    RecordingError
+        One line: what is missing, truncated or does not match.
+    """
+    try:
+        import sigmf
+    except ImportError:
+        raise RecordingError(
+            "SigMF needs the package sigmf; run 'make setup' and use .venv/bin/python"
+        ) from None
+    path = Path(path)
+    meta = path.with_suffix(".sigmf-meta")
+    if not meta.is_file():
+        raise RecordingError(f"{meta}: no such recording; give the .sigmf-meta file")
+    _check_header(meta)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
+            recording = sigmf.sigmffile.fromfile(str(meta))
+            recording.validate()
+    except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise RecordingError(
+            f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
+        ) from None
+    return _checked(meta, recording)
+
+
+def _check_header(meta: Path) -> None:
+    """What a replay needs of the metadata, in terms of the file: sigmf's own words name its internals."""
+    try:
+        data = json.loads(meta.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordingError(f"{meta}: not readable as JSON ({str(error).splitlines()[0]})") from None
+    head = data.get("global") if isinstance(data, dict) else None
+    if not isinstance(head, dict):
+        raise RecordingError(f"{meta}: not SigMF metadata, an object 'global' is missing")
+    datatype, rate, channels = (head.get(f"core:{k}") for k in ("datatype", "sample_rate", "num_channels"))
+    if not isinstance(datatype, str) or not _COMPLEX.fullmatch(datatype):
+        raise RecordingError(
+            f"{meta}: core:datatype is {datatype!r}; complex samples are needed (cf32_le, ci16_le, ...)"
+        )
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate < np.inf:
+        raise RecordingError(f"{meta}: core:sample_rate is {rate!r}; state the rate in samples per second")
+    if channels not in (None, 1):
+        raise RecordingError(f"{meta}: {channels} channels; recordings of one channel are read")
+
+
+def _checked(meta: Path, recording: Any) -> Capture:
+    rate = recording.get_global_field("core:sample_rate")
+    if recording.sample_count == 0:
+        raise RecordingError(f"{meta}: the data file holds no samples")
+    mapping = recording.get_global_field("radalt:scene")
+    try:
+        scene = parse_scene(mapping, source=str(meta)) if mapping is not None else None
+    except SceneError as error:
+        raise RecordingError(f"{error}; the recording's scene is of another version, give --scene") from None
+    radio = {}
+    for key in RADIO_KEYS:
+        value = recording.get_global_field(f"radalt:{key}")
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise RecordingError(f"{meta}: radalt:{key} is {value!r}; it has to be a finite number")
+        radio[key] = float(value)
+    return Capture(meta, recording, float(rate), scene, radio)

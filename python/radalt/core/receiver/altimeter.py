@@ -1,0 +1,413 @@
+"""The altimeter: dechirp, decimate to the beat band, window, FFT, CFAR, pair the sweeps, altitude (DESIGN.md 3).
+
+Two rates, as in the paper: the frame is mixed with the reference at the full rate, then low-passed and decimated to
+the beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift
+that moves the middle of the beat band to zero, so mixing costs one complex multiplication a sample.
+
+Both half sweeps are turned so that an altitude shows as a *positive* beat: cells of the up sweep lie at
+``k tau + f_D``, cells of the down sweep at ``k tau - f_D``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from weakref import WeakSet
+
+import numpy as np
+from scipy import fft, signal
+
+from ..frame_memory import FrameMemory
+from ..waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
+from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
+from .cfar import Cfar, cell_correlation
+from .decimator import Decimator
+from .extended_peak import centroid_of, edge_of
+from .sweep_pairing import FLOOR, Found, PairSearch
+
+__all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
+
+_SHAPE_POINTS = 1 << 15
+_MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
+_OVERSAMPLING = (
+    2.0  # spectral cells a resolution cell: keeps the straddling loss of a Hann window below 0.4 dB
+)
+_GROUP = 4  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Beat spectra of a batch of frames.
+
+    Attributes
+    ----------
+    power : (n, 2, J) float32
+        Power by half sweep (0 up, 1 down) and cell, each frame scaled to unit peak amplitude.
+    noise : (n, 2, J - 2 * margin) float64
+        CFAR noise estimate; element 0 belongs to cell ``margin``.
+    beat_hz : (J,) float64
+        Cells' beat frequencies.
+    scale : (n,) float32
+        Amplitude by which each frame was divided; 0 or not finite where the frame is unusable.
+    """
+
+    power: np.ndarray
+    noise: np.ndarray
+    beat_hz: np.ndarray
+    scale: np.ndarray
+
+
+class Altimeter:
+    """Frames in, one result each; all tables are made once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radalt.core.waveform import Waveform
+    >>> from radalt.core.returns.point import point_return
+    >>> w = Waveform()
+    >>> result = Altimeter(w).process(point_return(w, np.array([200.0])))
+    >>> bool(abs(result["altitude_m"][0] - 200.0) < 0.1)
+    True
+    """
+
+    def __init__(self, waveform: Waveform, settings: AltimeterSettings = AltimeterSettings()) -> None:  # noqa: B008
+        settings = settings.resolved(waveform)
+        limit_m = waveform.max_unambiguous_altitude_m
+        if settings.max_altitude_m > limit_m:
+            raise ValueError(
+                f"altimeter.max_altitude_m {settings.max_altitude_m:g} exceeds {limit_m:.6g} m, where the delay is "
+                "half a half sweep; lengthen sweep_s or lower max_altitude_m"
+            )
+        self.waveform = waveform
+        self.settings = settings
+        self._plan_band()
+        self._build_tables()
+        self.cfar_scale = self.cfar.scale()
+        self.joint_scale = self.cfar.joint_scale(FLOOR)  # of one pair of cells
+        # a cell is tested with every partner that Doppler allows: their union keeps to pfa
+        each = max(1e-12, settings.pfa / (2 * self._doppler_reach + 1))
+        self.pair_scale = replace(self.cfar, pfa=each).joint_scale(FLOOR)
+        self._search = PairSearch(
+            margin=self.cfar.margin,
+            first=self._first,
+            last=self._last,
+            reach=self._doppler_reach,
+            climb=int(_OVERSAMPLING),
+            cell_threshold=self.cfar_scale,
+            pair_threshold=self.pair_scale,
+            flank=self._flank,
+            side_lobes=self._side_lobes,
+            outshining=settings.strategy == "strongest",
+        )
+        self._asking: WeakSet[object] = WeakSet()
+        self.received = FrameMemory(self._received_rows)
+
+    @property
+    def false_alarms_per_frame(self) -> float:
+        """Bound of the probability that white noise alone gives an altitude: ``pfa`` times the cells searched."""
+        return min(1.0, self.settings.pfa * (self._last - self._first))
+
+    @property
+    def doppler_cells(self) -> int:
+        """Cells by which the beats of the two half sweeps of one target may differ."""
+        return self._doppler_reach
+
+    # -- construction ---------------------------------------------------------------------------------------------
+
+    def _plan_band(self) -> None:
+        """Beat band, decimation and FFT size from the span of altitudes."""
+        w, s = self.waveform, self.settings
+        cell_hz = 1.0 / w.half_sweep_s
+        self.doppler_limit_hz = float(w.vertical_speed_to_doppler_hz(s.max_vertical_speed_m_per_s))
+        low, high = (float(w.altitude_to_beat_hz(a)) for a in (s.min_altitude_m, s.max_altitude_m))
+        slack = self.doppler_limit_hz + cell_hz
+        self.search_hz = (low - slack, high + slack)
+        margin_hz = (s.train_cells + s.guard_cells + 2) * cell_hz
+        low, high = self.search_hz[0] - margin_hz, self.search_hz[1] + margin_hz
+        width = min(high - low, w.rate_hz)
+        self.centre_hz = 0.5 * (low + high)
+        self.decimator = Decimator(w.samples_per_half, w.rate_hz, width)
+        self.decimation, self.decimated_rate_hz = self.decimator.factor, self.decimator.rate_out_hz
+        self.outputs = outputs = self.decimator.outputs
+        self.fft_size = fft.next_fast_len(
+            max(outputs, int(np.ceil(_OVERSAMPLING * w.samples_per_half / self.decimation)))
+        )
+        self.cell_hz = self.decimated_rate_hz / self.fft_size
+        reach = min(int(width / 2 / self.cell_hz), (self.fft_size - 1) // 2)
+        self._bins = np.arange(-reach, reach + 1)
+        self.beat_hz = self.centre_hz + self._bins * self.cell_hz
+
+    def _build_tables(self) -> None:
+        w, s = self.waveform, self.settings
+        half = w.samples_per_half
+        window = self._window(half)
+        # the window's transform is taken from at most so many points: beyond that only memory changes
+        shape = self._window(min(half, _SHAPE_POINTS))
+        step = self.cell_hz * w.half_sweep_s / shape.size
+        t = w.sample_times_s[:half]
+        # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
+        # mix with conj(ref) and the up half is shifted by +centre (and read backwards), the down half by -centre
+        table = np.conj(w.reference.astype(np.complex128)).reshape(2, half)
+        turn = np.exp(2j * np.pi * self.centre_hz * t)
+        table = table * np.stack([turn, np.conj(turn)]) * (window / window.sum())
+        self._table = table.astype(np.complex64)
+        response = signal.freqz(self.decimator.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[
+            1
+        ]
+        self._equaliser = (1.0 / np.abs(response) ** 2).astype(np.float32)  # of power
+        lags = int(np.ceil((2 * s.train_cells + 2 * s.guard_cells + 2) / (self.cell_hz * w.half_sweep_s))) + 1
+        correlation = cell_correlation(shape, lags, 1.0 / step)
+        per_cell = 1.0 / (self.cell_hz * w.half_sweep_s)
+        self.cfar = Cfar(
+            pfa=s.pfa,
+            train=max(2, round(s.train_cells * per_cell)),
+            guard=round(s.guard_cells * per_cell),
+            kind=s.cfar,
+            correlation=tuple(correlation),
+        )
+        margin = self.cfar.margin
+        inner = self.beat_hz[margin : self.beat_hz.size - margin]
+        allowed = np.nonzero((inner >= self.search_hz[0]) & (inner <= self.search_hz[1]))[0]
+        self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
+        # one cell more than Doppler needs: noise moves the peaks of the two halves against each other
+        self._doppler_reach = 1 + int(np.ceil(2.0 * self.doppler_limit_hz / self.cell_hz))
+        self._interpolation = self._interpolation_table(shape, step)
+        self._flank, self._side_lobes = self._lobe_limits(shape, step)
+
+    def _window(self, points: int) -> np.ndarray:
+        """(points,) window over a half sweep, zero for the delay of the highest altitude at its start.
+
+        For so long a return is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where
+        a fraction of a sample of latency turns its phase. Either would pull the beat, by up to half a metre at 1500 m;
+        leaving it out costs 2 % of the samples there.
+        """
+        window = signal.get_window(self.settings.window, points, fftbins=False)
+        blind = float(altitude_to_delay_s(self.settings.max_altitude_m)) / self.waveform.half_sweep_s
+        window[: int(np.ceil(min(blind, _MOST_BLIND) * points))] = 0.0
+        return window
+
+    def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Log-power ratio of the two neighbours of a peak cell against the sub-cell offset, exact for one tone."""
+        offsets = np.linspace(-0.75, 0.75, 151)
+        n = np.arange(window.size) - 0.5 * (window.size - 1)
+        left = np.abs(np.exp(-2j * np.pi * step * np.outer(-1 - offsets, n)) @ window)
+        right = np.abs(np.exp(-2j * np.pi * step * np.outer(1 - offsets, n)) @ window)
+        return 2.0 * np.log(right / left), offsets
+
+    def _lobe_limits(self, window: np.ndarray, step: float) -> tuple[float, np.ndarray]:
+        """Neighbour-to-cell power that no peak shows; greatest side lobe by distance in cells, with 6 dB to spare.
+
+        Both from the window's own transform: the flank ratio at the reach of the interpolation table, the side lobes as
+        a falling envelope from half a cell inside (a peak may lie between cells); the main lobe is left to the flank.
+        """
+        size = self.beat_hz.size
+        fine = 8  # points a cell
+        length = fft.next_fast_len(int(np.ceil(fine / step)))
+        lobes = np.abs(fft.fft(window, length)[: fine * size + 1]) ** 2
+        lobes = lobes / lobes[0]
+        envelope = np.maximum.accumulate(lobes[::-1])[::-1]
+        distance = np.arange(size)
+        side_lobes = 4.0 * envelope[np.maximum(fine * distance - fine // 2, 0)]
+        side_lobes[:2] = 0.0
+        at = round(0.7 * fine)
+        return float(lobes[fine - at] / lobes[at]), np.minimum(side_lobes, 1.0 - 1e-6)
+
+    # -- spectra --------------------------------------------------------------------------------------------------
+
+    def spectra(self, frames: np.ndarray) -> Spectra:
+        """Dechirp, decimate and transform ``(n, N)`` complex frames."""
+        w = self.waveform
+        frames = np.asarray(frames, dtype=np.complex64)
+        if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
+            raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
+        with np.errstate(invalid="ignore", over="ignore"):
+            cells = self._cells(frames)
+            scale = np.max(np.abs(cells), axis=(1, 2))
+            scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
+            safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
+            rails = cells.view(np.float32)
+            rails /= safe[:, None, None]
+            rails *= rails
+            power = rails[..., ::2] + rails[..., 1::2]
+            power *= self._equaliser
+        return Spectra(power, self.cfar.noise(power), self.beat_hz, scale)
+
+    def _cells(self, frames: np.ndarray) -> np.ndarray:
+        """(n, 2, J) complex64 beat cells of (n, N) frames, both halves with positive beats."""
+        n, half = frames.shape[0], self.waveform.samples_per_half
+        low = np.empty((n, 2, self.outputs), dtype=np.complex64)
+        for first in range(0, n, _GROUP):
+            some = frames[first : first + _GROUP].reshape(-1, 2, half)
+            buffer, samples = self.decimator.buffer((len(some), 2))
+            np.multiply(some, self._table, out=samples[..., :half])
+            low[first : first + _GROUP] = self.decimator.apply(buffer)
+        spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
+        cells = np.empty((n, 2, self._bins.size), dtype=np.complex64)
+        cells[:, 0] = spectrum[:, 0, -self._bins]  # the up half, mirrored
+        cells[:, 1] = spectrum[:, 1, self._bins]
+        return cells
+
+    # -- detection ------------------------------------------------------------------------------------------------
+
+    def process(
+        self,
+        frames: np.ndarray,
+        *,
+        timing_offset_s: np.ndarray | float = 0.0,
+        frame_index: np.ndarray | int | None = None,
+    ) -> np.ndarray:
+        """Results of a batch of frames.
+
+        Parameters
+        ----------
+        frames : (n, N) complex
+            Frames aligned with the sweep.
+        timing_offset_s : (n,) or scalar
+            Delay of the frame's start against the sweep's, in seconds (fraction left by the segmenter plus the
+            calibrated hardware delay): subtracted from the measured delay.
+        frame_index : (n,) int, optional
+            Copied into the results; default 0, 1, ...
+
+        Returns
+        -------
+        (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
+        """
+        return self.detect(self.spectra(frames), timing_offset_s=timing_offset_s, frame_index=frame_index)
+
+    def detect(
+        self,
+        spectra: Spectra,
+        *,
+        timing_offset_s: np.ndarray | float = 0.0,
+        frame_index: np.ndarray | int | None = None,
+    ) -> np.ndarray:
+        """As `process`, from spectra that are already there."""
+        n = spectra.power.shape[0]
+        out = np.zeros(n, dtype=RESULT_DTYPE)
+        out["frame_index"] = np.arange(n) if frame_index is None else frame_index
+        usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
+        found = self._search(spectra.power, spectra.noise)
+        up, down = self._refine(spectra, found)
+        ok = usable & (found.reason == Reason.OK)
+        altitude = self._altitude(up, down, timing_offset_s)
+        half_cell = 0.5 * self.waveform.range_resolution_m
+        inside = (altitude >= self.settings.min_altitude_m - half_cell) & (
+            altitude <= self.settings.max_altitude_m + half_cell
+        )
+        reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
+        ok &= inside
+        out["altitude_m"] = out["forced_altitude_m"] = altitude
+        out["vertical_speed_m_per_s"] = self.waveform.beats_to_vertical_speed_m_per_s(up, -down)
+        out["beat_up_hz"], out["beat_down_hz"] = up, -down
+        out["snr_db"] = self._snr_db(spectra, found)
+        if not ok.all():
+            reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
+            reason = np.where(spectra.scale == 0, Reason.NO_SIGNAL, reason)
+            for name in ("altitude_m", "vertical_speed_m_per_s", "beat_up_hz", "beat_down_hz", "snr_db"):
+                out[name][~ok] = np.nan
+            out["forced_altitude_m"][~usable] = np.nan
+        out["valid"], out["reason"] = ok, reason
+        return out
+
+    shares_spectra = True  # false computes them for each method: for measurements of what sharing saves
+
+    def asked_by(self, method: object) -> None:
+        """Count a method among those that ask `confirms`: spectra of received frames are remembered from two on."""
+        self._asking.add(method)
+
+    def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
+        """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is found.
+
+        In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
+        own strongest cell: more than a first side lobe, less than the loss by interference.
+        """
+        shared = self.shares_spectra and len(self._asking) > 1
+        raw_power, raw_noise = self.received(received) if shared else self._received_rows(received)
+        reason, pair = self._pair(self.spectra(cleaned))
+        power = np.take_along_axis(raw_power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
+        noise = np.take_along_axis(raw_noise, pair[..., None], axis=-1)[..., 0]
+        strong = (power > 2.0 * noise) & (power > raw_power.max(axis=-1) / 8.0)
+        return strong.all(axis=-1) | (reason != Reason.OK)
+
+    def _received_rows(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Power (n, 2, J) and its noise estimate, as in `Spectra`."""
+        spectra = self.spectra(frames)
+        return spectra.power, spectra.noise
+
+    def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
+        return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
+
+    def _pair(self, spectra: Spectra) -> tuple[np.ndarray, np.ndarray]:
+        """Reason (n,) and cell pair (n, 2) counted from ``margin``; without detection the best pair all the same."""
+        found = self._search(spectra.power, spectra.noise)
+        return found.reason, found.pair
+
+    def _snr_db(self, spectra: Spectra, found: Found) -> np.ndarray:
+        """Peak over CFAR noise in the beat spectrum, mean of both halves, in decibels."""
+        rows, halves = np.arange(len(found.pair))[:, None], np.arange(2)
+        noise = np.maximum(spectra.noise[rows, halves, found.pair], 1e-30)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = found.around[..., 1] / noise
+            return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]))
+
+    def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
+        """Sub-cell beats (up, down) in hertz by the strategy."""
+        if self.settings.strategy == "strongest":
+            beats = self._interpolate(found)
+        elif self.settings.strategy == "centroid":
+            beats = self._centroid(spectra, found.pair)
+        else:
+            beats = self._leading_edge(spectra, found)
+        return beats[:, 0], beats[:, 1]
+
+    def _interpolate(self, found: Found) -> np.ndarray:
+        """(n, 2) beats from the ratio of a peak's neighbours."""
+        sides = np.maximum(found.around[..., ::2], np.float32(1e-37))
+        ratio, offsets = self._interpolation
+        offset = np.interp(np.log(sides[..., 1] / sides[..., 0]), ratio, offsets)
+        return self.beat_hz[found.pair + self.cfar.margin] + self.cell_hz * offset
+
+    def _centroid(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
+        """(n, 2) power centroids over the cells around the peak that stay above a tenth of it."""
+        return self._over_clusters(spectra, pair, centroid_of)
+
+    def _leading_edge(self, spectra: Spectra, found: Found) -> np.ndarray:
+        """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
+        power, distance = self._main_lobe
+        cells = found.pair + self.cfar.margin
+        straddle = np.abs(self._interpolate(found) - self.beat_hz[cells]) / self.cell_hz
+        # what a peak between two cells loses, at most half a cell from the nearer one
+        loss = np.interp(np.minimum(straddle, 0.5), distance[::-1], power[::-1])
+        edges = np.empty(cells.shape)
+        for at, cell in np.ndenumerate(cells):
+            row = spectra.power[at]
+            edges[at] = edge_of(row, int(cell), float(row[cell] / loss[at]), self._main_lobe)
+        return self.beat_hz[0] + self.cell_hz * edges
+
+    def _over_clusters(self, spectra: Spectra, pair: np.ndarray, rule) -> np.ndarray:  # noqa: ANN001
+        """Apply a rule (power of one half, peak cell) -> fractional cell to every half of every frame."""
+        cells = pair + self.cfar.margin
+        out = np.empty(cells.shape)
+        for row, halves in enumerate(cells):
+            for half, cell in enumerate(halves):
+                out[row, half] = rule(spectra.power[row, half], int(cell))
+        return self.beat_hz[0] + self.cell_hz * out
+
+    @cached_property
+    def _main_lobe(self) -> tuple[np.ndarray, np.ndarray]:
+        """Main lobe of a point target down to a tenth: relative power, rising, and distance from its peak in cells."""
+        half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
+        window = self._window(half)
+        distance = np.linspace(0, 6, 601)
+        step = self.cell_hz * self.waveform.half_sweep_s / half
+        lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(distance, np.arange(half))) @ window) ** 2
+        lobe /= lobe[0]
+        keep = slice(0, int(np.argmax(lobe < 0.1)))
+        return lobe[keep][::-1], distance[keep][::-1]
+
+
+@lru_cache(maxsize=16)
+def shared_altimeter(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
+    """One altimeter for all who measure the same sweep in the same way: it has tables, but no state."""
+    return Altimeter(waveform, settings)

@@ -1,0 +1,119 @@
+"""Settings and results of the altimeter: what it looks for, and how a frame's outcome is written down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..waveform import Waveform
+from .cfar import Cfar
+
+__all__ = ["AltimeterSettings", "RESULT_DTYPE", "Reason"]
+
+STRATEGIES = ("strongest", "leading_edge", "centroid")
+
+
+class Reason:
+    """Why a frame has or has no altitude; the values of the ``reason`` field."""
+
+    OK = 0
+    NO_DETECTION = 1
+    SWEEPS_DISAGREE = 2
+    NOT_FINITE = 3
+    NO_SIGNAL = 4
+    UNLOCKED = 5
+    OUT_OF_RANGE = 6
+
+    NAMES = ("ok", "no_detection", "sweeps_disagree", "not_finite", "no_signal", "unlocked", "out_of_range")
+
+
+RESULT_DTYPE = np.dtype(
+    [
+        ("frame_index", np.int64),
+        ("valid", np.bool_),
+        ("reason", np.int8),
+        ("altitude_m", np.float64),
+        ("vertical_speed_m_per_s", np.float64),
+        ("beat_up_hz", np.float64),
+        ("beat_down_hz", np.float64),
+        ("snr_db", np.float64),
+        ("forced_altitude_m", np.float64),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class AltimeterSettings:
+    """How the altimeter looks for a return.
+
+    Parameters
+    ----------
+    max_altitude_m, min_altitude_m : float or None
+        Search span; the beat band, the decimation and the FFT size follow from it. None as the highest altitude stands
+        for what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
+    max_vertical_speed_m_per_s : float or None
+        Largest range rate: how far the two sweeps' beats may differ and still be one target. None for what a scene
+        flies, else 150 m/s. A wider reach costs false alarms and, at equal `pfa`, 1 dB of sensitivity at 150 m/s.
+    window : str
+        ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
+        lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
+        5.6 dB against one there, and a factor 1.6 in error.
+    pfa : float
+        False-alarm probability of one cell of the up sweep with all partners that Doppler allows.
+    cfar : str
+        ``"ca"`` or ``"os"``.
+    train_cells, guard_cells : float
+        Training and guard on each side, in resolution cells (2 kHz, 20 m by default).
+    strategy : str
+        ``"strongest"`` point target; ``"leading_edge"`` nearest edge of an extended return, the -6 dB point of the
+        rise, corrected so that a point target is unbiased; ``"centroid"`` power centroid.
+    """
+
+    max_altitude_m: float | None = None
+    min_altitude_m: float = 0.0
+    max_vertical_speed_m_per_s: float | None = None
+    window: str = "boxcar"
+    pfa: float = 1e-4
+    cfar: str = "ca"
+    train_cells: float = 16.0
+    guard_cells: float = 3.0
+    strategy: str = "strongest"
+
+    def __post_init__(self) -> None:
+        if self.max_altitude_m is not None and not self.max_altitude_m > self.min_altitude_m:
+            raise ValueError(
+                f"altimeter.max_altitude_m {self.max_altitude_m:g} has to be above min_altitude_m "
+                f"{self.min_altitude_m:g}"
+            )
+        if self.strategy not in STRATEGIES:
+            raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
+        if self.window not in ("hann", "hamming", "blackman", "boxcar"):
+            raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
+        # here, where a scene is read, and not only where the detector is built
+        Cfar(pfa=self.pfa, kind=self.cfar)
+        if not (self.train_cells >= 1 and self.guard_cells >= 0):
+            raise ValueError(
+                f"altimeter.train_cells {self.train_cells:g} has to be at least 1, guard_cells {self.guard_cells:g} "
+                "at least 0"
+            )
+        if self.max_vertical_speed_m_per_s is not None and self.max_vertical_speed_m_per_s < 0:
+            raise ValueError(
+                f"altimeter.max_vertical_speed_m_per_s is {self.max_vertical_speed_m_per_s:g}; it has to be 0 or more"
+            )
+
+    def resolved(
+        self,
+        waveform: Waveform,
+        *,
+        highest_altitude_m: float = 1500.0,
+        vertical_speed_m_per_s: float = 150.0,
+    ) -> AltimeterSettings:
+        """The same settings with numbers in place of None: the given ones, the altitude within the waveform's limit."""
+        span = {}
+        if self.max_altitude_m is None:
+            floor = self.min_altitude_m + waveform.range_resolution_m
+            span["max_altitude_m"] = min(max(highest_altitude_m, floor), waveform.max_unambiguous_altitude_m)
+        if self.max_vertical_speed_m_per_s is None:
+            span["max_vertical_speed_m_per_s"] = abs(vertical_speed_m_per_s)
+        return replace(self, **span) if span else self

@@ -1,0 +1,425 @@
+"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (DESIGN.md 6.1).
+
+Correlating a delayed chirp with the reference peaks at the delay itself, so timing is taken only where the altitude is
+known to be zero (the programme's preamble and synchronisation sections), to a fraction of a sample, and then coasts.
+Afterwards each frame is only *checked*: the matched filter at the altitude that was transmitted has to peak at the
+assumed timing. The check never moves the timing, so it cannot pull an altitude towards the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.linalg import blas
+
+from ..programme import Programme
+from ..returns.point import point_return
+from ..waveform import Waveform, altitude_to_delay_s
+from .altimeter import Altimeter, AltimeterSettings
+from .segmenter_settings import SegmenterSettings
+
+__all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
+
+ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
+_MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+
+
+@dataclass
+class Frame:
+    """One whole frame at known timing.
+
+    Attributes
+    ----------
+    index : int
+        Sweep number since the transmitter's start.
+    start_sample : int
+        Sample counter at the frame's first sample, lost samples included.
+    samples : (N,) complex64
+    offset_s : float
+        Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it.
+    """
+
+    index: int
+    start_sample: int
+    samples: np.ndarray
+    offset_s: float
+
+
+class FrameSegmenter:
+    """Stream of samples in any chunks in, whole aligned frames out.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    programme : Programme or None
+        What was transmitted when. None (a person moves the altitude): frames are only checked to hold a sweep within
+        the altitude span, and a lost lock waits for `reacquire`.
+    max_altitude_m : float
+        Highest altitude, for the check without a programme.
+    true_delay : bool
+        Whether altitudes come as true delays (with Doppler) or as beat shifts.
+    point_target : bool
+        False for an extended return, which matches no single delay: frames are then checked as without a programme,
+        which still serves to find synchronisation sections.
+
+    Attributes
+    ----------
+    counters : dict
+        ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
+        ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``.
+    """
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        programme: Programme | None = None,
+        settings: SegmenterSettings = SegmenterSettings(),  # noqa: B008 - frozen
+        *,
+        max_altitude_m: float = 1500.0,
+        true_delay: bool = False,
+        point_target: bool = True,
+    ) -> None:
+        self.waveform, self.programme, self.settings = waveform, programme, settings
+        self.true_delay, self.point_target = true_delay, point_target
+        self._n = waveform.samples_per_frame
+        # the two halves apart: a beat shift turns them against each other by k tau^2 cycles, so they add in power only
+        halves = np.zeros((2, self._n), dtype=np.complex64)
+        halves[0, : self._n // 2] = waveform.reference[: self._n // 2]
+        halves[1, self._n // 2 :] = waveform.reference[self._n // 2 :]
+        self._reference_fft = np.conj(fft.fft(halves, axis=1))
+        span = 3.0 * waveform.range_resolution_m
+        self._fine = Altimeter(
+            waveform,
+            AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
+        )
+        self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
+        # room for some frames beyond the longest wait, so that what is left over is moved once in a while
+        self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
+        self.counters = dict.fromkeys(
+            (
+                "frames",
+                "torn",
+                "discontinuities",
+                "lost_samples",
+                "lock_losses",
+                "unlocked_frames",
+                "acquisitions",
+            ),
+            0,
+        )
+        self._expected: dict[tuple[float, float], np.ndarray] = {}
+        self.quality_db = float("nan")
+        self.reset()
+
+    def reset(self, first_sample: int = 0) -> None:
+        """Start over at sample counter ``first_sample``; counters stay."""
+        self.state = ACQUIRING
+        self._origin = first_sample  # sample counter of the first sample that waits
+        self._first = self._filled = 0  # where it lies in the buffer, and how many wait
+        self._index = 0
+        self._offset_s = 0.0
+        self._discard = 0  # samples of a torn frame still to come
+        self._held: deque[tuple[Frame, str, float]] = deque()
+
+    @property
+    def sample_counter(self) -> int:
+        """Counter of the next sample that is expected."""
+        return self._origin + self._filled
+
+    def reacquire(self) -> None:
+        """Take timing anew; the altitude has to be zero now."""
+        self._held.clear()
+        self.state = ACQUIRING
+
+    def push(self, samples: np.ndarray) -> list[Frame]:
+        """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use."""
+        out: list[Frame] = []
+        taken = 0
+        while taken < samples.size:
+            end = self._first + self._filled
+            if self._buffer.size - end < samples.size - taken and self._first:
+                self._buffer[: self._filled] = self._buffer[self._first : end].copy()
+                self._first, end = 0, self._filled
+            count = min(samples.size - taken, self._buffer.size - end)
+            self._buffer[end : end + count] = samples[taken : taken + count]
+            self._filled += count
+            taken += count
+            # samples may be anything: the verdicts look at what came of them
+            with np.errstate(invalid="ignore", over="ignore"):
+                while self._step(out):
+                    pass
+        self.counters["frames"] += len(out)
+        return out
+
+    def jump(self, lost_samples: int) -> list[Frame]:
+        """A tagged discontinuity: ``lost_samples`` are missing before the next chunk.
+
+        Timing is known all along (the counter advances by what is missing), so only the torn frame goes. Frames that
+        were held back for the monitor are judged by what was seen of them.
+        """
+        if lost_samples == 0:
+            return []
+        self.counters["discontinuities"] += 1
+        self.counters["lost_samples"] += max(0, lost_samples)
+        released = self.drain()
+        counter = self.sample_counter + lost_samples
+        if self.state == ACQUIRING or lost_samples < 0:
+            # time that runs backwards says nothing about the sweep: the counter restarts, timing has to be found again
+            if self.state != ACQUIRING:
+                self.counters["lock_losses"] += 1
+                self.state = LOST if self.programme is not None else ACQUIRING
+            self._discard = self._discard_to(counter, counter)
+            return released
+        torn = -(-(counter - self._origin) // self._n)
+        self.counters["torn"] += torn
+        self._index += torn
+        self._discard = self._discard_to(self._origin + torn * self._n, counter)
+        return released
+
+    def _discard_to(self, boundary: int, counter: int) -> int:
+        """Empty the buffer at sample ``counter``; returns the samples still to be skipped up to ``boundary``."""
+        self._origin, self._first, self._filled = counter, 0, 0
+        return boundary - counter
+
+    def drain(self) -> list[Frame]:
+        """End of the stream: frames still held back and not contradicted."""
+        released = [frame for frame, verdict, _ in self._held if verdict != "contradicted"]
+        self._held.clear()
+        self.counters["frames"] += len(released)
+        return released
+
+    # -- one step of the state machine; True if the buffer may hold more ------------------------------------------
+
+    def _step(self, out: list[Frame]) -> bool:
+        if self._discard:
+            count = min(self._discard, self._filled)
+            self._consume(count)
+            self._discard -= count
+            if self._discard:
+                return False
+        if self.state == ACQUIRING:
+            return self._acquire()
+        if self._filled < self._n:
+            return False
+        if self.state == LOCKED:
+            return self._emit(out)
+        if self.state == RESYNC:
+            return self._confirm_index()
+        return self._wait_for_sync()
+
+    def _consume(self, count: int) -> None:
+        self._first += count
+        self._filled -= count
+        self._origin += count
+
+    def _waiting(self, first: int, last: int) -> np.ndarray:
+        """View of the samples ``first..last-1`` that wait."""
+        return self._buffer[self._first + first : self._first + last]
+
+    def _next_frame(self) -> None:
+        self._consume(self._n)
+        self._index += 1
+
+    # -- acquisition ----------------------------------------------------------------------------------------------
+
+    def _acquire(self) -> bool:
+        """Fold frames, correlate, refine; lock or slide on by a frame. The first frame may precede the transmitter."""
+        needed = (self.settings.acquisition_frames + 2) * self._n
+        if self._filled < needed:
+            return False
+        found = self._locate(self._waiting(self._n, needed))
+        if found is None:
+            self.counters["unlocked_frames"] += 1
+            self._consume(self._n)
+            return True
+        start = self._n + found[0]
+        self._offset_s = found[1] / self.waveform.rate_hz
+        # timing is known now, also for the frames before: go back to the first whole one
+        first = start % self._n
+        self._consume(first)
+        # one sample of grace: a latency near zero may come out a trifle negative
+        self._index = int(np.floor((self._origin + found[1] + 1.0) / self._n))
+        self.state = LOCKED
+        self.counters["acquisitions"] += 1
+        return True
+
+    def _locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+        """Sweep start within ``samples`` (at least acquisition_frames + 1 frames): whole samples and rest, or None."""
+        n, count = self._n, self.settings.acquisition_frames
+        rotation = np.conj(self.waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
+        folded = (samples[: count * n].reshape(count, n) * rotation).mean(axis=0).astype(np.complex64)
+        peak, significance = self._correlate(folded)
+        if significance < 0.6 * self.settings.lock_threshold:
+            return None
+        aligned = samples[peak : peak + count * n].reshape(count, n)
+        each = self._fine.process((aligned * rotation).astype(np.complex64))
+        delays = altitude_to_delay_s(each["altitude_m"]) * self.waveform.rate_hz
+        if not each["valid"].all() or np.ptp(delays) > _MAX_SPREAD_SAMPLES:
+            return None  # a frame among them is torn, or there is no sweep
+        total = peak + float(np.mean(delays))
+        whole = round(total)
+        return whole, total - whole
+
+    def _correlate(self, frame: np.ndarray) -> tuple[int, float]:
+        """Circular correlation of one frame with the sweep, halves added in power: peak lag and peak-to-mean power."""
+        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
+        power = (response.real**2 + response.imag**2).sum(axis=0)
+        peak = int(np.argmax(power))
+        mean = float(power.mean())
+        return peak, float(power[peak] / mean) if np.isfinite(mean) and mean > 0 else 0.0
+
+    # -- locked ---------------------------------------------------------------------------------------------------
+
+    def _emit(self, out: list[Frame]) -> bool:
+        frame = Frame(self._index, self._origin, self._waiting(0, self._n).copy(), self._offset_s)
+        self._next_frame()
+        if not self.settings.monitor:
+            out.append(frame)
+            return True
+        verdict, delay = self._check(frame)
+        held = self._held
+        held.append((frame, verdict, delay))
+        if verdict == "verified":
+            # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
+            out.extend(f for f, _, _ in list(held)[:-1])
+            held.clear()
+            held.append((frame, verdict, delay))
+        elif self._contradicted():
+            self.counters["lock_losses"] += 1
+            self.counters["unlocked_frames"] += len(held)
+            held.clear()
+            self.state = LOST
+        elif len(held) > self.settings.confirm_frames + 1:
+            out.append(held.popleft()[0])
+        return True
+
+    def _contradicted(self) -> bool:
+        """The last frames agree on one other timing."""
+        count = self.settings.confirm_frames
+        if len(self._held) < count:
+            return False
+        last = list(self._held)[-count:]
+        if any(verdict != "contradicted" for _, verdict, _ in last):
+            return False
+        delays = [delay for _, _, delay in last]
+        return max(delays) - min(delays) <= 1.0
+
+    def _check(self, frame: Frame) -> tuple[str, float]:
+        """``verified``, ``contradicted`` (with the other delay in samples) or ``undetermined``."""
+        follow = self.programme is not None and (
+            self.point_target or not self.programme.is_trial(frame.index)
+        )
+        if follow:
+            shift = self._shift_from_expected(frame)
+            if shift is not None:
+                return ("verified" if shift == 0 else "contradicted"), float(shift)
+        peak, significance = self._correlate(frame.samples)
+        if significance < 0.6 * self.settings.lock_threshold:
+            return "undetermined", 0.0
+        self.quality_db = 10.0 * np.log10(significance)
+        delay = peak if peak < self._n // 2 else peak - self._n
+        if not follow:
+            inside = -1.5 <= delay <= self._max_delay_samples + 1.5
+            return ("verified" if inside else "contradicted"), float(delay)
+        expected = float(altitude_to_delay_s(self.programme.altitude_m(frame.index))) * self.waveform.rate_hz
+        return "contradicted", float(delay - expected)
+
+    def _shift_from_expected(self, frame: Frame) -> int | None:
+        """Samples between the assumed and the true timing, -2..2; None if the sweep is not found that near.
+
+        Matched filters at the transmitted altitude, up to two samples either side.
+        """
+        x, n = frame.samples, self._n
+        # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
+        # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
+        expected = self._expected_frame(frame.index)
+        response = [
+            abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
+            for shift in range(-2, 3)
+        ]
+        rails = x.view(np.float32)
+        energy = blas.sdot(rails, rails)
+        if not (math.isfinite(energy) and energy > 0):
+            return None
+        best = response.index(max(response))
+        strength = response[best] ** 2 * self._n / energy
+        self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
+        return best - 2 if strength >= self.settings.lock_threshold else None
+
+    def _expected_frame(self, index: int) -> np.ndarray:
+        """(N,) complex64 frame as it was sent, delayed by the fraction that timing leaves over, of unit energy."""
+        key = self.programme.at(index)
+        if key not in self._expected:
+            if len(self._expected) >= 64:
+                self._expected.clear()
+            w = self.waveform
+            if self.true_delay:
+                frame = point_return(w, key[0], vertical_speed_m_per_s=key[1])
+            else:
+                frame = w.beat_shifted(key[0])
+            spectrum = fft.fft(frame.astype(np.complex128))
+            turn = np.exp(-2j * np.pi * fft.fftfreq(self._n) * (self._offset_s * w.rate_hz))
+            self._expected[key] = (fft.ifft(spectrum * turn) / np.sqrt(self._n)).astype(np.complex64)
+        return self._expected[key]
+
+    # -- lock lost ------------------------------------------------------------------------------------------------
+
+    def _wait_for_sync(self) -> bool:
+        """Count frames at the old timing until a synchronisation section is certainly there, then locate."""
+        section = self.programme.next_sync(self._index - 2) if self.programme else None
+        count = self.settings.acquisition_frames
+        # two frames of doubt either side of the section: the index itself may be off by what was lost
+        if section is None or self._index != section[0] + 2:
+            self.counters["unlocked_frames"] += 1
+            self._next_frame()
+            return True
+        if self._filled < (count + 1) * self._n:
+            return False
+        found = self._locate(self._waiting(0, (count + 1) * self._n))
+        if found is None:
+            self.counters["unlocked_frames"] += 1
+            self._next_frame()
+            return True
+        self._offset_s = found[1] / self.waveform.rate_hz
+        self._expected.clear()
+        self._section_end = section[0] + section[1]
+        self._consume(found[0] % self._n)
+        self.state = RESYNC
+        return True
+
+    def _confirm_index(self) -> bool:
+        """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
+        peak, significance = self._correlate(self._waiting(0, self._n))
+        delay = peak if peak < self._n // 2 else peak - self._n
+        after = (
+            float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz
+        )
+        present = significance >= 0.6 * self.settings.lock_threshold
+        stepped = present and abs(delay) > 1.0
+        overdue = self._index > self._section_end + 4
+        if stepped and abs(delay - after) > 1.5 or overdue and after >= 1.0:
+            self.state = LOST  # not the step that was due: more samples went missing
+            self.counters["unlocked_frames"] += 1
+            self._next_frame()
+            return True
+        if stepped or overdue:
+            self._index = self._section_end if stepped else self._index
+            self.state = LOCKED
+            self.counters["acquisitions"] += 1
+            return True
+        self.counters["unlocked_frames"] += 1
+        self._next_frame()
+        return True
+
+    def status(self) -> dict[str, object]:
+        """State, lock quality in dB (correlation over mean) and counters, for telemetry."""
+        return {
+            "state": self.state,
+            "locked": self.state == LOCKED,
+            "quality_db": self.quality_db,
+            **self.counters,
+        }

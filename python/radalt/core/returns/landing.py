@@ -1,0 +1,172 @@
+"""What is flown over what, with which radar: the part of a scene or study that describes a landing.
+
+Plain settings; the terrain code is imported only when something is made from them, so a scene that has none of it
+never loads it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..waveform import Waveform
+
+if TYPE_CHECKING:
+    from .terrain import Antenna, LandingProfile, TerrainModel, TerrainReturn, Trajectory
+
+__all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "LinkSpec", "TerrainSpec", "TrajectorySpec"]
+
+
+@dataclass(frozen=True)
+class TrajectorySpec:
+    """Which flight; see `Trajectory.load`. ``start_s`` and ``end_s`` cut it (None: as it is)."""
+
+    file: str = "approach_kord_10c.csv"
+    aircraft: str | None = None
+    altitude: str = "geo"
+    altitude_offset_m: float = 0.0
+    angle_of_attack_deg: float = 5.0
+    max_gap_s: float = 15.0
+    start_s: float | None = None
+    end_s: float | None = None
+
+
+@dataclass(frozen=True)
+class TerrainSpec:
+    """Which ground: DTED files, or with none a flat earth at ``flat_m`` above mean sea level."""
+
+    files: tuple[str, ...] = ("hilly_n41w089.dt0", "hilly_n41w088.dt0")
+    void: str = "error"
+    flat_m: float = 204.0
+
+
+@dataclass(frozen=True)
+class AntennaSpec:
+    """A Gaussian beam, or a pattern file; see `GaussianAntenna`, `TabulatedAntenna.load`, `TerrainReturn`."""
+
+    beamwidth_deg: float = 40.0
+    gain_dbi: float = 10.0
+    two_way: bool = False
+    pattern: str | None = None
+    tilt_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class GroundSpec:
+    """Reflectivity by model and land type, shifted by ``level_db``; see `reflectivity`."""
+
+    model: str = "morchin"
+    land: str = "urban_low_relief"
+    level_db: float = 0.0
+
+
+@dataclass(frozen=True)
+class LinkSpec:
+    """Transmitter, losses and receiver; see `RadarLink` for the source of the values."""
+
+    transmit_w: float = 0.4
+    losses_db: float = 6.0
+    noise_figure_db: float = 8.0
+
+
+@dataclass(frozen=True)
+class LandingSpec:
+    """A landing.
+
+    Parameters
+    ----------
+    trajectory, terrain, antenna, ground, link
+        See their classes.
+    folder : str
+        Where relative file names are looked up; empty for the shipped ``flowgraphs/landing``.
+
+    Examples
+    --------
+    >>> from radalt.core.waveform import Waveform
+    >>> profile = LandingSpec().profile(Waveform(), frames=100)
+    >>> profile.altitude_m.shape, profile.frame(0).shape
+    ((100,), (7500,))
+    """
+
+    trajectory: TrajectorySpec = TrajectorySpec()
+    terrain: TerrainSpec = TerrainSpec()
+    antenna: AntennaSpec = AntennaSpec()
+    ground: GroundSpec = GroundSpec()
+    link: LinkSpec = LinkSpec()
+    folder: str = ""
+
+    def path(self, name: str) -> Path:
+        """A file of the landing."""
+        if self.folder:
+            return Path(self.folder) / name
+        from ..paths import share_dir
+
+        return share_dir() / "flowgraphs" / "landing" / name
+
+    def flight(self) -> Trajectory:
+        """The trajectory; raises `TrajectoryError`."""
+        from .terrain import Trajectory
+
+        spec = self.trajectory
+        return Trajectory.load(
+            self.path(spec.file),
+            aircraft=spec.aircraft,
+            altitude=spec.altitude,
+            altitude_offset_m=spec.altitude_offset_m,
+            angle_of_attack_deg=spec.angle_of_attack_deg,
+            max_gap_s=spec.max_gap_s,
+        )
+
+    def window_s(self, flight: Trajectory, margin_s: float) -> tuple[float, float]:
+        """First and last instant used, ``margin_s`` inside the flight or its cut; raises `TrajectoryError`."""
+        from .terrain import TrajectoryError
+
+        spec = self.trajectory
+        start = flight.start_s if spec.start_s is None else spec.start_s
+        end = flight.end_s if spec.end_s is None else spec.end_s
+        if not (flight.start_s <= start and end <= flight.end_s and end - start > 2 * margin_s):
+            raise TrajectoryError(
+                f"trajectory.start_s..end_s is {start:g}..{end:g} s; it has to lie within the flight, "
+                f"{flight.start_s:g}..{flight.end_s:g} s, and last more than {2 * margin_s:g} s"
+            )
+        return start + margin_s, end - margin_s
+
+    def ground_model(self) -> TerrainModel:
+        """The terrain; raises `TerrainError`."""
+        from .terrain import FlatTerrain, Terrain
+
+        if not self.terrain.files:
+            return FlatTerrain(self.terrain.flat_m)
+        return Terrain.load([self.path(name) for name in self.terrain.files], void=self.terrain.void)
+
+    def antenna_model(self) -> Antenna:
+        """The antenna."""
+        from .terrain import GaussianAntenna, TabulatedAntenna
+
+        spec = self.antenna
+        if spec.pattern:
+            return TabulatedAntenna.load(self.path(spec.pattern))
+        return GaussianAntenna(spec.beamwidth_deg, spec.gain_dbi, spec.two_way)
+
+    def radar(self, waveform: Waveform, seed: int = 1) -> TerrainReturn:
+        """The return of the ground, its scatterers drawn from a seed."""
+        from .terrain import GroundGrid, RadarLink, TerrainReturn, reflectivity
+
+        return TerrainReturn(
+            self.ground_model(),
+            waveform,
+            self.antenna_model(),
+            reflectivity(self.ground.model, self.ground.land, level_db=self.ground.level_db),
+            RadarLink(self.link.transmit_w, self.link.losses_db, self.link.noise_figure_db),
+            GroundGrid(seed),
+            tilt_deg=self.antenna.tilt_deg,
+        )
+
+    def profile(self, waveform: Waveform, frames: int, seed: int = 1) -> LandingProfile:
+        """The flight in a number of frames, for the live path: altitudes, rates and echoes by frame index."""
+        from .terrain import LandingProfile
+
+        flight = self.flight()
+        start, end = self.window_s(flight, waveform.sweep_s)
+        return LandingProfile(self.radar(waveform, seed), flight, frames, start, end)

@@ -1,0 +1,31 @@
+"""Scenes: one YAML file says everything that a run depends on."""
+
+from .scene import (
+    AltitudeSpec,
+    RadioSpec,
+    Scene,
+    SceneError,
+    SweepSpec,
+    burst_db,
+    interference_from_yaml,
+    interferer_to_mapping,
+    load_scene,
+    parse_scene,
+    scene_from_parameters,
+    scene_to_mapping,
+)
+
+__all__ = [
+    "AltitudeSpec",
+    "RadioSpec",
+    "Scene",
+    "SceneError",
+    "SweepSpec",
+    "burst_db",
+    "interference_from_yaml",
+    "interferer_to_mapping",
+    "load_scene",
+    "parse_scene",
+    "scene_from_parameters",
+    "scene_to_mapping",
+]

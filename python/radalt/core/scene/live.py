@@ -1,0 +1,143 @@
+"""What a live view shows: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ..channel.simulated import DropSettings
+from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
+from ..waveform import Waveform
+from .scene import Scene
+
+__all__ = ["AltitudeStrip", "RangeProfile", "by_hand"]
+
+_FLOOR_DB = -200.0  # stands for no power at all
+
+
+def by_hand(scene: Scene) -> Scene:
+    """The scene for a flowgraph without end whose altitude a person sets.
+
+    Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
+    preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
+    length, lost samples and the jammer's clock drift, is off.
+    """
+    altitude = dataclasses.replace(
+        scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
+    )
+    channel = dataclasses.replace(scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0)
+    altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
+    return dataclasses.replace(
+        scene, altitude=altitude, channel=channel, altimeter=altimeter, return_model="point", landing=None
+    )
+
+
+class RangeProfile:
+    """Beat spectrum and CFAR threshold of frames in decibels, over altitude.
+
+    The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. With the two ratios to
+    the noise ``r_up`` and ``r_down`` and the altimeter's joint threshold ``T``, the threshold drawn is
+    ``profile - 10 log10((r_up + r_down) / T)``: at every cell the profile exceeds it exactly where the altimeter's sum
+    of ratios exceeds ``T`` (a target without Doppler).
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : AltimeterSettings
+    points : int
+        Points from altitude 0 to ``settings.max_altitude_m``, 2 or more; values between cells are interpolated.
+
+    Attributes
+    ----------
+    altitude_m : (points,) float64
+        Altitude of each point.
+
+    Examples
+    --------
+    >>> from radalt.core.returns.point import point_return
+    >>> w = Waveform()
+    >>> profile = RangeProfile(w)
+    >>> power_db, _ = profile.process(point_return(w, np.array([300.0])))
+    >>> bool(abs(profile.altitude_m[power_db[0].argmax()] - 300.0) < 10.0)
+    True
+    """
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        settings: AltimeterSettings = AltimeterSettings(),  # noqa: B008 - frozen
+        points: int = 512,
+    ) -> None:
+        if points < 2:
+            raise ValueError(f"range_profile.points is {points}; it has to be at least 2")
+        self.altimeter = Altimeter(waveform, settings)
+        self.altitude_m = np.linspace(0.0, self.altimeter.settings.max_altitude_m, points)
+        margin = self.altimeter.cfar.margin
+        cells_hz = self.altimeter.beat_hz[margin:-margin]
+        at = (waveform.altitude_to_beat_hz(self.altitude_m) - cells_hz[0]) / self.altimeter.cell_hz
+        self._cell = np.clip(at.astype(int), 0, cells_hz.size - 2)
+        self._part = at - self._cell
+        self._unit_db = self._power_db(self.altimeter.spectra(waveform.reference[None])).max()
+
+    def process(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Profile and threshold of ``(n, N)`` frames: two (n, points) float32 arrays in dB."""
+        margin = self.altimeter.cfar.margin
+        spectra = self.altimeter.spectra(frames)
+        power = spectra.power[..., margin:-margin].astype(float)
+        ratio = (power / np.maximum(spectra.noise, np.finfo(np.float32).tiny)).sum(axis=1)
+        profile = self._power_db(spectra) - self._unit_db
+        with np.errstate(divide="ignore", invalid="ignore"):
+            threshold = profile - 10.0 * np.log10(ratio / self.altimeter.pair_scale)
+        return self._resample(profile), self._resample(threshold)
+
+    def _power_db(self, spectra: Spectra) -> np.ndarray:
+        """(n, cells) mean power of both half sweeps, without the margin of the CFAR."""
+        margin = self.altimeter.cfar.margin
+        power = spectra.power[..., margin:-margin].mean(axis=1, dtype=float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return 10.0 * np.log10(power * spectra.scale[:, None].astype(float) ** 2)
+
+    def _resample(self, cells_db: np.ndarray) -> np.ndarray:
+        """(n, points) values between cells; what is not finite shows as no power."""
+        cells_db = np.where(np.isfinite(cells_db), cells_db, _FLOOR_DB)
+        left, right = cells_db[:, self._cell], cells_db[:, self._cell + 1]
+        return (left + self._part * (right - left)).astype(np.float32)
+
+
+class AltitudeStrip:
+    """The last seconds of several altitudes, rolling: one row a trace, newest value last.
+
+    Parameters
+    ----------
+    traces : int
+        Number of rows.
+    points : int
+        Values kept a row.
+    every : int
+        Frames between two values; the frame in between is not shown, as it is (never averaged, an error stays visible).
+    """
+
+    def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:
+        if min(traces, points, every) < 1:
+            raise ValueError(
+                f"altitude_strip.traces {traces}, points {points} and every {every} have to be at least 1"
+            )
+        self._rows = np.full((traces, points), np.nan, dtype=np.float32)
+        self._every, self._seen = every, 0
+
+    def push(self, altitudes_m: np.ndarray) -> int:
+        """Take ``(traces, n)`` altitudes of n frames; returns how many values each row has moved on by."""
+        first = -self._seen % self._every
+        self._seen += altitudes_m.shape[1]
+        taken = altitudes_m[:, first :: self._every][:, -self._rows.shape[1] :]
+        count = taken.shape[1]
+        if count:
+            self._rows[:, :-count] = self._rows[:, count:].copy()
+            self._rows[:, self._rows.shape[1] - count :] = taken
+        return count
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(traces, points) float32 in metres, NaN where there was no detection; a view, valid until the next `push`."""
+        return self._rows

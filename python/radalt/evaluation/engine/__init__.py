@@ -1,0 +1,1 @@
+"""What every study runs on: worker processes and the console."""

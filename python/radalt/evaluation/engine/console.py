@@ -1,0 +1,36 @@
+"""What a flowgraph says in the companion's console when it has ended: the score of each method, and the counters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...core.mitigation import METHODS
+from ...core.scene import Scene
+from ..results.score import CORRECT_LIMIT_M, score
+
+__all__ = ["scores"]
+
+_COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock_losses")
+
+
+def scores(top: Any, scene: Scene) -> str:
+    """A line a method: Pd, correct of trials; and the segmenter's counters.
+
+    Parameters
+    ----------
+    top : object
+        Flowgraph that has ended, with ``altimeter_*`` and ``frame_segmenter`` as attributes; a method that is
+        disabled in the companion has no line.
+    scene : Scene
+        As flown.
+    """
+    lines = [f"{'method':<20}{'Pd':>6}  correct of trials (detected and within {CORRECT_LIMIT_M:g} m)"]
+    for method in METHODS:
+        altimeter = getattr(top, f"altimeter_{method}", None)
+        if altimeter is not None:
+            s = score(altimeter.results(), scene.altitude.programme)
+            pd = f"{s.pd:6.3f}" if s.trials else f"{'-':>6}"
+            lines.append(f"{method:<20}{pd}  {s.correct} of {s.trials}")
+    status = top.frame_segmenter.status()
+    lines.append("counters: " + ", ".join(f"{key} {status[key]}" for key in _COUNTERS))
+    return "\n".join(lines)

@@ -1,0 +1,47 @@
+"""What the companion's Run button starts: a generated flowgraph, whose refusals are one line.
+
+    python -m gnuradio.radalt.evaluation.flowgraph.companion ota_sim.py [arguments of the flowgraph]
+
+The flowgraphs name this in their option *Run Command*. Run by itself, a generated program answers a wrong scene or a
+missing radio with a traceback above that line, and ends with 0 when a block has failed.
+"""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...blocks._guard import raised
+
+__all__ = ["main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run it as ``python FILE`` does; 2 after one line on what is refused, 1 after one on a block that failed."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments:
+        print(
+            "usage: python -m gnuradio.radalt.evaluation.flowgraph.companion FLOWGRAPH.py [arguments]",
+            file=sys.stderr,
+        )
+        return 2
+    name = Path(arguments[0]).stem
+    sys.argv = arguments
+    try:
+        runpy.run_path(arguments[0], run_name="__main__")
+    except (
+        ValueError,
+        RuntimeError,
+        OSError,
+    ) as error:  # what this package and UHD raise; others keep their traceback
+        print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)  # UHD's have several lines
+        return 2
+    for error in raised:
+        print(f"{name}: {error}", file=sys.stderr)
+    return 1 if raised else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

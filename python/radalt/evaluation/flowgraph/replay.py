@@ -1,0 +1,128 @@
+"""The command behind ``ota_eval.py --replay``: score every method on a recording, write rows and frames."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.mitigation import CUSTOM, METHODS, MitigationError
+from ...core.radio.recording import RecordingError, open_capture
+from ...core.receiver.altimeter import Reason
+from ...core.scene import Scene, SceneError
+from ..overlap.points import sweep_points
+from ..overlap.rows import RowFile, make_row
+from ..results.score import score
+from .recorder import prepare_replay, replay_scene, run_replay, summary
+from .run import PointResult
+
+__all__ = ["score_recording"]
+
+
+def score_recording(
+    path: Path | str,
+    out: Path,
+    *,
+    scene: Scene | None = None,
+    methods: Sequence[str] | None = None,
+    method_options: Mapping[str, dict[str, Any]] | None = None,
+    time_limit_s: float = 600.0,
+) -> list[dict[str, Any]]:
+    """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
+
+    Parameters
+    ----------
+    path : path
+        ``.sigmf-meta``.
+    out : Path
+        Result folder.
+    scene : Scene, optional
+        Needed for recordings of other programs; for ours it replaces everything but altitudes and seed.
+    methods : sequence of str, optional
+        Default: the scene's.
+    method_options : mapping of method -> options, optional
+        Options that replace the scene's; a method that is named here is scored as well.
+
+    Returns
+    -------
+    list of dict
+        Rows as of `make_row` where the altitudes are known, else of `recording.summary`.
+
+    Raises
+    ------
+    RecordingError, SceneError, MitigationError, FlowgraphError
+        One line.
+    """
+    placed, known = replay_scene(open_capture(path), scene)
+    if methods:
+        placed = dataclasses.replace(placed, methods=tuple(methods))
+    if method_options:
+        added = tuple(m for m in method_options if m not in placed.methods)
+        options = {**placed.method_options, **method_options}
+        placed = dataclasses.replace(placed, methods=placed.methods + added, method_options=options)
+    unknown = [m for m in placed.methods if m not in (*METHODS, CUSTOM)]
+    if unknown:
+        raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
+    if (out / "rows.csv").exists() or (out / "summary.json").exists():
+        raise SceneError(f"{out} holds results already; name another folder with --out")
+    prepared = prepare_replay(placed.methods, out / "flowgraph")
+    result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
+    if not known and not any(frames.size for frames in result.results.values()):
+        w = placed.waveform
+        raise RecordingError(
+            f"{path}: no sweep of {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms was found in it; "
+            "check the scene's waveform against the recording, and the recording's core:datatype, core:sample_rate "
+            "and length"
+        )
+    _write_frames(out / "frames.csv", result)
+    if not known:
+        rows = summary(result)
+        (out / "summary.json").write_text(
+            json.dumps({"version": 1, "recording": str(path), "segmenter": result.segmenter, "methods": rows})
+        )
+        return rows
+    points = sweep_points(dataclasses.replace(placed, sweep=type(placed.sweep)()))
+    rows = _rows(placed, points[0], result)
+    RowFile(out / "rows.csv", points, placed.methods).append(rows)
+    return rows
+
+
+def _rows(scene: Scene, point: Any, result: PointResult) -> list[dict[str, Any]]:
+    programme = scene.altitude.programme
+    return [
+        make_row(
+            method,
+            scene.interference_name,
+            point,
+            scene.seed,
+            score(frames, programme),
+            diverged_frames=int(result.status[method].get("diverged_frames", 0)),
+            segmenter=result.segmenter,
+            ms_per_frame=result.ms_per_frame[method],
+            real_time_factor=result.real_time_factor,
+        )
+        for method, frames in result.results.items()
+    ]
+
+
+def _write_frames(path: Path, result: PointResult) -> None:
+    """One line a frame and method, numbers to the last bit."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        names = next(iter(result.results.values())).dtype.names
+        writer.writerow(["method", *names])
+        for method, frames in result.results.items():
+            for frame in frames:
+                values = (frame[name].item() for name in names)
+                writer.writerow(
+                    [
+                        method,
+                        *(
+                            Reason.NAMES[v] if n == "reason" else v
+                            for n, v in zip(names, values, strict=True)
+                        ),
+                    ]
+                )

@@ -1,0 +1,1 @@
+"""Study: what leaving out saves, and that it changes no result."""

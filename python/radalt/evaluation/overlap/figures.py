@@ -1,0 +1,253 @@
+"""Figures of over-the-air runs; matplotlib is imported when one is drawn.
+
+Colours are Okabe and Ito's, distinguishable with any colour vision; marker, filling and line style tell the
+methods apart in grey as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..results.score import CORRECT_LIMIT_M
+
+__all__ = ["draw_error", "draw_pd", "panels", "series_style"]
+
+# one style a method, the same in every figure whatever else is in it; others take from the reserve
+_STYLES: dict[str, tuple[str, str, Any]] = {
+    "none": ("#000000", "o", "-"),
+    "lms": ("#E69F00", "v", (0, (1, 1.2))),
+    "lms_reference_input": ("#CC79A7", "^", (0, (3, 1.2, 1, 1.2))),
+    "nlms": ("#56B4E9", "D", (0, (5, 1.5))),
+    "whitening": ("#009E73", "s", (0, (7, 1.5, 1, 1.5))),
+    "blanking": ("#D55E00", "P", (0, (4, 1.2, 1, 1.2, 1, 1.2))),
+    "tcae": ("#0072B2", "*", "-"),
+}
+_RESERVE = (("#666666", "X", "--"), ("#8C6D1F", "<", "-."), ("#5D3A9B", ">", ":"), ("#A0A0A0", "h", "-"))
+_TITLES = {
+    "none": "no mitigation",
+    "lms": "block LMS, ref. desired",
+    "lms_reference_input": "block LMS, ref. as input",
+    "nlms": "NLMS",
+    "whitening": "whitening",
+    "blanking": "blanking",
+    "tcae": "TCAE",
+}
+_AXES = {"overlap": "temporal overlap of the interference", "sir_db": "SIR over the whole sweep / dB"}
+_WIDTH = 3.5  # inches a panel: two fill a two-column page
+
+
+def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
+    """Line style of one series (a method, or ``method, on the air``), the same in every figure."""
+    method = series.split(",")[0]
+    unknown = [s for s in dict.fromkeys(o.split(",")[0] for o in order) if s not in _STYLES]
+    if method in _STYLES:
+        colour, marker, line = _STYLES[method]
+    else:
+        colour, marker, line = _RESERVE[unknown.index(method) % len(_RESERVE)]
+    solid = series != method
+    return {
+        "color": colour,
+        "marker": marker,
+        "linestyle": line,
+        "markerfacecolor": colour if solid else "white",
+        "markeredgecolor": colour,
+        "label": _TITLES.get(method, method) + series[len(method) :],
+    }
+
+
+def panels(
+    rows: Sequence[dict[str, Any]], against: str = "overlap"
+) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Rows by everything but the axis they are drawn against, with a title that names what differs between panels.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+    against : str
+        ``"overlap"`` or ``"sir_db"``; for the latter rows without interference are left out.
+    """
+    other = "sir_db" if against == "overlap" else "overlap"
+    names = ("interference", other, "snr_db")
+    rows = [r for r in rows if against == "overlap" or (r["overlap"] > 0 and r["sir_db"] is not None)]
+    keys = list(dict.fromkeys(tuple(r[n] for n in names) for r in rows))
+    many = [len({key[k] for key in keys}) > 1 for k in range(3)]
+    out = []
+    for key in keys:
+        interference, middle, snr = key
+        name = "no interference" if interference == "none" else interference.replace("_", " ")
+        parts = [name] if many[0] or middle is None else []
+        if middle is not None:
+            parts += [f"SIR {_minus(middle)} dB" if other == "sir_db" else f"overlap {middle:g}"]
+        parts += [f"SNR {_minus(snr)} dB" if snr is not None else "no noise"] if many[2] else []
+        out.append((", ".join(parts), [r for r in rows if tuple(r[n] for n in names) == key]))
+    return out
+
+
+def _minus(value: float) -> str:
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def draw_pd(
+    rows: Sequence[dict[str, Any]],
+    path: Path,
+    *,
+    title: str,
+    ceiling: float | None = None,
+    against: str = "overlap",
+) -> Path:
+    """Pd with 95 % Wilson intervals against overlap, a panel for each SIR, or against SIR, a panel for each overlap.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Rows of a report; ``series`` overrides ``method`` as the label where it is there.
+    path : Path
+        PNG to write.
+    title : str
+        What was measured.
+    ceiling : float, optional
+        Pd without interference and without mitigation, drawn as a line.
+    against : str
+        ``"overlap"`` or ``"sir_db"``.
+    """
+    split = panels(rows, against)
+    figure, axes = _grid(len(split), against)
+    series = _series(rows)
+    for axis, (heading, mine) in zip(axes, split, strict=True):
+        if ceiling is not None:
+            axis.axhline(ceiling, color="#999999", lw=0.8, zorder=0, label="no interference")
+        for k, name in enumerate(series):
+            of = _sorted(mine, name, against)
+            pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
+            error = np.clip([pd - low, high - pd], 0, None)
+            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            _plot(axis, x, pd, error, k, series_style(name, series))
+        axis.set_title(heading, fontsize=10)
+        axis.set_ylim(-0.04, 1.04)
+    label = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
+    trials = sorted({r["trials"] for r in rows})
+    count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}\N{EN DASH}{trials[-1]}"
+    note = f"{count} trials a point, bars: 95 % Wilson intervals; series set side by side at each value"
+    return _finish(figure, axes, path, f"{title}\n{note}", label)
+
+
+def draw_error(
+    rows: Sequence[dict[str, Any]],
+    path: Path,
+    *,
+    title: str,
+    bounds_m: dict[float | None, float],
+    against: str = "overlap",
+) -> Path:
+    """RMSE of the forced decision, logarithmic, with the Cramer-Rao bound by SNR; axes as in `draw_pd`."""
+    split = panels(rows, against)
+    figure, axes = _grid(len(split), against)
+    series = _series(rows)
+    for axis, (heading, mine) in zip(axes, split, strict=True):
+        bound = bounds_m.get(mine[0]["snr_db"])
+        if bound:
+            axis.axhline(
+                bound,
+                color="#999999",
+                lw=0.8,
+                zorder=0,
+                label="Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound",
+            )
+        axis.axhline(CORRECT_LIMIT_M, color="#999999", lw=0.8, ls=":", zorder=0, label="5 m, limit of Pd")
+        for k, name in enumerate(series):
+            of = _sorted(mine, name, against)
+            error = np.array([_number(r["rmse_forced_m"]) for r in of])
+            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            _plot(axis, x, error, None, k, series_style(name, series))
+        axis.set_title(heading, fontsize=10)
+        axis.set_yscale("log")
+    return _finish(figure, axes, path, f"{title}\nall trials, detected or not", "RMSE, forced decision / m")
+
+
+def _series(rows: Sequence[dict[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(r.get("series", r["method"]) for r in rows))
+
+
+def _sorted(rows: Sequence[dict[str, Any]], series: str, against: str) -> list[dict[str, Any]]:
+    return sorted((r for r in rows if r.get("series", r["method"]) == series), key=lambda r: r[against])
+
+
+def _values(rows: Sequence[dict[str, Any]], column: str) -> np.ndarray:
+    return np.array([r[column] for r in rows], dtype=float)
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _dodge(rows: Sequence[dict[str, Any]], against: str, k: int, count: int) -> float:
+    """Sideways shift of one series, so that bars and markers at the same Pd stand beside each other."""
+    values = sorted({r[against] for r in rows})
+    spacing = min(np.diff(values), default=0.1)
+    return (k - (count - 1) / 2) * min(0.7 * spacing, 0.1 * (values[-1] - values[0]) or 0.1) / max(count, 2)
+
+
+def _plot(axis: Any, x: np.ndarray, y: np.ndarray, error: Any, k: int, style: dict[str, Any]) -> None:
+    size = 6.5 if style["marker"] == "*" else 4.2
+    axis.errorbar(
+        x,
+        y,
+        yerr=error,
+        lw=1.1,
+        elinewidth=0.7,
+        capsize=1.5,
+        ms=size,
+        markeredgewidth=0.9,
+        zorder=3 + k,
+        **style,
+    )
+
+
+def _grid(count: int, against: str) -> tuple[Any, list[Any]]:
+    """An Agg figure with that many panels, at most three in a row."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(count, 3)
+    lines = -(-count // columns)
+    # the figure is made without pyplot: no window system is asked for, and no state is kept
+    figure = Figure(
+        figsize=(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5), layout="constrained", dpi=200
+    )
+    FigureCanvasAgg(figure)
+    axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for k, axis in enumerate(axes[:count]):
+        axis.grid(True, lw=0.4, color="#DDDDDD")
+        axis.set_axisbelow(True)
+        # the last panel of a column carries the axis, also where the last line is not full
+        axis.tick_params(labelsize=8, labelbottom=k + columns >= count)
+        axis.spines[["top", "right"]].set_visible(False)
+        if k + columns >= count:
+            axis.set_xlabel(_AXES[against], fontsize=9)
+    return figure, axes[:count]
+
+
+def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str, ylabel: str) -> Path:
+    """One legend below all panels, where it covers no data; write the file."""
+    for axis in axes:
+        if axis.get_subplotspec().is_first_col():
+            axis.set_ylabel(ylabel, fontsize=9)
+    handles = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
+    figure.legend(
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=4,
+        fontsize=7.5,
+        frameon=False,
+        handlelength=3.4,
+    )
+    figure.suptitle(title, fontsize=9)
+    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    return path

@@ -1,0 +1,133 @@
+"""Points of a sweep: each is given by (scene, point, seed) alone, whatever order and process it is run in."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.scene import Scene
+
+__all__ = ["Point", "parse_axis", "point_seed", "scene_at", "sweep_points"]
+
+_MAX_VALUES = 1001  # of one axis; more is a slip of the pen in start:stop:step
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of a sweep.
+
+    Attributes
+    ----------
+    overlap : float
+        Active fraction of the frame, 0..1.
+    sir_db : float or None
+        SIR of all interferers together over the frame; None in a scene without interference.
+    snr_db : float or None
+        SNR of the return; None for no noise.
+    """
+
+    overlap: float
+    sir_db: float | None
+    snr_db: float | None
+
+    @property
+    def label(self) -> str:
+        """Short description for progress lines and messages."""
+        parts = [f"overlap {self.overlap:g}"]
+        parts += [] if self.sir_db is None else [f"SIR {self.sir_db:g} dB"]
+        parts += ["no noise"] if self.snr_db is None else [f"SNR {self.snr_db:g} dB"]
+        return ", ".join(parts)
+
+
+def parse_axis(text: str, what: str) -> tuple[float, ...]:
+    """Values of one axis: parts separated by commas, each a number or an inclusive ``start:stop:step``.
+
+    Raises
+    ------
+    ValueError
+        One line that names the option (``what``), the part and what is expected.
+
+    Examples
+    --------
+    >>> parse_axis("0:0.3:0.1,1", "--overlap")
+    (0.0, 0.1, 0.2, 0.3, 1.0)
+    """
+    values: list[float] = []
+    for part in text.split(","):
+        try:
+            numbers = [float(n) for n in part.split(":")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (1, 3) or not np.all(np.isfinite(numbers)):
+            raise ValueError(
+                f"{what} holds {part.strip()!r}; expected numbers like 0,0.3,1 or start:stop:step"
+            )
+        values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
+    return tuple(dict.fromkeys(values))
+
+
+def _span(start: float, stop: float, step: float, what: str) -> list[float]:
+    if step == 0 or (stop - start) / step < 0:
+        raise ValueError(f"{what}: a step of {step:g} never gets from {start:g} to {stop:g}")
+    # half a millionth of a step of grace, so that 0:1:0.1 ends at 1 in spite of binary fractions
+    count = int(np.floor((stop - start) / step + 5e-7)) + 1
+    if count > _MAX_VALUES:
+        raise ValueError(f"{what}: {count} values; at most {_MAX_VALUES}: take a larger step")
+    return [round(start + k * step, 9) for k in range(count)]
+
+
+def sweep_points(scene: Scene) -> tuple[Point, ...]:
+    """Every overlap at every SIR at every SNR, canonically ordered; an empty axis has the scene's value.
+
+    Raises
+    ------
+    ValueError
+        If overlaps or SIRs are swept in a scene without interference.
+    """
+    sweep = scene.sweep
+    snrs = sweep.snr_db or (scene.channel.snr_db,)
+    if not scene.interference:
+        named = next((n for n in ("overlap", "sir_db") if any(getattr(sweep, n))), None)
+        if named:
+            raise ValueError(
+                f"sweep.{named} {getattr(sweep, named)} needs interference, and the scene has none"
+            )
+        return tuple(Point(0.0, None, snr) for snr in snrs)
+    sirs = sweep.sir_db or (_own_sir_db(scene),)
+    overlaps = sweep.overlap or (max(i.overlap for i in scene.interference),)
+    points = (Point(overlap, sir, snr) for snr in snrs for sir in sirs for overlap in overlaps)
+    return tuple(dict.fromkeys(points))
+
+
+def _own_sir_db(scene: Scene) -> float:
+    """SIR of all interferers together as the scene has them."""
+    if scene.total_sir_db is not None:
+        return scene.total_sir_db
+    power = sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)
+    return round(-10.0 * float(np.log10(power)), 9)
+
+
+def point_seed(seed: int, point: Point) -> int:
+    """Seed of one point, 31 bits, from the run's seed and the point's values.
+
+    Without interference the SIR has no say: the points at overlap 0 of every panel, and those of a scene
+    without interference, are the same measurement.
+    """
+    sir = None if point.overlap == 0 else point.sir_db
+    text = "/".join("none" if v is None else f"{v:.9g}" for v in (point.overlap, sir, point.snr_db))
+    digest = hashlib.sha256(f"radalt {seed} {text}".encode()).digest()
+    return int.from_bytes(digest[:4], "big") >> 1
+
+
+def scene_at(scene: Scene, point: Point) -> Scene:
+    """The scene of one point, with the point's own seed and no sweep of its own."""
+    placed = scene.at(
+        overlap=point.overlap if scene.sweep.overlap else None,
+        sir_db=point.sir_db if scene.interference else None,
+        snr_db=point.snr_db,
+        seed=point_seed(scene.seed, point),
+    )
+    return dataclasses.replace(placed, sweep=type(scene.sweep)())

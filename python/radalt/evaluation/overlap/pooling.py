@@ -1,0 +1,315 @@
+"""Many runs as one: which result folders may be pooled, and what they say together.
+
+Counts are added and the Wilson interval is taken anew. Runs are pooled only where they measured the same thing; a
+measurement that occurs twice (same scene and seed, so the same random numbers) is counted once.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.scene import SceneError
+from ..results.folder import SCHEMA, flatten, read_report
+from ..results.score import pool
+from .figures import draw_pd
+from .markdown import pd_tables, table
+from .rows import COLUMNS, TIMING_COLUMNS, rows_as_csv
+
+__all__ = ["POOLED_COLUMNS", "PoolError", "Run", "collect", "pool_runs", "read_run"]
+
+POOLED_COLUMNS = ("source", "runs", *(c for c in COLUMNS if c not in (*TIMING_COLUMNS, "seed")))
+_KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
+# what has to be equal in every run; the channel only among simulated ones
+_SCENE_PARTS = ("waveform", "altimeter", "segmenter")
+_ALTITUDE_KEYS = ("programme_m", "mode", "vertical_speed_m_per_s")
+_NEEDED = (
+    "source",
+    "name",
+    "seed",
+    "scene",
+    "methods",
+    "rows",
+    "title",
+    "created",
+    "versions",
+    "trials_per_point",
+)
+_NOT_EMITTER = ("sir_db", "overlap")  # those are the axes of the report
+
+
+class PoolError(ValueError):
+    """Runs that cannot be pooled; the message is one line that says which and why."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One result folder.
+
+    Attributes
+    ----------
+    folder : str
+        As the user named it.
+    report : dict
+        Its report.json.
+    """
+
+    folder: str
+    report: dict[str, Any]
+
+    @property
+    def frames(self) -> int:
+        """Frames at each altitude."""
+        return self.report["scene"]["altitude"]["frames"]
+
+
+def read_run(folder: str | Path) -> Run:
+    """A finished run of ota_eval.
+
+    Raises
+    ------
+    SceneError, PoolError
+        One line: what is missing, unfinished or of another schema.
+    """
+    report = read_report(Path(folder))
+    if report["schema"] != SCHEMA:
+        raise PoolError(
+            f"{folder}: schema is {report['schema']!r}, this program reads {SCHEMA}; use the version that wrote it"
+        )
+    if report.get("kind") != "run":
+        raise PoolError(
+            f"{folder}: is itself a {report.get('kind')} report; name the folders of the runs in it"
+        )
+    if not report.get("complete"):
+        raise PoolError(
+            f"{folder}: the run is not finished; complete it with ota_eval --resume --out {folder}"
+        )
+    return Run(str(folder), report)
+
+
+def pool_runs(runs: Sequence[Run]) -> tuple[list[dict[str, Any]], list[str]]:
+    """Pooled rows in canonical order, and notes on what was counted once.
+
+    Raises
+    ------
+    PoolError
+        If two runs are not comparable: names both, the key and both values.
+    """
+    for k, run in enumerate(runs):
+        for other in runs[:k]:
+            _compare(other, run)
+    kept: dict[tuple, list[tuple[Run, dict[str, Any]]]] = {}
+    repeated: dict[tuple[str, str], int] = {}
+    for run in runs:
+        for row in run.report["rows"]:
+            row = row | {"source": run.report["source"]}
+            group = kept.setdefault(tuple(row[k] for k in _KEY), [])
+            twin = next((other for other, old in group if _same_draw(other, old, run, row)), None)
+            if twin is None:
+                group.append((run, row))
+            else:
+                repeated[twin.folder, run.folder] = repeated.get((twin.folder, run.folder), 0) + 1
+    rows = [_pooled(key, [row for _, row in group]) for key, group in kept.items()]
+    rows.sort(key=_order(runs))
+    notes = [
+        f"{b} repeats {count} rows of {a} (same scene and seed): counted once"
+        for (a, b), count in repeated.items()
+    ]
+    return rows, notes
+
+
+def _order(runs: Sequence[Run]) -> Any:
+    """Sort key: by panel, then overlap, then methods in the order of the runs."""
+    methods = list(dict.fromkeys(m for run in runs for m in run.report["methods"]))
+
+    def key(row: dict[str, Any]) -> tuple:
+        # highest SIR first, as panels are read; no interference before all
+        sir = -1e9 if row["sir_db"] is None else -row["sir_db"]
+        snr = -1e9 if row["snr_db"] is None else -row["snr_db"]
+        return row["interference"], snr, sir, row["overlap"], row["source"], methods.index(row["method"])
+
+    return key
+
+
+def _compare(a: Run, b: Run) -> None:
+    """Raise `PoolError` at the first thing in which two runs differ that must not."""
+    for key, left, right in _differences(a, b):
+        raise PoolError(
+            f"cannot pool {a.folder} and {b.folder}: {key} is {_brief(left)} in the one, "
+            f"{_brief(right)} in the other"
+        )
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _differences(a: Run, b: Run) -> Iterator[tuple[str, Any, Any]]:
+    """(key, value in a, value in b) of everything in which they differ that must not."""
+    left, right = a.report["scene"], b.report["scene"]
+    simulated = a.report["source"] == b.report["source"] == "simulated"
+    for part in (*_SCENE_PARTS, *(("channel",) if simulated else ())):
+        yield from _unequal(part, left[part], right[part], ignore=("channel.snr_db",))
+    for key in _ALTITUDE_KEYS:
+        yield from _unequal(f"altitude.{key}", left["altitude"][key], right["altitude"][key])
+    if simulated:
+        yield from _unequal("snr_db", _snrs(a), _snrs(b))
+    if _names(a) & _names(b):
+        yield from _unequal("interference", _emitters(left), _emitters(right))
+    for method in a.report["methods"].keys() & b.report["methods"].keys():
+        known = [{k: v for k, v in r.report["methods"][method].items() if k != "providers"} for r in (a, b)]
+        yield from _unequal(f"methods.{method}", *known)
+        # a model is known by its hash, wherever it lies
+        options = [
+            {k: v for k, v in (scene["method_options"].get(method) or {}).items() if k != "model"}
+            for scene in (left, right)
+        ]
+        yield from _unequal(f"method_options.{method}", *options)
+
+
+def _unequal(prefix: str, a: Any, b: Any, ignore: Sequence[str] = ()) -> Iterator[tuple[str, Any, Any]]:
+    left, right = flatten(a, prefix), flatten(b, prefix)
+    for key in dict.fromkeys([*left, *right]):
+        if left.get(key) != right.get(key) and key not in ignore:
+            yield key, left.get(key), right.get(key)
+
+
+def _snrs(run: Run) -> list[float | None]:
+    return sorted({row["snr_db"] for row in run.report["rows"]}, key=lambda v: (v is None, v))
+
+
+def _names(run: Run) -> set[str]:
+    return {row["interference"] for row in run.report["rows"]}
+
+
+def _emitters(scene: dict[str, Any]) -> list[dict[str, Any]]:
+    """The interferers without what is swept."""
+    return [
+        {kind: {k: v for k, v in values.items() if k not in _NOT_EMITTER}}
+        for entry in scene["interference"]
+        for kind, values in entry.items()
+    ]
+
+
+def _same_draw(a: Run, old: dict[str, Any], b: Run, new: dict[str, Any]) -> bool:
+    """Whether two rows of one key come from the same random numbers.
+
+    Raises
+    ------
+    PoolError
+        If they do and yet differ, or overlap in part.
+    """
+    if old["source"] != "simulated":
+        return a.report["created"] == b.report["created"]
+    if old["seed"] != new["seed"]:
+        return False
+    what = f"cannot pool {a.folder} and {b.folder}: both have seed {a.report['seed']}"
+    if a.frames != b.frames:
+        raise PoolError(
+            f"{what} but altitude.frames is {a.frames} in the one and {b.frames} in the other, so they are not "
+            "independent; run one with another --seed"
+        )
+    differing = next((c for c in COLUMNS if c not in TIMING_COLUMNS and old[c] != new[c]), None)
+    if differing:
+        raise PoolError(
+            f"{what}, but {old['method']} at overlap {old['overlap']:g} has {differing} {old[differing]!r} in the one "
+            f"and {new[differing]!r} in the other; they are of different versions: leave one out"
+        )
+    return True
+
+
+def _pooled(key: tuple, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    result = pool(rows)
+    low, high = result.interval
+
+    def number(value: float) -> float | None:
+        return None if value != value else float(f"{value:.9g}")
+
+    out = dict(zip(_KEY, key, strict=True)) | {
+        "runs": len(rows),
+        "trials": result.trials,
+        "detections": result.detections,
+        "correct": result.correct,
+        "pd": number(result.pd),
+        "pd_low": number(low),
+        "pd_high": number(high),
+        "rmse_detected_m": number(result.rmse_detected_m),
+        "rmse_forced_m": number(result.rmse_forced_m),
+        "bias_m": number(result.bias_m),
+        "forced": result.forced,
+        "frames_lost": result.lost,
+    }
+    out |= {c: sum(row[c] for row in rows) for c in ("diverged_frames", "discontinuities", "lock_losses")}
+    return {c: out[c] for c in POOLED_COLUMNS}
+
+
+def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
+    """Pool result folders into one report in ``out``; returns the path of report.md and notes for the user.
+
+    Raises
+    ------
+    SceneError, PoolError
+        One line.
+    """
+    unique = {Path(folder).resolve(): folder for folder in reversed(folders)}
+    runs = [read_run(folder) for folder in reversed(unique.values())]
+    rows, notes = pool_runs(runs)
+    if (out / "report.json").exists() and read_report(out).get("kind") != "collected":
+        raise PoolError(f"--out {out} holds a run; name another folder")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SceneError(f"--out {out} cannot be made ({error.strerror}); name another folder") from None
+    sources = {row["source"] for row in rows}
+    for row in rows:
+        air = row["source"] == "air" and len(sources) > 1
+        row["series"] = f"{row['method']}, on the air" if air else row["method"]
+    title = " / ".join(dict.fromkeys(run.report["title"] for run in runs))
+    report = {
+        "schema": SCHEMA,
+        "kind": "collected",
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "title": title,
+        "notes": notes,
+        "runs": [_about(run) for run in runs],
+        "rows": rows,
+    }
+    draw_pd(rows, out / "pd_vs_overlap.png", title=f"{title} ({len(runs)} runs)")
+    (out / "rows.csv").write_text(rows_as_csv(rows, columns=POOLED_COLUMNS), encoding="utf-8", newline="")
+    (out / "report.md").write_text(_markdown(report), encoding="utf-8")
+    (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return out / "report.md", notes
+
+
+def _about(run: Run) -> dict[str, Any]:
+    report = run.report
+    return {"folder": run.folder} | {
+        key: report[key]
+        for key in ("name", "source", "seed", "created", "versions", "methods", "trials_per_point")
+    }
+
+
+def _markdown(report: dict[str, Any]) -> str:
+    runs = report["runs"]
+    versions = [", ".join(f"{k} {v}" for k, v in run["versions"].items()) for run in runs]
+    lines = [
+        [r["folder"], r["source"], str(r["seed"]), str(r["trials_per_point"]), r["created"], v]
+        for r, v in zip(runs, versions, strict=True)
+    ]
+    parts = [f"# Pd against overlap, {len(runs)} runs", f"{report['title']}."]
+    if any(method.get("placeholder") for run in runs for method in run["methods"].values()):
+        parts.append("**The model behind at least one method is a placeholder**, not trained for this case.")
+    parts += ["![Probability of correct altitude against overlap](pd_vs_overlap.png)"]
+    parts += [
+        "## Probability of correct altitude",
+        "In brackets the 95 % Wilson interval of the added counts.",
+    ]
+    parts += pd_tables(report["rows"])
+    parts += ["## Runs", table(["folder", "source", "seed", "trials a point", "created", "versions"], lines)]
+    parts += ["\n".join(f"- {note}" for note in report["notes"])] if report["notes"] else []
+    return "\n\n".join(parts) + "\n"

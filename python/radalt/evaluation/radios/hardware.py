@@ -1,0 +1,212 @@
+"""One point of a sweep on two B210s: the companion's flowgraph as it is, its radios set up by `radios`."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.paths import share_dir
+from ...core.radio.calibration import store_latency_samples
+from ...core.radio.interlock import require_enclosure
+from ...core.scene import Scene
+from ..flowgraph.run import (
+    FlowgraphError,
+    PointResult,
+    Prepared,
+    collect,
+    generate,
+    left_out,
+    load_class,
+    load_grc,
+    prune,
+    write_scene,
+)
+from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
+
+__all__ = ["calibrate", "prepare_hardware", "run_hardware"]
+
+_START_S = 3.0  # from set_up to the first sample, at most
+_POLL_S = 0.02
+_COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
+TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
+
+
+def _print(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+@functools.lru_cache(maxsize=8)
+def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.TemporaryDirectory, Path, str]:
+    """Folder, module and name of the flowgraph for the air; generated once a process, removed at its end."""
+    data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, jammer)
+    name = f"ota_b210_{'jam' if jammer else 'clear'}"
+    data["options"]["parameters"]["id"] = name
+    folder = tempfile.TemporaryDirectory(prefix="radalt_")
+    return folder, generate(data, Path(folder.name)), name
+
+
+def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
+    """Generate ``ota_b210.grc`` for the air: without the chains and without the second radio a scene does not need."""
+    _, module, name = _generated(tuple(methods), scene.has_jammer)
+    out = tuple(left_out(scene, methods, simulated=False))
+    return Prepared(module, name, tuple(methods), out)
+
+
+class _Events:
+    """Counts the transmitters' asynchronous messages by their kind."""
+
+    def __init__(self) -> None:
+        import pmt
+        from gnuradio import gr
+
+        counts: Counter[str] = Counter()
+
+        class sink(gr.basic_block):
+            def __init__(self) -> None:
+                gr.basic_block.__init__(self, "radalt_event_counter", [], [])
+                port = pmt.intern("events")
+                self.message_port_register_in(port)
+                self.set_msg_handler(port, self.count)
+
+            def count(self, message) -> None:  # noqa: ANN001 - a pmt
+                text = pmt.write_string(message).replace("(", " ").replace(")", " ").split()
+                counts.update(word for word in text if word in TX_EVENTS)
+
+        self.counts, self.block = counts, sink()
+
+
+def run_hardware(
+    scene: Scene,
+    methods: Sequence[str],
+    *,
+    transmit: bool,
+    calibration: Path | str | None = None,
+    use_calibration: bool = True,
+    capture: Path | str | None = None,
+    time_limit_s: float = 300.0,
+    log: Callable[[str], None] = _print,
+    sleep: Callable[[float], None] = time.sleep,
+) -> PointResult:
+    """Fly a scene's programme on the air once.
+
+    Parameters
+    ----------
+    scene : Scene
+        At one point of its sweep; ``radio`` names devices, gains, enclosure.
+    methods : sequence of str
+    transmit : bool
+        What the command line says; the interlock wants it besides the enclosure.
+    calibration : path, optional
+        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        unless ``use_calibration`` is false.
+    capture : path, optional
+        SigMF recording of what was received.
+    time_limit_s : float
+        Longest time from start to end.
+    log : callable
+        Receives the readback, a line each.
+
+    Returns
+    -------
+    PointResult
+        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late`` and ``calibrated`` besides its own.
+
+    Raises
+    ------
+    InterlockError, FlowgraphError, CalibrationError
+        One line.
+    """
+    require_enclosure(scene, transmit)
+    from gnuradio import uhd
+
+    prepared = prepare_hardware(scene, methods)
+    path = write_scene(scene, prepared.module.parent / f"air_{threading.get_native_id()}.yaml")
+    try:
+        top = load_class(prepared)(scene_file=str(path), drop_when_slow=1, transmit=1)
+    finally:
+        path.unlink()
+    events = _Events()
+    for name in radio_blocks(scene):
+        if name.endswith("_sink"):
+            top.msg_connect((getattr(top, name), "async_msgs"), (events.block, "events"))
+    ready = set_up(
+        top, scene, uhd, calibration=calibration, use_calibration=use_calibration, log=log, sleep=sleep
+    )
+    recorder = None
+    if capture:
+        from ..flowgraph.recorder import attach_recorder
+
+        source = top.radar_usrp_source
+        radio = {"full_scale": FULL_SCALE}
+        if ready.latency_samples is not None:
+            radio["calibration_samples"] = ready.latency_samples
+        recorder = attach_recorder(
+            top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
+        )
+    begin = time.perf_counter()
+    _fly(top, scene, time_limit_s)
+    if recorder is not None:
+        recorder.finish()
+    result = collect(top, prepared, scene, time.perf_counter() - begin)
+    result.segmenter |= {
+        "tx_underflows": events.counts["underflow"] + events.counts["underflow_in_packet"],
+        "tx_late": events.counts["time_error"] + events.counts["seq_error"],
+        "calibrated": ready.latency_samples is not None,
+        "latency_samples": top.frame_segmenter.latency_samples,
+    }
+    log("counters: " + ", ".join(f"{key} {result.segmenter[key]}" for key in _COUNTERS))
+    return result
+
+
+def _fly(top: Any, scene: Scene, time_limit_s: float) -> None:
+    """Run until the programme's last frame has come in; a receiver has no end of its own."""
+    programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    limit = min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0)
+    top.start()
+    waiter = threading.Thread(target=top.wait, daemon=True)
+    waiter.start()
+    begin = time.perf_counter()
+    while waiter.is_alive() and not programme_over(top, scene):
+        waiter.join(_POLL_S)
+        if time.perf_counter() - begin > limit:
+            top.stop()
+            waiter.join(10.0)
+            raise FlowgraphError(
+                f"only {top.frame_segmenter.segmenter.sample_counter / n:.0f} of {programme.total_frames} frames came "
+                f"in within {limit:.0f} s; check the receiver's USB connection"
+            )
+    top.stop()
+    waiter.join(10.0)
+    if waiter.is_alive():
+        raise FlowgraphError("the flowgraph did not stop; unplug the radios and start again")
+
+
+def calibrate(
+    scene: Scene, *, transmit: bool, calibration: Path | str | None = None, **options: Any
+) -> tuple[float, Path]:
+    """Measure the latency over a direct, attenuated cable from TX to RX and store it.
+
+    Runs the scene's programme without jammer and without an earlier calibration.
+
+    Returns
+    -------
+    float, Path
+        Latency in samples, and the file it was stored in.
+    """
+    quiet = scene.at(overlap=0.0) if scene.interference else scene
+    result = run_hardware(
+        quiet, ("none",), transmit=transmit, calibration=calibration, use_calibration=False, **options
+    )
+    frames = result.results["none"]
+    latency = result.segmenter["latency_samples"]
+    if not frames["valid"].any():
+        raise FlowgraphError("calibration: no altitude was found; check the cable from TX/RX to RX2")
+    path = store_latency_samples(latency, scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+    return latency, path

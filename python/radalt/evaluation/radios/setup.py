@@ -1,0 +1,373 @@
+"""Setting up two B210s: a plan made without hardware, carried out in the one order that gives a repeatable range.
+
+Clock and time source, rate, antenna, gain, frequency with the LO offset out of the band, lock sensors, time last and
+on both within the same second, a common start time. GRC's template sets time before tuning and no start time, which
+makes the range random at each start; so `set_up` runs on its blocks before they are started, and replaces what it
+set: the snippet ``set_up_radios`` of the flowgraphs calls it when they are run by the companion, `hardware` and
+`remote` when they are run from the command line.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.radio.calibration import load_latency_samples
+from ...core.radio.interlock import InterlockError, require_enclosure
+from ...core.radio.levels import MAX_RX_DBM, drive, rx_level_dbm
+from ...core.scene import Scene
+from ..flowgraph.run import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, FlowgraphError
+
+__all__ = [
+    "FULL_SCALE",
+    "Readback",
+    "Ready",
+    "Step",
+    "bring_up",
+    "describe",
+    "plan",
+    "programme_over",
+    "set_up",
+    "start_together",
+    "stop_after_programme",
+]
+
+FULL_SCALE = 1.0  # rail of a UHD source's samples
+_LOCK_S = 2.0  # how long an LO or reference may take to lock
+_PPS_S = 1.5  # a pulse comes every second
+_CATCH_UP_S = 1.0  # of signal
+_POLL_S = 0.02  # between looks at how far a programme has got
+_ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
+
+
+@dataclass(frozen=True)
+class Step:
+    """One call on one UHD block.
+
+    Attributes
+    ----------
+    block : str
+        Name in the flowgraph.
+    call : str
+        Method of gr-uhd's block.
+    args : tuple
+        Plain values; frequencies of ``set_center_freq`` are (centre, LO offset) in hertz.
+    """
+
+    block: str
+    call: str
+    args: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Readback:
+    """What a radio was asked for and what it did."""
+
+    block: str
+    what: str
+    asked: float | str
+    got: float | str
+
+    def __str__(self) -> str:
+        return f"{self.block:18} {self.what:20} asked {_text(self.asked):>16}   set {_text(self.got):>16}"
+
+
+@dataclass(frozen=True)
+class Ready:
+    """Radios that wait for their start.
+
+    Attributes
+    ----------
+    start_s : float
+        Common start in device seconds.
+    latency_samples : float or None
+        Stored latency that the segmenter subtracts; None where none was stored, or it is not to be used.
+    """
+
+    start_s: float
+    latency_samples: float | None
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.9g}"
+
+
+def radio_blocks(scene: Scene) -> tuple[str, ...]:
+    """UHD blocks of a scene: radar sink and source, and the jammer's sink where there is one."""
+    return (RADAR_SINK, RADAR_SOURCE, JAMMER_SINK) if scene.has_jammer else (RADAR_SINK, RADAR_SOURCE)
+
+
+def plan(scene: Scene) -> tuple[Step, ...]:
+    """Every setting of a scene's radios, in order; the lock sensors, the time and the start follow it."""
+    radio, w = scene.radio, scene.waveform
+    blocks = radio_blocks(scene)
+    # a device keeps one clock and one time: source and sink of the radar share theirs
+    devices = tuple(b for b in blocks if b != RADAR_SINK)
+    gain = {
+        RADAR_SINK: radio.radar_tx_gain_db,
+        RADAR_SOURCE: radio.radar_rx_gain_db,
+        JAMMER_SINK: radio.jammer_tx_gain_db,
+    }
+    antenna = {RADAR_SINK: "TX/RX", RADAR_SOURCE: "RX2", JAMMER_SINK: "TX/RX"}
+    steps = [Step(b, "set_clock_source", (radio.clock_source, 0)) for b in devices]
+    steps += [Step(b, "set_time_source", (radio.clock_source, 0)) for b in devices]
+    steps += [Step(b, "set_samp_rate", (w.rate_hz,)) for b in blocks]
+    for block in blocks:
+        steps.append(Step(block, "set_antenna", (antenna[block], 0)))
+        steps.append(Step(block, "set_gain", (gain[block], 0)))
+        steps.append(Step(block, "set_center_freq", ((w.carrier_hz, radio.lo_offset_hz), 0)))
+    return tuple(steps)
+
+
+def describe(scene: Scene) -> tuple[list[str], bool]:
+    """The plan in words, and whether the interlock would let it transmit with ``--transmit``."""
+    radio, w = scene.radio, scene.waveform
+    levels = drive(scene)
+    lines = [
+        f"radar B210    serial {radio.radar_serial or '(first found)'}: TX/RX transmits, RX2 receives",
+        f"jammer B210   serial {radio.jammer_serial or '(first found)'}: TX/RX transmits {scene.interference_name}"
+        if scene.has_jammer
+        else "jammer B210   not needed: the scene has no jammer",
+        f"master clock  {radio.master_clock_hz / 1e6:g} MHz, divided by {radio.master_clock_hz / w.rate_hz:g} "
+        f"to {w.rate_hz / 1e6:g} MS/s",
+        f"sweep         {w.carrier_hz / 1e6:g} MHz, {w.rate_hz / 1e6:g} MHz wide, "
+        f"LO {radio.lo_offset_hz / 1e6:g} MHz off",
+        f"enclosure     {radio.enclosure}, {radio.attenuation_db:g} dB between transmitters and receiver",
+        f"drive         radar {levels.radar_dbm:.1f} dBm mean, full scale at {levels.radar_full_scale:.3g}"
+        + (
+            f"; jammer {levels.jammer_dbm:.1f} dBm mean, full scale at {levels.jammer_full_scale:.3g}"
+            if scene.has_jammer
+            else ""
+        ),
+        f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, limit {MAX_RX_DBM:g} dBm",
+    ]
+    lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
+    pulse = "set_time_now(0)" if radio.clock_source == "internal" else "set_time_next_pps(0), same second"
+    lines += [
+        f"     wait for lo_locked{'' if radio.clock_source == 'internal' else ' and ref_locked'} on all",
+        f"     {pulse}; set_start_time on all; start",
+    ]
+    try:
+        require_enclosure(scene, True)
+    except InterlockError as error:
+        return [*lines, str(error)], False
+    return [*lines, "interlock: would transmit with --transmit"], True
+
+
+def set_up(
+    top: Any,
+    scene: Scene,
+    uhd: Any,
+    *,
+    calibration: Path | str | None = None,
+    use_calibration: bool = True,
+    log: Callable[[str], None] = print,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Ready:
+    """Everything between the construction of a flowgraph for the air and its start.
+
+    The interlock once more, `bring_up` with its readback, the jammer's strongest burst, the segmenter's full scale and
+    calibration, and one start time for all, last.
+
+    Parameters
+    ----------
+    top : object
+        Flowgraph with its UHD blocks, ``frame_segmenter`` and ``transmit`` as attributes.
+    scene : Scene
+    uhd : module
+        ``gnuradio.uhd``.
+    calibration : path, optional
+        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        unless ``use_calibration`` is false.
+    log : callable
+        Receives the readback, a line each.
+    sleep : callable
+        For waiting.
+
+    Returns
+    -------
+    Ready
+
+    Raises
+    ------
+    InterlockError, FlowgraphError, CalibrationError
+        One line; nothing has been started then.
+    """
+    require_enclosure(scene, bool(top.transmit))
+    _check_blocks(top, scene)
+    for entry in bring_up(top, scene, uhd, sleep):
+        log(str(entry))
+    if scene.has_jammer:
+        top.jammer_source.hold_drive()
+    segmenter = top.frame_segmenter
+    segmenter.set_full_scale(FULL_SCALE)
+    latency = None
+    if use_calibration:
+        latency = load_latency_samples(scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+    segmenter.set_calibration(latency)
+    start_s = start_together(top, scene, uhd)
+    segmenter.set_start_time(start_s)
+    return Ready(start_s, latency)
+
+
+def _check_blocks(top: Any, scene: Scene) -> None:
+    """Refuse a flowgraph whose jammer is not the scene's: an unset radio would start by itself, at any time."""
+    if hasattr(top, JAMMER_SINK) == scene.has_jammer:
+        return
+    if scene.has_jammer:
+        raise FlowgraphError(
+            f"the scene has a jammer and the flowgraph has no block {JAMMER_SINK}; enable it and its source, or name a "
+            "scene without interference"
+        )
+    raise FlowgraphError(
+        f"the scene has no jammer and the flowgraph has the block {JAMMER_SINK}; disable it and its source in the "
+        "companion, or run ota_eval.py, which leaves them out"
+    )
+
+
+def programme_over(top: Any, scene: Scene) -> bool:
+    """Whether the programme's last frame has come in and been measured; a receiver has no end of its own.
+
+    A flowgraph that is stopped forgets what waits between its blocks, so a slow method gets a second to catch up. After
+    that the last frame is taken for lost: dropped, or never seen for want of timing.
+    """
+    programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    late = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n
+    if late < 0:
+        return False
+    sinks = [block for name, block in vars(top).items() if name.startswith("altimeter_")]
+    return late > scene.waveform.rate_hz * _CATCH_UP_S or all(
+        not sink.active or sink.last_index >= programme.total_frames - 1 for sink in sinks
+    )
+
+
+def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:
+    """Stop a flowgraph, from a thread that is returned, once its programme is over."""
+
+    def watch() -> None:
+        while not programme_over(top, scene):
+            time.sleep(_POLL_S)
+        top.stop()
+
+    thread = threading.Thread(target=watch, daemon=True, name="radalt_end")
+    thread.start()
+    return thread
+
+
+def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = time.sleep) -> list[Readback]:
+    """Carry out the plan on the UHD blocks of a flowgraph that is not yet started.
+
+    Parameters
+    ----------
+    top : object
+        Flowgraph with the UHD blocks as attributes.
+    uhd : module
+        ``gnuradio.uhd`` (time_spec and tune_request are taken from it).
+    sleep : callable
+        For waiting.
+
+    Returns
+    -------
+    list of Readback
+
+    Raises
+    ------
+    FlowgraphError
+        If a rate or the master clock differs from what was asked, or a lock does not come.
+    """
+    readback = []
+    for step in plan(scene):
+        block = getattr(top, step.block)
+        args = step.args
+        if step.call == "set_center_freq":
+            args = (uhd.tune_request(*args[0]), *args[1:])
+        getattr(block, step.call)(*args)
+        readback += _read_back(step, block)
+    for name in radio_blocks(scene):
+        clock = getattr(top, name).get_clock_rate(0)
+        readback.append(Readback(name, "master clock Hz", scene.radio.master_clock_hz, clock))
+    for entry in readback:
+        if entry.what in ("rate S/s", "master clock Hz") and not math.isclose(
+            entry.asked, entry.got, rel_tol=1e-9
+        ):
+            raise FlowgraphError(
+                f"{entry.block}: {entry.what} is {entry.got:.9g}, asked was {entry.asked:.9g}; "
+                "choose a master clock that divides to the rate by a whole number"
+            )
+    _wait_for_locks(top, scene, sleep)
+    _align_time(top, scene, uhd, sleep)
+    return readback
+
+
+def _read_back(step: Step, block: Any) -> list[Readback]:
+    if step.call == "set_samp_rate":
+        return [Readback(step.block, "rate S/s", step.args[0], block.get_samp_rate())]
+    if step.call == "set_gain":
+        return [Readback(step.block, "gain dB", step.args[0], block.get_gain(0))]
+    if step.call == "set_antenna":
+        return [Readback(step.block, "antenna", step.args[0], block.get_antenna(0))]
+    if step.call == "set_center_freq":
+        return [Readback(step.block, "centre Hz", step.args[0][0], block.get_center_freq(0))]
+    return []
+
+
+def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> None:
+    for name in radio_blocks(scene):
+        block = getattr(top, name)
+        sensors = [("lo_locked", lambda b: b.get_sensor("lo_locked", 0))]
+        if scene.radio.clock_source != "internal":
+            sensors.append(("ref_locked", lambda b: b.get_mboard_sensor("ref_locked", 0)))
+        for sensor, read in sensors:
+            waited = 0.0
+            while not read(block).to_bool():
+                if waited >= _LOCK_S:
+                    raise FlowgraphError(
+                        f"{name}: {sensor} is false after {_LOCK_S:g} s; check the "
+                        + ("reference cable" if sensor == "ref_locked" else "frequency and LO offset")
+                    )
+                sleep(0.05)
+                waited += 0.05
+
+
+def _align_time(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None]) -> None:
+    """Time zero on every device, last of all settings."""
+    devices = [getattr(top, b) for b in radio_blocks(scene) if b != RADAR_SINK]
+    if scene.radio.clock_source == "internal":
+        for device in devices:
+            device.set_time_now(uhd.time_spec(0.0), 0)
+        return
+    first = devices[0]
+    edge, waited = first.get_time_last_pps(0).get_real_secs(), 0.0
+    while first.get_time_last_pps(0).get_real_secs() == edge:
+        if waited >= _PPS_S:
+            raise FlowgraphError(
+                f"no PPS pulse in {_PPS_S:g} s on {scene.radio.clock_source} time; check the cable, or use "
+                "radio.clock_source: internal"
+            )
+        sleep(0.01)
+        waited += 0.01
+    begin = first.get_time_now(0).get_real_secs()
+    for device in devices:
+        device.set_time_next_pps(uhd.time_spec(0.0))
+    if first.get_time_now(0).get_real_secs() - begin > _ALIGNED_S:
+        raise FlowgraphError("the radios were not armed within one second of a pulse; start again")
+    sleep(1.1)
+    seconds = [device.get_time_last_pps(0).get_real_secs() for device in devices]
+    if len(set(seconds)) > 1:
+        raise FlowgraphError(
+            f"the radios' seconds differ after a common pulse: {seconds}; check the PPS cables"
+        )
+
+
+def start_together(top: Any, scene: Scene, uhd: Any) -> float:
+    """Give every block the same start time, a whole second ahead; returns it in device seconds."""
+    now = getattr(top, RADAR_SOURCE).get_time_now(0).get_real_secs()
+    at = float(math.floor(now) + 2)
+    for name in radio_blocks(scene):
+        getattr(top, name).set_start_time(uhd.time_spec(at))
+    return at

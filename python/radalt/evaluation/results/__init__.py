@@ -1,0 +1,1 @@
+"""One results kit: scores, folders, journals."""

@@ -1,0 +1,1 @@
+"""Study: error of every method and model variant against its CPU time."""
