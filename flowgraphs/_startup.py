@@ -3,9 +3,10 @@
 A script's own folder is the first that Python searches, in the source tree and where it is installed. Importing this
 sets, unless the environment says otherwise, one core for every process that computes, the workers' too, and GNU Radio's
 log to warnings, since it tells of every buffer size that is asked for. In the source tree it puts the package on the
-path; installed, Python finds that itself.
+path; installed, Python finds that itself, and a Python that does not gets one line.
 """
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -20,3 +21,6 @@ for _name, _value in (
 _PACKAGE = Path(__file__).resolve().parent.parent / "python"
 if (_PACKAGE / "radalt").is_dir():
     sys.path.insert(0, str(_PACKAGE))
+elif importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.radalt") is None:
+    sys.stderr.write(f"{sys.executable} finds no gnuradio.radalt; use the Python it was installed for\n")
+    sys.exit(2)

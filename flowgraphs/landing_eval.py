@@ -32,14 +32,14 @@ except ImportError:
     sys.exit(2)
 
 try:
-    from gnuradio.radalt.evaluation.engine import workers
+    from gnuradio.radalt.evaluation.engine import pool
     from gnuradio.radalt.evaluation.landing import figures as landing_figures
     from gnuradio.radalt.evaluation.landing import points as landing_points
     from gnuradio.radalt.evaluation.landing import report as landing_report
     from gnuradio.radalt.evaluation.landing import rows as landing_rows
     from gnuradio.radalt.evaluation.landing import study as landing
 except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.evaluation.engine import workers
+    from radalt.evaluation.engine import pool
     from radalt.evaluation.landing import figures as landing_figures
     from radalt.evaluation.landing import points as landing_points
     from radalt.evaluation.landing import report as landing_report
@@ -113,7 +113,7 @@ def _run(
     if jobs == 1:
         results = ((k, _measure(task)) for k, task in enumerate(tasks))
     else:
-        results = workers.run_tasks(
+        results = pool.run_tasks(
             _measure, tasks, jobs=jobs, time_limit_s=POINT_LIMIT_S, label=lambda task: task[1].name
         )
     for _, measured in tqdm(results, total=len(tasks), unit="point", disable=not sys.stderr.isatty()):
@@ -140,7 +140,7 @@ def main(argv: list[str] | None = None) -> int:
         run = {"jobs": args.jobs, "points": len(points), "points_resumed": len(points) - len(todo)}
         run["wall_s"] = time.monotonic() - started
         landing_report.write_report(study, rows.rows, args.out, figures, head=head, run=run)
-    except (*landing.EXPECTED_ERRORS, workers.WorkerError, OSError) as error:
+    except (*landing.EXPECTED_ERRORS, pool.WorkerError, OSError) as error:
         print(f"landing_eval: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -20,29 +20,24 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+
+from gnuradio.radalt.evaluation.engine.options import (
+    Options,
+    Parser,
+    add_options,
+    expected_errors,
+    options_of,
+)
 
 PROGRAM = "ota_eval"
 DEFAULT_SCENE = "paper_qpsk"
 
 
-class _Parser(argparse.ArgumentParser):
-    """Errors in one line, without the usage text."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
-def _parser() -> argparse.ArgumentParser:
-    summary, _, details = __doc__.partition("\n\n")
-    parser = _Parser(
-        prog=PROGRAM,
-        description=summary,
-        epilog=details,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add("--sim", action="store_true", help="simulated channel in place of the two B210s")
     add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
@@ -57,15 +52,12 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--method-file", type=Path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
     )
-    add("--out", type=Path, help="result folder (default: results/SCENE-DATE-TIME)")
+    add_options(parser)
     add(
         "--plan",
         action="store_true",
         help="print what would be built and what is left out, and why; run nothing",
     )
-    add("--resume", action="store_true", help="complete the run that --out holds")
-    add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
-    add("--time-limit-s", type=float, default=120.0, help="longest time for one point (default: %(default)g)")
     add("--transmit", action="store_true", help="on the air: allow transmission into the scene's enclosure")
     add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
@@ -82,7 +74,7 @@ def _check_python() -> str | None:
             return f"{sys.executable} has no GNU Radio; {hint}"
         # found now rather than when the report is drawn
         missing = [
-            name for name in ("scipy", "yaml", "matplotlib", "tqdm") if importlib.util.find_spec(name) is None
+            name for name in ("scipy", "yaml", "matplotlib", "tqdm", "pebble", "jinja2") if importlib.util.find_spec(name) is None
         ]
         if missing:
             return f"{sys.executable} lacks {', '.join(missing)}; run 'make eval', which installs requirements.txt"
@@ -159,50 +151,40 @@ def _require_radios(needed: int) -> None:
         )
 
 
-class _Progress:
-    """A bar on a terminal, a line a point elsewhere."""
-
-    def __init__(self) -> None:
-        self._bar = None
-
-    def __call__(self, done: int, total: int, rows: Sequence[dict[str, Any]]) -> None:
-        if sys.stderr.isatty():
-            self._show(done, total)
-            return
-        if not rows:
-            if done:
-                print(f"going on: {done} of {total} points are there", flush=True)
-            return
-        sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
-        pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
-        print(f"[{done}/{total}] overlap {rows[0]['overlap']:g}{sir}: Pd {pds}", flush=True)
-
-    def _show(self, done: int, total: int) -> None:
-        if self._bar is None:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=total, initial=done, unit="point", dynamic_ncols=True)
-        self._bar.update(done - self._bar.n)
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
+def _describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line."""
+    sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
+    pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
+    return f"overlap {rows[0]['overlap']:g}{sir}: Pd {pds}"
 
 
 def _print_pd(out: Path) -> None:
-    """The result in the terminal: Pd by overlap and method, a block a panel."""
+    """The result in the terminal: Pd and wrong altitudes by overlap and method, a block a panel."""
     from gnuradio.radalt.evaluation.overlap.figures import panels
     from gnuradio.radalt.evaluation.results.folder import read_report
 
-    for title, rows in panels(read_report(out)["rows"]):
-        methods = list(dict.fromkeys(r["method"] for r in rows))
+    rows = read_report(out)["rows"]
+    for title, mine in panels(rows):
+        methods = list(dict.fromkeys(r["method"] for r in mine))
         widths = [max(6, len(m)) for m in methods]
         print(f"\nPd, {title}")
         print("  overlap  " + "  ".join(f"{m:>{w}}" for m, w in zip(methods, widths, strict=True)))
-        for overlap in sorted({r["overlap"] for r in rows}):
-            at = {r["method"]: r["pd"] for r in rows if r["overlap"] == overlap}
+        for overlap in sorted({r["overlap"] for r in mine}):
+            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
             cells = ("-" if at[m] is None else f"{at[m]:.3f}" for m in methods)
             print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
+    print("\nwrong and called valid, of all trials: " + ", ".join(_wrong(rows)))
+
+
+def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Frames per method whose altitude was declared and 5 m off or more."""
+    from gnuradio.radalt.evaluation.results.score import pool
+
+    out = []
+    for method in dict.fromkeys(r["method"] for r in rows):
+        total = pool([r for r in rows if r["method"] == method])
+        out.append(f"{method} {total.wrong} of {total.trials}")
+    return out
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -262,62 +244,31 @@ def _replay(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run(args: argparse.Namespace, progress: _Progress) -> Path:
-    from gnuradio.radalt.evaluation.overlap.points import sweep_points
-    from gnuradio.radalt.evaluation.overlap.study import check_scene, evaluate
+def _run(args: argparse.Namespace, options: Options) -> int:
+    from gnuradio.radalt.evaluation.engine.command import main as run
+    from gnuradio.radalt.evaluation.overlap.study import OverlapStudy
 
     scene = _scene(args)
-    check_scene(scene)
-    if not args.sim:
+    study = OverlapStudy(scene, None if args.sim else {"transmit": args.transmit}, args.capture)
+    study.check()
+    if not (args.sim or args.dry_run):
         _require_radios(2 if scene.has_jammer else 1)
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    out = args.out or Path("results") / f"{scene.name}-{stamp}"
-    points = len(sweep_points(scene))
-    print(
-        f"{PROGRAM}: {scene.name}, {points} points x {scene.altitude.programme.trial_frames} frames, "
-        f"{', '.join(scene.methods)}, seed {scene.seed} -> {out}",
-        flush=True,
-    )
-    report = evaluate(
-        scene,
-        out,
-        jobs=args.jobs if args.sim else 1,
-        resume=args.resume,
-        time_limit_s=args.time_limit_s,
-        progress=progress,
-        hardware=None if args.sim else {"transmit": args.transmit},
-        capture=args.capture,
-    )
-    progress.close()
-    _print_pd(out)
-    return report
+    if options.out is None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        options = dataclasses.replace(options, out=Path("results") / f"{scene.name}-{stamp}")
+    print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=_print_pd)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = _parser()
     args = parser.parse_args(argv)
-    if args.jobs < 1:
-        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
-    if not args.time_limit_s > 0:
-        parser.error(f"--time-limit-s is {args.time_limit_s:g}; it has to be above 0")
-    if args.resume and args.out is None:
-        parser.error("--resume needs --out with the folder of the run to complete")
+    options = options_of(args, parser)
     problem = _check_python()
     if problem:
         print(f"{PROGRAM}: {problem}", file=sys.stderr)
         return 2
-    from gnuradio.radalt.core.mitigation import MitigationError
-    from gnuradio.radalt.core.radio.calibration import CalibrationError
-    from gnuradio.radalt.core.radio.interlock import InterlockError
-    from gnuradio.radalt.core.radio.recording import RecordingError
-    from gnuradio.radalt.core.scene import SceneError
-    from gnuradio.radalt.evaluation.engine.workers import WorkerError
-    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
-
-    begin = time.monotonic()
-    progress = _Progress()
-    known = (SceneError, MitigationError, InterlockError, CalibrationError, RecordingError)
     try:
         for wanted, command in (
             (args.plan, _plan),
@@ -327,17 +278,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         ):
             if wanted:
                 return command(args)
-        report = _run(args, progress)
-    except (*known, FlowgraphError, WorkerError, OSError) as error:
-        progress.close()
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return _run(args, options)
+    except expected_errors() as error:
+        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"{PROGRAM}: stopped; the rows so far are kept, --resume --out FOLDER goes on", file=sys.stderr)
-        return 130
-    print(f"\n{report}  ({time.monotonic() - begin:.0f} s)")
-    return 0
 
 
 if __name__ == "__main__":

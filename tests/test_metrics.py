@@ -10,7 +10,7 @@ from radalt.core.interference.placement import Interferer, QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene, SweepSpec
-from radalt.evaluation.overlap.points import Point, parse_axis, point_seed, scene_at, sweep_points
+from radalt.evaluation.overlap.points import OverlapPoint, parse_axis, point_seed, scene_at, sweep_points
 from radalt.evaluation.overlap.rows import make_row
 from radalt.evaluation.results.score import pool, score, wilson_interval
 
@@ -102,7 +102,9 @@ def test_pooled_rows_equal_the_score_of_all_trials_together():
         s = dataclasses.replace(score(part, programme), lost=0)
         timing = {"ms_per_frame": np.ones(3), "real_time_factor": 1.0}
         halves.append(
-            make_row("none", "x", Point(0.5, -10, 10), 1, s, diverged_frames=0, segmenter={}, **timing)
+            make_row(
+                "none", "x", OverlapPoint.at(0.5, -10, 10), 1, s, diverged_frames=0, segmenter={}, **timing
+            )
         )
     pooled = pool(halves)
     for name in ("trials", "detections", "correct", "forced"):
@@ -132,8 +134,8 @@ def scene_with(**sweep):
 def test_points_are_every_overlap_at_every_sir():
     points = sweep_points(scene_with(overlap=(0.0, 1.0), sir_db=(-10.0, -28.0)))
     assert [(p.sir_db, p.overlap) for p in points] == [(-10, 0), (-10, 1), (-28, 0), (-28, 1)]
-    assert sweep_points(scene_with()) == (Point(0.5, -20.0, 10.0),)
-    assert sweep_points(Scene()) == (Point(0.0, None, 10.0),)
+    assert sweep_points(scene_with()) == (OverlapPoint.at(0.5, -20.0, 10.0, frames=150),)
+    assert sweep_points(Scene()) == (OverlapPoint.at(0.0, None, 10.0),)
     with pytest.raises(ValueError, match="needs interference"):
         sweep_points(Scene(sweep=SweepSpec(overlap=(0.5,))))
 
@@ -143,11 +145,11 @@ def test_seeds_differ_between_points_and_depend_on_nothing_else():
     seeds = [point_seed(seed, p) for seed in (1, 2) for p in points]
     assert len(set(seeds)) == len(seeds)
     assert all(0 <= seed < 2**31 for seed in seeds)
-    assert point_seed(1, Point(0.1, -10.0, 0.0)) == seeds[0]
+    assert point_seed(1, OverlapPoint.at(0.1, -10.0, 0.0)) == seeds[0]
 
 
 def test_without_interference_the_sir_makes_no_difference():
-    assert point_seed(3, Point(0.0, -10.0, 10.0)) == point_seed(3, Point(0.0, None, 10.0))
+    assert point_seed(3, OverlapPoint.at(0.0, -10.0, 10.0)) == point_seed(3, OverlapPoint.at(0.0, None, 10.0))
 
 
 def test_the_scene_of_a_point_has_its_overlap_sir_snr_and_no_sweep():

@@ -8,13 +8,15 @@ import pytest
 import yaml
 
 from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter
-from radalt.core.scene import Scene, SceneError, SweepSpec, load_scene, parse_scene, scene_to_mapping
+from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
+from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import PoolError, collect
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
-from radalt.evaluation.overlap.rows import COLUMNS, RowFile, make_row, read_rows
-from radalt.evaluation.results.folder import ResultFolder, read_report
+from radalt.evaluation.overlap.rows import COLUMNS, make_row
+from radalt.evaluation.overlap.study import OverlapStudy
+from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.score import Score, wilson_interval
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
@@ -48,6 +50,7 @@ def rows_of(scene):
                 correct,
                 trials,
                 0,
+                0,
                 0.04 * trials + 1e4 * (trials - correct),
                 0.1,
                 0.04 * trials,
@@ -64,16 +67,21 @@ def rows_of(scene):
 
 def finished(path, scene, methods=METHODS, *, whole=False):
     """A result folder as ota_eval leaves it; figures and report.md only if it is to be whole."""
-    folder = ResultFolder(path, scene, methods, resume=False)
+    folder = RunFolder(path, head_of(scene, methods))
     rows = rows_of(scene)
-    folder.head |= {"left_out": ["nothing"], "versions": {"radalt": "0"}}
     ceiling = [r for r in rows if r["overlap"] == 0]
-    run = {"jobs": 2, "points": 6, "points_resumed": 0, "wall_s": 1.0, "peak_memory_bytes": 1 << 20}
+    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
-        write_report(folder, rows, ceiling, run=run)
+        write_report(folder, OverlapStudy(scene), rows, ceiling, run)
     else:
-        folder.write(build_report(folder.head, scene, rows, ceiling, run))
+        folder.write_report(build_report(folder.head, OverlapStudy(scene), rows, ceiling, run))
+    folder.close()
     return path
+
+
+def head_of(scene, methods=METHODS):
+    head = {"study": "OverlapStudy", "source": "simulated", "scene": scene_to_mapping(scene)}
+    return head | {"methods": methods, "versions": {"radalt": "0"}}
 
 
 # -- scenes back to mappings --------------------------------------------------------------------------------------
@@ -107,34 +115,45 @@ def test_the_shipped_default_is_the_papers_case():
 # -- rows on disk -------------------------------------------------------------------------------------------------
 
 
-def test_rows_survive_the_disk_and_the_canonical_order_does_not_depend_on_arrival(tmp_path):
-    scene = scene_of()
-    rows, points = rows_of(scene), sweep_points(scene)
-    contents = []
-    for name, order in (("a", range(6)), ("b", (4, 1, 5, 0, 3, 2))):
-        file = RowFile(tmp_path / name, points, scene.methods)
-        for k in order:
-            file.append(rows[2 * k : 2 * k + 2])
-        file.sort()
-        contents.append((tmp_path / name).read_bytes())
-    assert contents[0] == contents[1]
-    assert read_rows(tmp_path / "a") == rows
+def test_rows_survive_the_disk_digit_by_digit(tmp_path):
+    """A fresh and a resumed run report the same numbers."""
+    rows = rows_of(scene_of())
+    folder = RunFolder(tmp_path, head_of(scene_of()))
+    folder.add("a", 0, rows[:2])
+    folder.add("b", 3, rows[2:4])
+    folder.close()
+    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
+    assert again.done == {("a", 0): rows[:2], ("b", 3): rows[2:4]} and again.rejected == []
 
 
 def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
-    scene = scene_of()
-    rows, points = rows_of(scene), sweep_points(scene)
-    whole = RowFile(tmp_path / "rows.csv", points, scene.methods)
-    whole.append(rows[:2])
-    keep = len((tmp_path / "rows.csv").read_bytes())
-    whole.append(rows[2:4])
-    text = (tmp_path / "rows.csv").read_bytes()
-    for cut in range(keep, len(text)):
-        (tmp_path / "rows.csv").write_bytes(text[:cut])
-        again = RowFile(tmp_path / "rows.csv", points, scene.methods)
-        assert again.rows == rows[:2]
-        assert again.has(points[0]) and not again.has(points[1])
-        assert len((tmp_path / "rows.csv").read_bytes()) == keep
+    rows = rows_of(scene_of())
+    folder = RunFolder(tmp_path, head_of(scene_of()))
+    folder.add("a", 0, rows[:2])
+    keep = (tmp_path / "points.jsonl").read_bytes()
+    folder.add("b", 0, rows[2:4])
+    folder.close()
+    text = (tmp_path / "points.jsonl").read_bytes()
+    for cut in range(len(keep), len(text), 7):
+        (tmp_path / "points.jsonl").write_bytes(text[:cut])
+        again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
+        again.close()
+        assert set(again.done) == {("a", 0)}
+        assert (tmp_path / "points.jsonl").read_bytes() == keep
+
+
+@pytest.mark.parametrize(
+    "change", [('"pd": 1.0', '"pd": 7.0'), ('"trials": 150', '"trials": -5'), ('"a"', '"b"')]
+)
+def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
+    folder = RunFolder(tmp_path, head_of(scene_of()))
+    folder.add("a", 0, rows_of(scene_of())[:2])
+    folder.close()
+    journal = tmp_path / "points.jsonl"
+    assert change[0] in journal.read_text(encoding="utf-8")
+    journal.write_text(journal.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
+    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
+    assert again.done == {} and again.rejected == [f"{journal}:1"]
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------
@@ -142,9 +161,27 @@ def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
     finished(tmp_path / "a", scene_of())
-    with pytest.raises(SceneError, match="holds a run already; add --resume"):
-        ResultFolder(tmp_path / "a", scene_of(), METHODS, resume=False)
-    ResultFolder(tmp_path / "a", scene_of(), METHODS, resume=True)
+    with pytest.raises(FolderError, match="holds a run already; add --resume"):
+        RunFolder(tmp_path / "a", head_of(scene_of()))
+    RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
+
+
+@pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_with_somebodys_own_files_is_refused_and_left_alone(tmp_path, name, resume):
+    (tmp_path / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(FolderError, match=f"no run of ours \\({name}\\); name a new or an empty folder"):
+        RunFolder(tmp_path, head_of(scene_of()), resume=resume)
+    assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "run.json").exists()
+
+
+def test_two_writers_on_one_folder_are_one_too_many(tmp_path):
+    first = RunFolder(tmp_path, head_of(scene_of()))
+    with pytest.raises(FolderError, match="another process writes into"):
+        RunFolder(tmp_path, head_of(scene_of()), resume=True)
+    first.close()
+    RunFolder(tmp_path, head_of(scene_of()), resume=True)
 
 
 @pytest.mark.parametrize(
@@ -157,15 +194,21 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
 )
 def test_resume_refuses_another_run_and_names_the_difference(tmp_path, changes, key):
     finished(tmp_path / "a", scene_of())
-    with pytest.raises(SceneError, match=key):
-        ResultFolder(tmp_path / "a", scene_of(**changes), METHODS, resume=True)
+    with pytest.raises(FolderError, match=key):
+        RunFolder(tmp_path / "a", head_of(scene_of(**changes)), resume=True)
 
 
-def test_resume_refuses_another_model_of_the_same_name(tmp_path):
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"methods": METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}}, "methods.tcae.sha256"),
+        ({"versions": {"radalt": "0", "numpy": "2.2.4"}}, "versions.numpy is None there and '2.2.4' here"),
+    ],
+)
+def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_path, change, key):
     finished(tmp_path / "a", scene_of())
-    other = METHODS | {"tcae": METHODS["tcae"] | {"sha256": "cd" * 32}}
-    with pytest.raises(SceneError, match="methods.tcae.sha256"):
-        ResultFolder(tmp_path / "a", scene_of(), other, resume=True)
+    with pytest.raises(FolderError, match=key):
+        RunFolder(tmp_path / "a", head_of(scene_of()) | change, resume=True)
 
 
 # -- report -------------------------------------------------------------------------------------------------------
@@ -174,7 +217,7 @@ def test_resume_refuses_another_model_of_the_same_name(tmp_path):
 def test_the_report_says_all_that_it_has_to(tmp_path):
     out = finished(tmp_path / "a", scene_of(), whole=True)
     report = read_report(out)
-    assert report["schema"] == 1 and report["complete"] and report["seed"] == 1
+    assert report["schema"] == SCHEMA and report["seed"] == 1
     assert parse_scene(report["scene"]) == scene_of()
     needed = (
         "method interference overlap sir_db snr_db trials detections correct pd pd_low pd_high rmse_detected_m "
@@ -182,7 +225,7 @@ def test_the_report_says_all_that_it_has_to(tmp_path):
     ).split()
     assert len(report["rows"]) == 12
     for row in report["rows"]:
-        assert set(needed) <= set(row) and set(row) == set(COLUMNS)
+        assert set(needed) <= set(row) and set(row) == set(COLUMNS.names)
         assert (row["pd_low"], row["pd_high"]) == pytest.approx(
             wilson_interval(row["correct"], row["trials"])
         )
@@ -205,14 +248,16 @@ def test_a_placeholder_model_is_said_in_the_report(tmp_path):
     assert "never came out" not in text
 
 
-def test_break_points_are_the_lowest_sir_that_still_works_and_gains_are_against_none():
+def test_break_points_are_interpolated_and_gains_are_against_none():
     scene = scene_of(sweep=SweepSpec(overlap=(0.0, 1.0), sir_db=(-10.0, -13.0, -16.0, -20.0, -28.0)))
     found = {e["method"]: e for e in break_points(rows_of(scene))}
-    # made-up law at full overlap: none loses (|SIR| - 12)/20, tcae a quarter of that
-    assert (found["none"]["sir_db"], found["none"]["at_most"]) == (-13.0, False)
-    assert (found["tcae"]["sir_db"], found["tcae"]["protection_gain_db"]) == (-20.0, 7.0)
+    # made-up law at full overlap: none loses (|SIR| - 12)/20, tcae a quarter of that, so 0.9 at -14 and -20 dB
+    assert found["none"]["sir_db"] == pytest.approx(-14.0, abs=0.05) and found["none"]["mark"] == ""
+    assert found["none"]["high_db"] > found["none"]["sir_db"] > found["none"]["low_db"]
+    assert found["tcae"]["sir_db"] == pytest.approx(-20.0, abs=0.2)
+    assert found["tcae"]["protection_gain_db"] == pytest.approx(6.0, abs=0.2)
     only_bad = [r for r in rows_of(scene) if r["sir_db"] < -14 and r["method"] == "none"]
-    assert break_points(only_bad)[0]["sir_db"] is None
+    assert break_points(only_bad)[0]["text"] == "\N{GREATER-THAN OR EQUAL TO} -16.0"
     assert break_points(rows_of(scene_of())) == []  # two SIRs say too little
 
 
@@ -331,11 +376,12 @@ def edit(path, **changes):
 
 
 def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
-    with pytest.raises(PoolError, match="schema is 2, this program reads 1"):
-        collect([edit(finished(tmp_path / "a", scene_of()), schema=2)], tmp_path / "all")
-    with pytest.raises(PoolError, match="not finished; complete it with ota_eval --resume"):
-        collect([edit(finished(tmp_path / "b", scene_of()), complete=False)], tmp_path / "all")
-    with pytest.raises(SceneError, match="cannot be read"):
+    with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
+        collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")
+    RunFolder(tmp_path / "b", head_of(scene_of())).close()
+    with pytest.raises(FolderError, match="not finished; repeat its command with --resume"):
+        collect([tmp_path / "b"], tmp_path / "all")
+    with pytest.raises(FolderError, match="cannot be read"):
         collect([tmp_path / "nowhere"], tmp_path / "all")
     collect([finished(tmp_path / "c", scene_of())], tmp_path / "all")
     with pytest.raises(PoolError, match="itself a collected report"):

@@ -12,10 +12,11 @@ from typing import Any
 from ...core.mitigation import CUSTOM, METHODS, MitigationError
 from ...core.radio.recording import RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
-from ...core.scene import Scene, SceneError
+from ...core.scene import Scene
 from ..overlap.points import sweep_points
-from ..overlap.rows import RowFile, make_row
-from ..results.score import score
+from ..overlap.rows import COLUMNS
+from ..overlap.study import rows_of
+from ..results.folder import RunFolder
 from .recorder import prepare_replay, replay_scene, run_replay, summary
 from .run import PointResult
 
@@ -66,8 +67,7 @@ def score_recording(
     unknown = [m for m in placed.methods if m not in (*METHODS, CUSTOM)]
     if unknown:
         raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
-    if (out / "rows.csv").exists() or (out / "summary.json").exists():
-        raise SceneError(f"{out} holds results already; name another folder with --out")
+    folder = RunFolder(out, {"study": "replay", "recording": str(path), "methods": placed.methods})
     prepared = prepare_replay(placed.methods, out / "flowgraph")
     result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
     if not known and not any(frames.size for frames in result.results.values()):
@@ -80,32 +80,13 @@ def score_recording(
     _write_frames(out / "frames.csv", result)
     if not known:
         rows = summary(result)
-        (out / "summary.json").write_text(
-            json.dumps({"version": 1, "recording": str(path), "segmenter": result.segmenter, "methods": rows})
-        )
+        content = {"version": 1, "recording": str(path), "segmenter": result.segmenter, "methods": rows}
+        folder.write_text("summary.json", json.dumps(content))
         return rows
     points = sweep_points(dataclasses.replace(placed, sweep=type(placed.sweep)()))
-    rows = _rows(placed, points[0], result)
-    RowFile(out / "rows.csv", points, placed.methods).append(rows)
+    rows = rows_of(placed, points[0], result)
+    folder.write_text("rows.csv", COLUMNS.csv(rows))
     return rows
-
-
-def _rows(scene: Scene, point: Any, result: PointResult) -> list[dict[str, Any]]:
-    programme = scene.altitude.programme
-    return [
-        make_row(
-            method,
-            scene.interference_name,
-            point,
-            scene.seed,
-            score(frames, programme),
-            diverged_frames=int(result.status[method].get("diverged_frames", 0)),
-            segmenter=result.segmenter,
-            ms_per_frame=result.ms_per_frame[method],
-            real_time_factor=result.real_time_factor,
-        )
-        for method, frames in result.results.items()
-    ]
 
 
 def _write_frames(path: Path, result: PointResult) -> None:

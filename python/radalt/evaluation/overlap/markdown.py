@@ -1,37 +1,34 @@
-"""report.md: the tables of a report for people. Everything in it comes from report.json."""
+"""Tables of the main study's report; its prose is in ``report.md.j2``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
+from ..results.page import render
+from ..results.score import pool
+from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .figures import panels
 
-__all__ = ["pd_tables", "report_markdown", "table"]
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; the first column is a label, the others are numbers."""
-    lines = ["| " + " | ".join(header) + " |", "|---" + "|---:" * (len(header) - 1) + "|"]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join(lines)
+__all__ = ["pd_tables", "report_markdown"]
 
 
 def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
     """The whole of report.md from the content of report.json; ``figures`` are (file, caption)."""
-    scene, rows = report["scene"], report["rows"]
-    parts = [f"# {report['name']}: Pd against overlap", _summary(report), *report["interference_notes"]]
-    parts += _warnings(report)
-    parts += [f"![{caption}]({name})" for name, caption in figures]
-    parts += ["## Probability of correct altitude", _what_pd_is(), *pd_tables(rows)]
-    parts += ["## Error", _what_rmse_is(), *_error_tables(rows)]
-    parts += ["## Without interference", _ceiling(report)]
-    if report["break_points"]:
-        parts += ["## Break points", _break_points(report)]
-    parts += ["## Methods", _methods(report)]
-    parts += ["## What was left out", "\n".join(f"- {item}" for item in report["left_out"]) or "Nothing."]
-    parts += ["## Run", _run(report, scene)]
-    return "\n\n".join(parts) + "\n"
+    rows = report["rows"]
+    tables = {
+        "pd_tables": "\n\n".join(pd_tables(rows)),
+        "error_tables": "\n\n".join(_error_tables(rows)),
+        "glance": _glance(rows),
+        "ceiling_table": _ceiling(report),
+        "method_table": _methods(report),
+        "break_points": _break_points(report),
+    }
+    # the segmenter's counters are the same for all methods
+    lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
+    values = report | tables | {"figures": figures, "frames_lost": lost, "summary": _summary(report)}
+    return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
 def _summary(report: dict[str, Any]) -> str:
@@ -43,67 +40,35 @@ def _summary(report: dict[str, Any]) -> str:
         f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
         f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m "
         f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each: "
-        f"{report['trials_per_point']} trials a point and method. Source: {report['source']}. Seed {report['seed']}."
+        f"{report['trials_per_point']} trials per point and method. Source: {report['source']}. Seed {report['seed']}."
     )
-
-
-def _warnings(report: dict[str, Any]) -> list[str]:
-    out = []
-    for method, known in report["methods"].items():
-        if known.get("placeholder"):
-            out.append(
-                f"**The model of {method} ({known['model']}) is a placeholder:** it was not trained for this case, and "
-                "its rows show that the path works, not what the method can do."
-            )
-    lost = sum(r["frames_lost"] for r in _one_method(report["rows"]))
-    if lost:
-        out.append(
-            f"**{lost} frames never came out of the segmenter** (lost samples or lost lock). They are in no Pd; "
-            "column `frames_lost` of rows.csv has them point by point."
-        )
-    return out
-
-
-def _one_method(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of the first method: the segmenter's counters are the same for all."""
-    return [r for r in rows if r["method"] == rows[0]["method"]]
-
-
-def _what_pd_is() -> str:
-    return (
-        "Correct: the CFAR declares it, both half sweeps agree, and the altitude is within 5 m of the truth; no "
-        "detection counts against it. In brackets the 95 % Wilson interval. SIR is averaged over the whole sweep, "
-        "so a shorter burst at the same SIR is stronger while it lasts."
-    )
-
-
-def _what_rmse_is() -> str:
-    return "Metres: over detections / over all trials with a forced decision. A dash: nothing was detected."
 
 
 def pd_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
     """A heading and a table of Pd for each panel; ``series`` overrides ``method`` where it is there."""
-
-    def cell(row: dict[str, Any]) -> str:
-        if row["pd"] is None:
-            return "\N{EN DASH}"
-        return f"{row['pd']:.3f} ({row['pd_low']:.2f}\N{EN DASH}{row['pd_high']:.2f})"
-
-    return _by_panel(rows, cell)
+    return _by_panel(rows, lambda row: interval(row["pd"], row["pd_low"], row["pd_high"]))
 
 
 def _error_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
-    def cell(row: dict[str, Any]) -> str:
-        return f"{_metres(row['rmse_detected_m'])} / {_metres(row['rmse_forced_m'])}"
-
-    return _by_panel(rows, cell)
+    return _by_panel(rows, lambda row: f"{metres(row['rmse_detected_m'])} / {metres(row['rmse_forced_m'])}")
 
 
-def _metres(value: float | None) -> str:
-    return "\N{EN DASH}" if value is None else f"{value:.3g}"
+def _glance(rows: Sequence[dict[str, Any]]) -> str:
+    """Per method, with interference, over all overlaps of a panel: Pd, and the rate of wrong and valid altitudes."""
+    split = panels([r for r in rows if r["overlap"] > 0] or rows)
+    lines = []
+    for method in dict.fromkeys(r["method"] for r in rows):
+        cells = []
+        for _, mine in split:
+            total = pool([r for r in mine if r["method"] == method])
+            wrong = total.wrong / total.trials if total.trials else 0.0
+            cells += [number(total.pd, 3), f"{wrong:.4f}", f"{total.wrong_bound:.4f}"]
+        lines.append([method, *cells])
+    header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "wrong", "bound")]
+    return table(["method", *header], lines)
 
 
-def _by_panel(rows: Sequence[dict[str, Any]], cell: Any) -> list[str]:
+def _by_panel(rows: Sequence[dict[str, Any]], cell: Callable[[dict[str, Any]], str]) -> list[str]:
     out = []
     for title, mine in panels(rows):
         series = list(dict.fromkeys(r.get("series", r["method"]) for r in mine))
@@ -111,7 +76,7 @@ def _by_panel(rows: Sequence[dict[str, Any]], cell: Any) -> list[str]:
         for overlap in sorted({r["overlap"] for r in mine}):
             at = {r.get("series", r["method"]): r for r in mine if r["overlap"] == overlap}
             trials = sorted({r["trials"] for r in at.values()})
-            count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}\N{EN DASH}{trials[-1]}"
+            count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
             lines.append([f"{overlap:g}", count, *(cell(at[s]) if s in at else "" for s in series)])
         out += [f"### {title}", table(["overlap", "trials", *series], lines)]
     return out
@@ -119,58 +84,33 @@ def _by_panel(rows: Sequence[dict[str, Any]], cell: Any) -> list[str]:
 
 def _ceiling(report: dict[str, Any]) -> str:
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
-    lines = []
-    for row in report["ceiling"]:
-        snr = row["snr_db"]
-        lines.append(
-            [
-                row["method"],
-                "no noise" if snr is None else f"{snr:g}",
-                str(row["trials"]),
-                f"{row['pd']:.3f} ({row['pd_low']:.2f}\N{EN DASH}{row['pd_high']:.2f})"
-                if row["trials"]
-                else "",
-                _metres(row["rmse_detected_m"]),
-                _metres(row["bias_m"]),
-                _metres(bounds.get(snr)),
-            ]
-        )
-    header = [
-        "method",
-        "SNR / dB",
-        "trials",
-        "Pd",
-        "RMSE / m",
-        "bias / m",
-        "Cram\N{LATIN SMALL LETTER E WITH ACUTE}r-Rao bound / m",
-    ]
-    return (
-        "The ceiling of the chain: the same scene at overlap 0, where no jammer chain is built. The bound is that of "
-        "two independent beats of a point target in white noise (Rife and Boorstyn 1974).\n\n"
-        + table(header, lines)
-    )
-
-
-def _break_points(report: dict[str, Any]) -> str:
-    def sir(entry: dict[str, Any]) -> str:
-        if entry["sir_db"] is None:
-            return "above all measured"
-        return ("\N{LESS-THAN OR EQUAL TO} " if entry["at_most"] else "") + f"{entry['sir_db']:g}"
-
-    def gain(entry: dict[str, Any]) -> str:
-        if entry["protection_gain_db"] is None:
-            return ""
-        return (
-            "\N{GREATER-THAN OR EQUAL TO} " if entry["at_most"] else ""
-        ) + f"{entry['protection_gain_db']:g}"
-
     lines = [
-        [e["method"], e["interference"], f"{e['overlap']:g}", sir(e), gain(e)] for e in report["break_points"]
+        [
+            row["method"],
+            "no noise" if row["snr_db"] is None else f"{row['snr_db']:g}",
+            row["trials"],
+            interval(row["pd"], row["pd_low"], row["pd_high"]),
+            metres(row["rmse_detected_m"]),
+            signed_metres(row["bias_m"]),
+            metres(bounds.get(row["snr_db"])),
+        ]
+        for row in report["ceiling"]
     ]
-    header = ["method", "interference", "overlap", "break-point SIR / dB", "protection gain / dB"]
-    return "Lowest SIR, of those measured, down to which Pd is at least 0.9 throughout.\n\n" + table(
-        header, lines
-    )
+    header = ["method", "SNR / dB", "trials", "Pd", "RMSE / m", "bias / m", "Cramér-Rao bound / m"]
+    return table(header, lines)
+
+
+def _break_points(report: dict[str, Any]) -> list[list[str]]:
+    return [
+        [
+            e["method"],
+            e["interference"],
+            f"{e['overlap']:g}",
+            f"{e['text']} ({e['low_db']:.1f} to {e['high_db']:.1f})",
+            e["protection_gain"] or DASH,
+        ]
+        for e in report["break_points"]
+    ]
 
 
 def _methods(report: dict[str, Any]) -> str:
@@ -191,23 +131,5 @@ def _methods(report: dict[str, Any]) -> str:
         model = f"{known['model']} `{known['sha256'][:12]}`" if "sha256" in known else ""
         model += " (placeholder)" if known.get("placeholder") else ""
         lines.append([method, f"{medians[len(medians) // 2]:.2f}", f"{worst:.2f}", where, model])
-    header = ["method", "median ms a frame", "99th percentile, worst point", "diverged", "model"]
-    return (
-        "Time is CPU time of the method's own thread; a frame lasts "
-        f"{report['scene']['waveform']['sweep_s'] * 1e3:g} ms.\n\n" + table(header, lines)
-    )
-
-
-def _run(report: dict[str, Any], scene: dict[str, Any]) -> str:
-    run = report["run"]
-    lines = [
-        f"- {run['points']} points in {run['wall_s']:.0f} s with {run['jobs']} worker processes"
-        + (f", {run['points_resumed']} of them from an earlier start" if run["points_resumed"] else ""),
-        f"- real-time factor {report['real_time_factor']:.2f} (seconds of signal a second, median over points, each "
-        "flowgraph beside the other workers')",
-        f"- peak memory {run['peak_memory_bytes'] / 2**20:.0f} MiB, all processes together",
-        "- " + ", ".join(f"{name} {version}" for name, version in report["versions"].items()),
-        "- rows.csv: every row; scene.yaml: the scene as used; report.json: all of this (schema "
-        f"{report['schema']})",
-    ]
-    return "\n".join(lines)
+    header = ["method", "median ms per frame", "99th percentile, worst point", "diverged", "model"]
+    return table(header, lines)

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.scene import Scene
+from ..engine.study import Point
 
-__all__ = ["Point", "parse_axis", "point_seed", "scene_at", "sweep_points"]
+__all__ = ["OverlapPoint", "parse_axis", "point_seed", "scene_at", "sweep_points"]
 
 _MAX_VALUES = 1001  # of one axis; more is a slip of the pen in start:stop:step
 
 
 @dataclass(frozen=True)
-class Point:
-    """One point of a sweep.
+class OverlapPoint(Point):
+    """One point of the sweep.
 
     Attributes
     ----------
@@ -29,17 +30,19 @@ class Point:
         SNR of the return; None for no noise.
     """
 
-    overlap: float
-    sir_db: float | None
-    snr_db: float | None
+    overlap: float = 0.0
+    sir_db: float | None = None
+    snr_db: float | None = None
 
-    @property
-    def label(self) -> str:
-        """Short description for progress lines and messages."""
-        parts = [f"overlap {self.overlap:g}"]
-        parts += [] if self.sir_db is None else [f"SIR {self.sir_db:g} dB"]
-        parts += ["no noise"] if self.snr_db is None else [f"SNR {self.snr_db:g} dB"]
-        return ", ".join(parts)
+    @classmethod
+    def at(
+        cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
+    ) -> OverlapPoint:
+        """A point named by its values."""
+        parts = ["ceiling"] if table == "ceiling" else [f"overlap {overlap:g}"]
+        parts += [] if sir_db is None else [f"SIR {sir_db:g} dB"]
+        parts += ["no noise"] if snr_db is None else [f"SNR {snr_db:g} dB"]
+        return cls(", ".join(parts), frames, table, overlap, sir_db, snr_db)
 
 
 def parse_axis(text: str, what: str) -> tuple[float, ...]:
@@ -79,7 +82,7 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
     return [round(start + k * step, 9) for k in range(count)]
 
 
-def sweep_points(scene: Scene) -> tuple[Point, ...]:
+def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
     """Every overlap at every SIR at every SNR, canonically ordered; an empty axis has the scene's value.
 
     Raises
@@ -87,7 +90,7 @@ def sweep_points(scene: Scene) -> tuple[Point, ...]:
     ValueError
         If overlaps or SIRs are swept in a scene without interference.
     """
-    sweep = scene.sweep
+    sweep, frames = scene.sweep, scene.altitude.programme.trial_frames
     snrs = sweep.snr_db or (scene.channel.snr_db,)
     if not scene.interference:
         named = next((n for n in ("overlap", "sir_db") if any(getattr(sweep, n))), None)
@@ -95,10 +98,12 @@ def sweep_points(scene: Scene) -> tuple[Point, ...]:
             raise ValueError(
                 f"sweep.{named} {getattr(sweep, named)} needs interference, and the scene has none"
             )
-        return tuple(Point(0.0, None, snr) for snr in snrs)
+        return tuple(OverlapPoint.at(0.0, None, snr, frames) for snr in snrs)
     sirs = sweep.sir_db or (_own_sir_db(scene),)
     overlaps = sweep.overlap or (max(i.overlap for i in scene.interference),)
-    points = (Point(overlap, sir, snr) for snr in snrs for sir in sirs for overlap in overlaps)
+    points = (
+        OverlapPoint.at(overlap, sir, snr, frames) for snr in snrs for sir in sirs for overlap in overlaps
+    )
     return tuple(dict.fromkeys(points))
 
 
@@ -110,24 +115,25 @@ def _own_sir_db(scene: Scene) -> float:
     return round(-10.0 * float(np.log10(power)), 9)
 
 
-def point_seed(seed: int, point: Point) -> int:
-    """Seed of one point, 31 bits, from the run's seed and the point's values.
+def point_seed(seed: int, point: OverlapPoint, batch: int = 0) -> int:
+    """Seed of one batch of a point, 31 bits, from the run's seed, the point's values and the batch's number.
 
     Without interference the SIR has no say: the points at overlap 0 of every panel, and those of a scene
     without interference, are the same measurement.
     """
     sir = None if point.overlap == 0 else point.sir_db
     text = "/".join("none" if v is None else f"{v:.9g}" for v in (point.overlap, sir, point.snr_db))
+    text += f" batch {batch}" if batch else ""
     digest = hashlib.sha256(f"radalt {seed} {text}".encode()).digest()
     return int.from_bytes(digest[:4], "big") >> 1
 
 
-def scene_at(scene: Scene, point: Point) -> Scene:
-    """The scene of one point, with the point's own seed and no sweep of its own."""
+def scene_at(scene: Scene, point: OverlapPoint, batch: int = 0) -> Scene:
+    """The scene of one point, with the batch's own seed and no sweep of its own."""
     placed = scene.at(
         overlap=point.overlap if scene.sweep.overlap else None,
         sir_db=point.sir_db if scene.interference else None,
         snr_db=point.snr_db,
-        seed=point_seed(scene.seed, point),
+        seed=point_seed(scene.seed, point, batch),
     )
     return dataclasses.replace(placed, sweep=type(scene.sweep)())

@@ -13,16 +13,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...core.scene import SceneError
-from ..results.folder import SCHEMA, flatten, read_report
+from ..results.folder import SCHEMA, RunFolder, flatten, read_report
+from ..results.page import render
 from ..results.score import pool
+from ..results.table import table
 from .figures import draw_pd
-from .markdown import pd_tables, table
-from .rows import COLUMNS, TIMING_COLUMNS, rows_as_csv
+from .markdown import pd_tables
+from .rows import COLUMNS
 
 __all__ = ["POOLED_COLUMNS", "PoolError", "Run", "collect", "pool_runs", "read_run"]
 
-POOLED_COLUMNS = ("source", "runs", *(c for c in COLUMNS if c not in (*TIMING_COLUMNS, "seed")))
+POOLED_COLUMNS = COLUMNS.subset(
+    ("source", "runs", *(c for c in COLUMNS.names if c not in COLUMNS.timing and c != "seed"))
+)
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 # what has to be equal in every run; the channel only among simulated ones
 _SCENE_PARTS = ("waveform", "altimeter", "segmenter")
@@ -72,7 +75,7 @@ def read_run(folder: str | Path) -> Run:
 
     Raises
     ------
-    SceneError, PoolError
+    FolderError, PoolError
         One line: what is missing, unfinished or of another schema.
     """
     report = read_report(Path(folder))
@@ -84,11 +87,28 @@ def read_run(folder: str | Path) -> Run:
         raise PoolError(
             f"{folder}: is itself a {report.get('kind')} report; name the folders of the runs in it"
         )
-    if not report.get("complete"):
-        raise PoolError(
-            f"{folder}: the run is not finished; complete it with ota_eval --resume --out {folder}"
-        )
+    for number, row in enumerate(report.get("rows", ()), start=1):
+        problem = _problem(row)
+        if problem:
+            raise PoolError(
+                f"{folder}: row {number} of report.json does not hold: {problem}; measure it again"
+            )
     return Run(str(folder), report)
+
+
+def _problem(row: Any) -> str:
+    """What is impossible about a row, empty if nothing is."""
+    if not isinstance(row, dict):
+        return "it is no mapping"
+    missing = [c for c in COLUMNS.names if c not in row]
+    if missing:
+        return f"it has no {missing[0]}"
+    counts = [row[c] for c in ("correct", "detections", "trials")]
+    if not all(type(c) is int for c in counts) or not 0 <= counts[0] <= counts[1] <= counts[2]:
+        return f"correct, detections, trials are {_brief(counts)}"
+    if counts[2] and (row["pd"] is None or abs(row["pd"] - counts[0] / counts[2]) > 1e-6):
+        return f"pd is {_brief(row['pd'])} with {counts[0]} correct of {counts[2]}"
+    return ""
 
 
 def pool_runs(runs: Sequence[Run]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -214,7 +234,7 @@ def _same_draw(a: Run, old: dict[str, Any], b: Run, new: dict[str, Any]) -> bool
             f"{what} but altitude.frames is {a.frames} in the one and {b.frames} in the other, so they are not "
             "independent; run one with another --seed"
         )
-    differing = next((c for c in COLUMNS if c not in TIMING_COLUMNS and old[c] != new[c]), None)
+    differing = next((c for c in COLUMNS.names if c not in COLUMNS.timing and old[c] != new[c]), None)
     if differing:
         raise PoolError(
             f"{what}, but {old['method']} at overlap {old['overlap']:g} has {differing} {old[differing]!r} in the one "
@@ -224,28 +244,10 @@ def _same_draw(a: Run, old: dict[str, Any], b: Run, new: dict[str, Any]) -> bool
 
 
 def _pooled(key: tuple, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    result = pool(rows)
-    low, high = result.interval
-
-    def number(value: float) -> float | None:
-        return None if value != value else float(f"{value:.9g}")
-
-    out = dict(zip(_KEY, key, strict=True)) | {
-        "runs": len(rows),
-        "trials": result.trials,
-        "detections": result.detections,
-        "correct": result.correct,
-        "pd": number(result.pd),
-        "pd_low": number(low),
-        "pd_high": number(high),
-        "rmse_detected_m": number(result.rmse_detected_m),
-        "rmse_forced_m": number(result.rmse_forced_m),
-        "bias_m": number(result.bias_m),
-        "forced": result.forced,
-        "frames_lost": result.lost,
-    }
-    out |= {c: sum(row[c] for row in rows) for c in ("diverged_frames", "discontinuities", "lock_losses")}
-    return {c: out[c] for c in POOLED_COLUMNS}
+    summed = {c: sum(row[c] for row in rows) for c in ("diverged_frames", "discontinuities", "lock_losses")}
+    return POOLED_COLUMNS.row(
+        dict(zip(_KEY, key, strict=True)) | {"runs": len(rows)} | pool(rows).row() | summed
+    )
 
 
 def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
@@ -253,18 +255,21 @@ def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
 
     Raises
     ------
-    SceneError, PoolError
+    FolderError, PoolError
         One line.
     """
     unique = {Path(folder).resolve(): folder for folder in reversed(folders)}
     runs = [read_run(folder) for folder in reversed(unique.values())]
     rows, notes = pool_runs(runs)
-    if (out / "report.json").exists() and read_report(out).get("kind") != "collected":
-        raise PoolError(f"--out {out} holds a run; name another folder")
+    head = {"study": "collected", "runs": [run.folder for run in runs]}
+    target = RunFolder(out, head, replace=True)
     try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SceneError(f"--out {out} cannot be made ({error.strerror}); name another folder") from None
+        return _write(target, runs, rows, notes), notes
+    finally:
+        target.close()
+
+
+def _write(folder: RunFolder, runs: Sequence[Run], rows: list[dict[str, Any]], notes: list[str]) -> Path:
     sources = {row["source"] for row in rows}
     for row in rows:
         air = row["source"] == "air" and len(sources) > 1
@@ -279,11 +284,11 @@ def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
         "runs": [_about(run) for run in runs],
         "rows": rows,
     }
-    draw_pd(rows, out / "pd_vs_overlap.png", title=f"{title} ({len(runs)} runs)")
-    (out / "rows.csv").write_text(rows_as_csv(rows, columns=POOLED_COLUMNS), encoding="utf-8", newline="")
-    (out / "report.md").write_text(_markdown(report), encoding="utf-8")
-    (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return out / "report.md", notes
+    draw_pd(rows, folder.path / "pd_vs_overlap.png", title=f"{title} ({len(runs)} runs)")
+    folder.write_text("rows.csv", POOLED_COLUMNS.csv(rows))
+    page = folder.write_text("report.md", _markdown(report))
+    folder.write_report(report)
+    return page
 
 
 def _about(run: Run) -> dict[str, Any]:
@@ -295,21 +300,14 @@ def _about(run: Run) -> dict[str, Any]:
 
 
 def _markdown(report: dict[str, Any]) -> str:
-    runs = report["runs"]
-    versions = [", ".join(f"{k} {v}" for k, v in run["versions"].items()) for run in runs]
     lines = [
-        [r["folder"], r["source"], str(r["seed"]), str(r["trials_per_point"]), r["created"], v]
-        for r, v in zip(runs, versions, strict=True)
+        [
+            *(r["folder"], r["source"], r["seed"], r["trials_per_point"], r["created"]),
+            ", ".join(f"{k} {v}" for k, v in r["versions"].items()),
+        ]
+        for r in report["runs"]
     ]
-    parts = [f"# Pd against overlap, {len(runs)} runs", f"{report['title']}."]
-    if any(method.get("placeholder") for run in runs for method in run["methods"].values()):
-        parts.append("**The model behind at least one method is a placeholder**, not trained for this case.")
-    parts += ["![Probability of correct altitude against overlap](pd_vs_overlap.png)"]
-    parts += [
-        "## Probability of correct altitude",
-        "In brackets the 95 % Wilson interval of the added counts.",
-    ]
-    parts += pd_tables(report["rows"])
-    parts += ["## Runs", table(["folder", "source", "seed", "trials a point", "created", "versions"], lines)]
-    parts += ["\n".join(f"- {note}" for note in report["notes"])] if report["notes"] else []
-    return "\n\n".join(parts) + "\n"
+    header = ["folder", "source", "seed", "trials per point", "created", "versions"]
+    placeholder = any(m.get("placeholder") for run in report["runs"] for m in run["methods"].values())
+    tables = {"pd_tables": "\n\n".join(pd_tables(report["rows"])), "run_table": table(header, lines)}
+    return render(Path(__file__).with_name("collected.md.j2"), **report, **tables, placeholder=placeholder)

@@ -5,51 +5,58 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
 from ...core.interference.placement import Emitter
 from ...core.interference.registry import emitter_name, interference_notes, unfaded
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
-from ..results.folder import ResultFolder
+from ..engine.study import Run
+from ..results.break_point import break_point, protection_gain
+from ..results.folder import RunFolder
 from .figures import draw_error, draw_pd
 from .markdown import report_markdown
 
-__all__ = ["BREAK_PD", "break_points", "build_report", "crb_by_snr", "interference_title", "write_report"]
+if TYPE_CHECKING:
+    from .study import OverlapStudy
+
+__all__ = ["break_points", "build_report", "crb_by_snr", "interference_title", "write_report"]
 
 _NAMES = {"overlap": "temporal overlap", "sir_db": "SIR"}
-BREAK_PD = 0.9  # DESIGN.md 4: lowest SIR at which Pd is at least this
 
 
 def write_report(
-    folder: ResultFolder,
+    folder: RunFolder,
+    study: OverlapStudy,
     rows: Sequence[dict[str, Any]],
     ceiling: Sequence[dict[str, Any]],
-    *,
-    run: dict[str, Any],
+    run: Run,
 ) -> Path:
     """Write the whole result folder from its rows; returns the path of ``report.md``.
 
     Parameters
     ----------
-    folder : ResultFolder
+    folder : RunFolder
+    study : OverlapStudy
     rows : sequence of dict
         All rows, in canonical order.
     ceiling : sequence of dict
-        Rows without interference, one a method and SNR (more are ignored).
-    run : dict
-        How the run went: ``jobs, points, points_resumed, wall_s, peak_memory_bytes``.
+        Rows without interference, one per method and SNR (more are ignored).
+    run : Run
+        How the run went.
     """
-    report = build_report(folder.head, folder.scene, rows, ceiling, run)
+    text = "# the scene as used, with all defaults and what the command line changed\n"
+    text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
+    folder.write_text("scene.yaml", text)
+    report = build_report(folder.head, study, rows, ceiling, run)
     figures = _draw(report, folder.path)
     report["figures"] = [name for name, _ in figures]
-    text = report_markdown(report, figures)
-    (folder.path / "report.md").write_text(text, encoding="utf-8")
-    # last: a complete report.json says that everything else is there
-    folder.write(report)
-    return folder.path / "report.md"
+    page = folder.write_text("report.md", report_markdown(report, figures))
+    folder.write_report(report)
+    return page
 
 
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
@@ -75,25 +82,29 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
 
 def build_report(
     head: dict[str, Any],
-    scene: Scene,
+    study: OverlapStudy,
     rows: Sequence[dict[str, Any]],
     ceiling: Sequence[dict[str, Any]],
-    run: dict[str, Any],
+    run: Run,
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
+    scene = study.scene
     factors = {(r["overlap"], r["sir_db"], r["snr_db"]): r["real_time_factor"] for r in rows}
     return head | {
-        "complete": True,
+        "kind": "run",
+        "name": scene.name,
+        "seed": scene.seed,
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": interference_title(scene),
         "interference_notes": interference_notes(scene.interference),
         "trials_per_point": scene.altitude.programme.trial_frames,
+        "left_out": study.left_out(),
         "rows": list(rows),
         "ceiling": _one_each(ceiling),
         "bounds": crb_by_snr(scene, rows),
         "break_points": break_points(rows),
         "real_time_factor": float(np.median(list(factors.values()))),
-        "run": run,
+        "run": run.as_dict() | {"precision": run.precision},
     }
 
 
@@ -117,11 +128,8 @@ def crb_by_snr(scene: Scene, rows: Sequence[dict[str, Any]]) -> list[dict[str, A
 
 
 def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Lowest SIR from which on Pd is at least 0.9, by method, interference, overlap and SNR, and the protection gain.
+    """Break-point and protection gain by interference, overlap, SNR and method (`results.break_point`).
 
-    Only what was measured counts: ``sir_db`` is None where even the highest SIR fails; ``at_most`` says that no
-    lower SIR was measured, so that the method may reach further. ``protection_gain_db`` is the distance to no
-    mitigation's break point, None where either is unknown or that of no mitigation is only a limit.
     Empty with fewer than three SIRs: two say too little about where something breaks.
     """
     if len({r["sir_db"] for r in rows} - {None}) < 3:
@@ -131,32 +139,27 @@ def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         if row["overlap"] > 0:
             key = (row["interference"], row["overlap"], row["snr_db"], row["method"])
             groups.setdefault(key, []).append(row)
+    found = {
+        key: break_point(*([float("nan") if r[c] is None else r[c] for r in mine] for c in _CURVE))
+        for key, mine in groups.items()
+    }
     out = []
-    for (interference, overlap, snr, method), mine in groups.items():
-        mine = sorted(mine, key=lambda r: -r["sir_db"])
-        holds = [r["pd"] is not None and r["pd"] >= BREAK_PD for r in mine]
-        count = holds.index(False) if False in holds else len(holds)
+    for key, broken in found.items():
+        none = found.get((*key[:3], "none"))
+        gain = None if none is None or key[3] == "none" else protection_gain(none, broken)
         out.append(
-            {
-                "method": method,
-                "interference": interference,
-                "overlap": overlap,
-                "snr_db": snr,
-                "sir_db": mine[count - 1]["sir_db"] if count else None,
-                "at_most": count == len(mine),
+            dict(zip(("interference", "overlap", "snr_db", "method"), key, strict=True))
+            | vars(broken)
+            | {
+                "text": str(broken),
+                "protection_gain_db": None if gain is None or gain.mark == "?" else gain.db,
+                "protection_gain": "" if gain is None else str(gain),
             }
         )
-    for entry in out:
-        entry["protection_gain_db"] = _gain(entry, out)
     return out
 
 
-def _gain(entry: dict[str, Any], entries: Sequence[dict[str, Any]]) -> float | None:
-    same = ("interference", "overlap", "snr_db")
-    none = next((e for e in entries if e["method"] == "none" and all(e[k] == entry[k] for k in same)), None)
-    if none is None or none["sir_db"] is None or none["at_most"] or entry["sir_db"] is None:
-        return None
-    return none["sir_db"] - entry["sir_db"]
+_CURVE = ("sir_db", "pd", "pd_low", "pd_high")
 
 
 def interference_title(scene: Scene) -> str:

@@ -1,61 +1,31 @@
-"""One evaluation: points to worker processes, rows to the result folder, at the end the report."""
+"""The main study: Pd against overlap, SIR and SNR for every method, each point a run of the flowgraph."""
 
 from __future__ import annotations
 
-import itertools
-import os
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
-from ...core.scene import Scene, SceneError
-from ..engine.workers import run_tasks
-from ..results.folder import ResultFolder
+from ...core.paths import model_path
+from ...core.scene import Scene, SceneError, scene_to_mapping
+from ..engine.study import Point, Run, Study
+from ..results.chain import seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.rows import Columns
 from ..results.score import score
-from .points import Point, scene_at, sweep_points
-from .rows import RowFile, make_row
+from .points import OverlapPoint, scene_at, sweep_points
+from .rows import COLUMNS, make_row
 
-__all__ = ["Outcome", "Task", "check_methods", "check_scene", "evaluate", "measure"]
+__all__ = ["OverlapStudy", "check_methods", "check_scene", "rows_of"]
 
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
-
-
-@dataclass(frozen=True)
-class Task:
-    """What a worker needs for one point.
-
-    Attributes
-    ----------
-    scene : Scene
-        At the point.
-    point : Point
-    prepared : flowgraph.Prepared or None
-        The generated flowgraph; None on the air.
-    hardware : dict or None
-        Options of `hardware.run_hardware`; None in simulation.
-    capture : Path or None
-        SigMF recording of the point, without ending; None for none.
-    """
-
-    scene: Scene
-    point: Point
-    prepared: Any = None
-    hardware: dict[str, Any] | None = None
-    capture: Path | None = None
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a worker gives back: rows of a point, its process id and highest memory use so far."""
-
-    rows: list[dict[str, Any]]
-    process: int
-    peak_bytes: int
+# a flowgraph beside the functions it calls: its start, and its blocks' calls and copies
+_START_S, _FLOWGRAPH = 0.6, 1.6
 
 
 def check_scene(scene: Scene) -> None:
@@ -108,23 +78,15 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
     return out
 
 
-def measure(task: Task) -> Outcome:
-    """Run the flowgraph once and score every method; called in a worker."""
-    if task.hardware is None:
-        from ..flowgraph.run import run_point
-
-        result = run_point(task.prepared, task.scene, capture=task.capture)
-    else:
-        from ..radios.hardware import run_hardware
-
-        result = run_hardware(task.scene, task.scene.methods, capture=task.capture, **task.hardware)
-    programme = task.scene.altitude.programme
-    rows = [
+def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, Any]]:
+    """Rows of a flowgraph's run (`flowgraph.run.PointResult`), one per method."""
+    programme = scene.altitude.programme
+    return [
         make_row(
             method,
-            task.scene.interference_name,
-            task.point,
-            task.scene.seed,
+            scene.interference_name,
+            point,
+            scene.seed,
             score(frames, programme),
             diverged_frames=int(result.status[method].get("diverged_frames", 0)),
             segmenter=result.segmenter,
@@ -133,136 +95,152 @@ def measure(task: Task) -> Outcome:
         )
         for method, frames in result.results.items()
     ]
-    return Outcome(rows, os.getpid(), peak_memory_bytes())
 
 
-def peak_memory_bytes() -> int:
-    """Highest resident memory of this process so far.
+@dataclass(frozen=True)
+class OverlapStudy(Study):
+    """A scene with its sweep, methods and seed.
 
-    From the process's own page: ``ru_maxrss`` of a spawned process starts at what its parent had.
-    """
-    for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
-        if line.startswith("VmHWM:"):
-            return int(line.split()[1]) * 1024
-    return 0
-
-
-def evaluate(
-    scene: Scene,
-    out: Path,
-    *,
-    jobs: int = 2,
-    resume: bool = False,
-    time_limit_s: float = 120.0,
-    progress: Callable[[int, int, Sequence[dict[str, Any]]], None] = lambda done, total, rows: None,
-    hardware: dict[str, Any] | None = None,
-    capture: bool = False,
-) -> Path:
-    """Measure every point of a scene through the flowgraph and write the result folder (DESIGN.md 8).
-
-    Parameters
+    Attributes
     ----------
     scene : Scene
-        With its sweep, methods and seed: everything the rows depend on.
-    out : Path
-        Result folder.
-    jobs : int
-        Worker processes; changes no row.
-    resume : bool
-        Complete the run that ``out`` holds.
-    time_limit_s : float
-        Longest time for one point.
-    progress : callable
-        Called as ``progress(points done, points in all, rows of the point just measured)``, first without rows.
-    hardware : dict, optional
-        Measure on the air, with these options of `hardware.run_hardware`; default the simulated channel.
+    hardware : dict or None
+        Options of `radios.hardware.run_hardware`; None for the simulated channel.
     capture : bool
-        Record what the receiver hears at every point, as SigMF below ``out/captures``.
-
-    Returns
-    -------
-    Path
-        ``report.md``.
-
-    Raises
-    ------
-    SceneError, MitigationError, flowgraph.FlowgraphError, workers.WorkerError
-        One line for the user; the rows so far are kept.
+        Record what the receiver hears at every point, as SigMF below ``captures`` of the result folder.
     """
-    from ..flowgraph import run as flowgraph
-    from .report import write_report
 
-    begin = time.monotonic()
-    points = sweep_points(scene)
-    methods = check_methods(scene)
-    source = "simulated" if hardware is None else "air"
-    folder = ResultFolder(out, scene, methods, resume=resume, source=source)
-    rows = RowFile(out / "rows.csv", points, scene.methods)
-    # the interference-free ceiling is part of every report; where the sweep has no overlap 0 it is measured apart
-    apart = [] if any(p.overlap == 0 for p in points) else _ceiling_points(points)
-    ceiling = RowFile(out / "ceiling.csv", apart, scene.methods) if apart else rows
-    todo = [(p, rows) for p in points if not rows.has(p)] + [
-        (p, ceiling) for p in apart if not ceiling.has(p)
-    ]
-    total = len(points) + len(apart)
-    if hardware is None:
-        tasks, left_out = _tasks(scene, [p for p, _ in todo], out / "flowgraph")
-    else:
-        tasks = [Task(scene_at(scene, p), p, hardware=hardware) for p, _ in todo]
-        left_out = flowgraph.left_out(scene, scene.methods, simulated=False)
-    if capture:
-        tasks = [replace(task, capture=out / "captures" / _file_name(task.point)) for task in tasks]
-    folder.begin(left_out)
-    peaks: dict[int, int] = {}
-    done = itertools.count(total - len(todo))
-    progress(next(done), total, ())
-    for index, outcome in run_tasks(
-        measure, tasks, jobs=jobs, time_limit_s=time_limit_s, label=lambda task: task.point.label
-    ):
-        todo[index][1].append(outcome.rows)
-        peaks[outcome.process] = outcome.peak_bytes
-        progress(next(done), total, outcome.rows)
-    rows.sort()
-    ceiling.sort()
-    return write_report(
-        folder,
-        rows.rows,
-        [r for r in ceiling.rows if r["overlap"] == 0],
-        run={
-            "jobs": jobs,
-            "points": total,
-            "points_resumed": total - len(todo),
-            "wall_s": round(time.monotonic() - begin, 3),
-            "peak_memory_bytes": peak_memory_bytes() + sum(peaks.values()),
-        },
-    )
+    scene: Scene
+    hardware: dict[str, Any] | None = None
+    capture: bool = False
+    folder: Path | None = None
+    prepared: tuple[tuple[bool, Any], ...] = ()
 
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS, "ceiling": COLUMNS}
+    sampled: ClassVar[bool] = True
 
-def _file_name(point: Point) -> str:
-    parts = [f"overlap_{point.overlap:g}"]
-    parts += [] if point.sir_db is None else [f"sir_{point.sir_db:g}"]
-    parts += [] if point.snr_db is None else [f"snr_{point.snr_db:g}"]
-    return "_".join(parts)
+    @property
+    def max_jobs(self) -> int | None:
+        """There is one pair of radios."""
+        return None if self.hardware is None else 1
 
+    @property
+    def source(self) -> str:
+        """Where the samples come from."""
+        return "simulated" if self.hardware is None else "air"
 
-def _ceiling_points(points: Sequence[Point]) -> list[Point]:
-    return [Point(0.0, None, snr) for snr in dict.fromkeys(p.snr_db for p in points)]
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return "tcae" in self.scene.methods
 
+    def check(self) -> None:
+        """See `Study`; raises `SceneError` and `MitigationError`."""
+        check_scene(self.scene)
 
-def _tasks(scene: Scene, points: Sequence[Point], build: Path) -> tuple[list[Task], list[str]]:
-    """Tasks, and what is left out of their flowgraphs: one flowgraph with and one without the jammer chain."""
-    from ..flowgraph.run import prepare
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return {
+            "source": self.source,
+            "scene": scene_to_mapping(self.scene),
+            "methods": check_methods(self.scene),
+        }
 
-    scenes = [scene_at(scene, point) for point in points]
-    prepared = {}
-    for placed in scenes:
-        if placed.has_jammer not in prepared:
-            prepared[placed.has_jammer] = prepare(placed, scene.methods, build)
-    tasks = [Task(s, p, prepared[s.has_jammer]) for s, p in zip(scenes, points, strict=True)]
-    left_out = list(
-        prepared[True].left_out if True in prepared else prepared[False].left_out if prepared else ()
-    )
-    if True in prepared and False in prepared:
-        only = [item for item in prepared[False].left_out if item not in left_out]
-        left_out += [f"at overlap 0: {item}" for item in only]
-    return tasks, left_out
+    def points(self) -> Sequence[OverlapPoint]:
+        """The sweep, and the ceiling without interference where the sweep has no overlap 0."""
+        points = sweep_points(self.scene)
+        if any(p.overlap == 0 for p in points):
+            return points
+        frames = self.scene.altitude.programme.trial_frames
+        apart = [
+            OverlapPoint.at(0.0, None, snr, frames, "ceiling")
+            for snr in dict.fromkeys(p.snr_db for p in points)
+        ]
+        return (*points, *apart)
+
+    def begin(self, folder: Path) -> OverlapStudy:
+        """With its flowgraphs generated: one with and one without the jammer chain, as the points need."""
+        if self.hardware is not None:
+            return dataclasses.replace(self, folder=folder)
+        from ..flowgraph.run import prepare
+
+        scenes = {}
+        for point in self.points():
+            placed = scene_at(self.scene, point)
+            scenes.setdefault(placed.has_jammer, placed)
+        prepared = tuple(
+            (jammer, prepare(scene, scene.methods, folder / "flowgraph")) for jammer, scene in scenes.items()
+        )
+        return dataclasses.replace(self, folder=folder, prepared=prepared)
+
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """Run the flowgraph once and score every method."""
+        scene = scene_at(self.scene, point, batch)
+        capture = None
+        if self.capture:
+            name = point.name.replace(", ", "_").replace(" ", "_")
+            capture = self.folder / "captures" / (f"{name}_batch_{batch}" if batch else name)
+        if self.hardware is None:
+            from ..flowgraph.run import run_point
+
+            result = run_point(dict(self.prepared)[scene.has_jammer], scene, capture=capture)
+        else:
+            from ..radios.hardware import run_hardware
+
+            result = run_hardware(scene, scene.methods, capture=capture, **self.hardware)
+        return rows_of(scene, point, result)
+
+    def left_out(self) -> list[str]:
+        """What the flowgraphs leave out, and why."""
+        from ..flowgraph.run import left_out
+
+        with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in self.points()}
+        lists = {
+            jammer: left_out(scene, scene.methods, simulated=self.hardware is None)
+            for jammer, scene in with_jammer.items()
+        }
+        out = list(lists.get(True, lists.get(False, ())))
+        if len(lists) == 2:
+            out += [f"at overlap 0: {item}" for item in lists[False] if item not in out]
+        return out
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
+        return write_report(folder, self, rows["rows"], ceiling, run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        scene = self.scene
+        settings = scene.altimeter_settings
+        alone = sum(
+            seconds_per_frame(m, scene.waveform, settings, tuple((scene.method_options.get(m) or {}).items()))
+            for m in scene.methods
+        )
+        return _START_S + _FLOWGRAPH * scene.altitude.programme.total_frames * (alone + 3e-4)
+
+    def files(self) -> dict[str, Path]:
+        """Flowgraphs, models and method files."""
+        out = {f"flowgraph {jammer}": prepared.module for jammer, prepared in self.prepared}
+        for method in self.scene.methods:
+            options = self.scene.method_options.get(method) or {}
+            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+            if method == "tcae" and not options.get("model"):
+                out["tcae model"] = model_path("tcae.onnx")
+        return out
+
+    def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:
+        """See `Study`."""
+        options = {name: dict(given or {}) for name, given in self.scene.method_options.items()}
+        for name, path in files.items():
+            method, key = name.split(" ", 1)
+            if method != "flowgraph":
+                options.setdefault(method, {})[key] = str(path)
+        prepared = tuple(
+            (jammer, dataclasses.replace(one, module=files[f"flowgraph {jammer}"]))
+            for jammer, one in self.prepared
+        )
+        scene = dataclasses.replace(self.scene, method_options=options)
+        return dataclasses.replace(self, scene=scene, prepared=prepared)

@@ -1,17 +1,40 @@
-"""The result folder of a run: whose run it holds, and what it says before the first row is measured."""
+"""The result folder of a run: one writer, one marker that says whose run it holds, and what has been measured so far.
+
+``run.json`` is the marker: everything that a row depends on, versions included. ``points.jsonl`` keeps the rows of each
+point as it is measured, every line with a digest; the tables (``rows.csv`` and others) are written from it, so that
+what is resumed is what was measured.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import json
+import math
+import os
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core.scene import Scene, SceneError, scene_to_mapping
+__all__ = [
+    "SCHEMA",
+    "FolderError",
+    "RunFolder",
+    "flatten",
+    "plain_json",
+    "read_report",
+    "versions",
+    "write_json",
+]
 
-__all__ = ["SCHEMA", "ResultFolder", "flatten", "read_report", "versions"]
+SCHEMA = 2
+_MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
+MAX_REPORT_BYTES = 256 << 20  # of any file of a result folder that is read back
 
-SCHEMA = 1
+
+class FolderError(ValueError):
+    """A result folder that cannot be used; the message is one line for the user."""
 
 
 def versions(with_network: bool) -> dict[str, str]:
@@ -46,106 +69,204 @@ def flatten(value: Any, prefix: str = "") -> dict[str, Any]:
     return out
 
 
+def plain_json(value: Any) -> Any:
+    """What JSON can hold: NumPy numbers as Python's, tuples as lists, what is not finite as None."""
+    if isinstance(value, dict):
+        return {str(k): plain_json(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_json(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Replace a JSON file in one step: whoever reads it finds the old or the new, never half of one."""
+    _replace(path, json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n")
+
+
+def _replace(path: Path, text: str) -> None:
+    fresh = path.with_name(path.name + ".tmp")
+    with fresh.open("w", encoding="utf-8", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    fresh.replace(path)
+
+
+def _read_json(file: Path, hint: str) -> dict[str, Any]:
+    try:
+        if file.stat().st_size > MAX_REPORT_BYTES:
+            raise FolderError(f"{file}: more than {MAX_REPORT_BYTES >> 20} MiB, so no report of ours; {hint}")
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, FolderError):
+            raise
+        reason = getattr(error, "strerror", None) or "not valid JSON"
+        raise FolderError(f"{file}: cannot be read ({reason}); {hint}") from None
+    if not isinstance(content, dict) or "schema" not in content:
+        raise FolderError(f"{file}: not a report of ours (no 'schema'); {hint}")
+    return content
+
+
 def read_report(path: Path) -> dict[str, Any]:
-    """``report.json`` of a result folder.
+    """``report.json`` of the folder of a finished run.
 
     Raises
     ------
-    SceneError
-        One line: what is missing or cannot be read.
+    FolderError
+        One line: what is missing, unfinished or cannot be read.
     """
-    file = path / "report.json"
-    try:
-        report = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "not valid JSON"
-        raise SceneError(f"{file}: cannot be read ({reason}); name the folder of a finished run") from None
-    if not isinstance(report, dict) or "schema" not in report:
-        raise SceneError(f"{file}: not a report of ota_eval (no 'schema')")
-    return report
+    if (path / _MARKER).is_file() and not (path / _REPORT).exists():
+        raise FolderError(f"{path}: the run is not finished; repeat its command with --resume")
+    return _read_json(path / _REPORT, "name the folder of a finished run")
 
 
-class ResultFolder:
-    """A folder that belongs to one run.
+class RunFolder:
+    """A folder that belongs to one run, and to this process while it lives.
 
     Parameters
     ----------
     path : Path
-        Made if it is not there.
-    scene : Scene
-        As used: with everything the command line changed.
-    methods : dict
-        What is known of each method, model hashes among it.
+        Made if it is not there. It has to be new, empty, or hold this very run and ``resume`` be set.
+    head : dict
+        Everything that a row depends on; JSON.
     resume : bool
         Whether the folder may hold a part of this very run.
+    replace : bool
+        Whether it may hold another result of the same study, which this one replaces.
+
+    Attributes
+    ----------
+    done : dict of (point, batch) -> list of dict
+        Rows that are there.
+    rejected : list of str
+        Lines that did not hold (cut, changed); their points are measured again.
 
     Raises
     ------
-    SceneError
-        If it holds a run and ``resume`` is off, or another run than this one; names the first difference.
+    FolderError
+        If it holds something else, another run (the first difference is named), or another process writes to it.
     """
 
     def __init__(
-        self,
-        path: Path,
-        scene: Scene,
-        methods: dict[str, dict[str, Any]],
-        *,
-        resume: bool,
-        source: str = "simulated",
+        self, path: Path, head: dict[str, Any], *, resume: bool = False, replace: bool = False
     ) -> None:
-        self.path, self.scene = path, scene
-        self.head: dict[str, Any] = {
-            "schema": SCHEMA,
-            "kind": "run",
-            "complete": False,
-            "source": source,
-            "name": scene.name,
-            "seed": scene.seed,
-            "scene": scene_to_mapping(scene),
-            "methods": methods,
-        }
-        if (path / "report.json").exists() or (path / "rows.csv").exists():
-            self._check(resume)
-        elif path.exists() and not path.is_dir():
-            raise SceneError(f"--out {path} is a file; name a folder")
+        self.path, self._replaces = path, replace
+        self.head = json.loads(json.dumps(plain_json({"schema": SCHEMA} | head)))  # as JSON gives it back
+        self.done: dict[tuple[str, int], list[dict[str, Any]]] = {}
+        self.rejected: list[str] = []
+        if path.exists() and not path.is_dir():
+            raise FolderError(f"--out {path} is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise SceneError(f"--out {path} cannot be made ({error.strerror}); name another folder") from None
+            self._lock = (path / _LOCK).open("a")
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise FolderError(f"--out {path} cannot be written ({reason}); name another folder") from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise FolderError(
+                f"another process writes into {path}; wait for it, or name another --out"
+            ) from None
+        self._claim(resume)
 
-    def _check(self, resume: bool) -> None:
-        if not resume:
-            raise SceneError(
-                f"{self.path} holds a run already; add --resume to complete it, or name another --out"
+    def _claim(self, resume: bool) -> None:
+        marker = self.path / _MARKER
+        if marker.exists():
+            held = _read_json(marker, "name another --out")
+            if self._replaces and held.get("study") == self.head.get("study"):
+                (self.path / _JOURNAL).unlink(missing_ok=True)
+                _replace(marker, json.dumps(self.head, indent=1) + "\n")
+                return
+            if not resume:
+                raise FolderError(
+                    f"{self.path} holds a run already; add --resume to complete it, or name another --out"
+                )
+            self._check(held)
+            self._read()
+            return
+        strange = sorted(f.name for f in self.path.iterdir() if f.name not in (_LOCK, marker.name + ".tmp"))
+        if strange:
+            raise FolderError(
+                f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
+                f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
             )
-        held = read_report(self.path)
-        # as JSON gives it back, so that 1 and 1.0 or a tuple and a list are no difference
-        mine = flatten(
-            json.loads(json.dumps({k: self.head[k] for k in ("schema", "source", "scene", "methods")}))
-        )
-        have = flatten({k: held.get(k) for k in ("schema", "source", "scene", "methods")})
+        _replace(marker, json.dumps(self.head, indent=1) + "\n")
+
+    def _check(self, held: dict[str, Any]) -> None:
+        mine, have = flatten(self.head), flatten(held)
         for key in [*mine, *(k for k in have if k not in mine)]:
             if mine.get(key) != have.get(key):
-                raise SceneError(
-                    f"{self.path} holds another run: {key} is {have.get(key)!r} there and {mine.get(key)!r} here; "
+                there, here = (_brief(side.get(key)) for side in (have, mine))
+                raise FolderError(
+                    f"{self.path} holds another run: {key} is {there} there and {here} here; "
                     "repeat that run's options, or name another --out"
                 )
 
-    def begin(self, left_out: list[str]) -> None:
-        """Write the scene and the head of the report, before the first row."""
-        import yaml
+    def _read(self) -> None:
+        journal = self.path / _JOURNAL
+        try:
+            text = journal.read_text(encoding="utf-8", errors="replace")
+        except FileNotFoundError:
+            return
+        kept = []
+        for number, line in enumerate(text.splitlines(keepends=True), start=1):
+            entry = _entry(line)
+            if entry is None:
+                self.rejected.append(f"{journal}:{number}")
+            else:
+                self.done[entry["point"], entry["batch"]] = entry["rows"]
+                kept.append(line)
+        if self.rejected:
+            _replace(journal, "".join(kept))
 
-        if (self.path / "report.json").exists():
-            left_out = read_report(self.path).get("left_out", left_out)
-        self.head |= {"left_out": left_out, "versions": versions("tcae" in self.scene.methods)}
-        text = "# the scene as used, with all defaults and what the command line changed\n"
-        text += yaml.safe_dump(self.head["scene"], sort_keys=False)
-        (self.path / "scene.yaml").write_text(text, encoding="utf-8")
-        self.write(self.head | {"rows": []})
+    def add(self, point: str, batch: int, rows: Sequence[dict[str, Any]]) -> None:
+        """Keep the rows of a point, on the disk before this returns."""
+        content = {"point": point, "batch": batch, "rows": list(rows)}
+        line = json.dumps(content | {"digest": _digest(content)}, allow_nan=False) + "\n"
+        with (self.path / _JOURNAL).open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+        self.done[point, batch] = json.loads(line)["rows"]
 
-    def write(self, report: dict[str, Any]) -> None:
-        """Replace ``report.json`` in one step."""
-        fresh = self.path / "report.tmp"
-        fresh.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        fresh.replace(self.path / "report.json")
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a file of the folder in one step."""
+        path = self.path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _replace(path, text)
+        return path
+
+    def write_report(self, report: dict[str, Any]) -> None:
+        """Write ``report.json``; last of all, since it says that everything else is there."""
+        write_json(self.path / _REPORT, report)
+
+    def close(self) -> None:
+        """Let others write into the folder."""
+        self._lock.close()
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _entry(line: str) -> dict[str, Any] | None:
+    """A line of the journal, None where it is cut or was changed."""
+    if not line.endswith("\n"):  # a cut inside a number leaves a shorter, valid one
+        return None
+    try:
+        entry = json.loads(line)
+        digest = entry.pop("digest")
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        return None
+    sound = set(entry) == {"point", "batch", "rows"} and isinstance(entry["rows"], list)
+    return entry if sound and digest == _digest(entry) else None

@@ -1,22 +1,36 @@
-"""What a batch of results is worth: probability of correct altitude with its interval, errors, bias.
+"""What a batch of altitudes is worth against the truth: one scorer for every study.
 
-A *trial* is a frame of the programme that the segmenter gave out. It counts as *detected* if the altimeter
-declared an altitude, as *correct* if that lies within 5 m of the truth. A trial without detection counts
-against Pd, never against the error of detections; the error over all trials uses the forced decision.
+A *trial* is a frame that was asked for an altitude. It is *detected* if the altimeter declared one, *correct* if that
+lies within 5 m of the truth, *wrong and valid* if it was declared and does not. A trial without detection counts
+against Pd, never against the error of detections. The error of the forced decision is over all frames that have one; a
+frame that held nothing (silent, not finite, diverged) has none, and ``forced`` says how many did.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import betaincinv, ndtri
 
 from ...core.programme import Programme
 
-__all__ = ["CORRECT_LIMIT_M", "Score", "pool", "score", "wilson_interval"]
+__all__ = [
+    "CORRECT_LIMIT_M",
+    "FAR_LIMIT_M",
+    "SCORE_COLUMNS",
+    "Score",
+    "clopper_pearson_bound",
+    "pool",
+    "score",
+    "score_frames",
+    "wilson_interval",
+]
 
 CORRECT_LIMIT_M = 5.0  # success criterion of the paper
+FAR_LIMIT_M = 20.0  # a range cell of the default radar: beyond it, it is another target
 
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -43,10 +57,7 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     >>> round(low, 3), round(high, 3)
     (0.49, 0.943)
     """
-    if not 0 <= successes <= trials:
-        raise ValueError(f"{successes} successes of {trials} trials; expected 0 <= successes <= trials")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; it has to lie between 0 and 1")
+    _check_counts(successes, trials, confidence)
     if trials == 0:
         return 0.0, 1.0
     z2 = float(ndtri(0.5 + 0.5 * confidence)) ** 2
@@ -56,6 +67,33 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     low, high = (centre - half) / (1 + z2 / trials), (centre + half) / (1 + z2 / trials)
     # at the ends the bound is the end itself; rounding must not step over it
     return (0.0 if successes == 0 else float(low)), (1.0 if successes == trials else float(high))
+
+
+def clopper_pearson_bound(events: int, trials: int, confidence: float = 0.95) -> float:
+    """One-sided upper bound of a rate; 1 without trials. Zero events give a bound too, about 3 / trials.
+
+    C. J. Clopper and E. S. Pearson, "The use of confidence or fiducial limits illustrated in the case of the
+    binomial", Biometrika 26, 1934: exact, never below the stated confidence.
+
+    Raises
+    ------
+    ValueError
+        If a count or the confidence is out of range.
+
+    Examples
+    --------
+    >>> round(clopper_pearson_bound(0, 300), 5)
+    0.00994
+    """
+    _check_counts(events, trials, confidence)
+    return 1.0 if events >= trials else float(betaincinv(events + 1, trials - events, confidence))
+
+
+def _check_counts(successes: int, trials: int, confidence: float) -> None:
+    if not 0 <= successes <= trials:
+        raise ValueError(f"{successes} successes of {trials} trials; expected 0 <= successes <= trials")
+    if not 0 < confidence < 1:
+        raise ValueError(f"confidence is {confidence!r}; it has to lie between 0 and 1")
 
 
 @dataclass(frozen=True)
@@ -70,6 +108,8 @@ class Score:
         Trials with a forced decision: all but those whose frame held nothing or was not finite.
     lost : int
         Frames of the programme that never came out of the segmenter; in none of the other counts.
+    far : int
+        Detections at least 20 m off.
     squared_detected_m2, error_detected_m : float
         Sums over detections of the squared error and of the signed error (measured minus true).
     squared_forced_m2 : float
@@ -81,9 +121,13 @@ class Score:
     correct: int = 0
     forced: int = 0
     lost: int = 0
+    far: int = 0
     squared_detected_m2: float = 0.0
     error_detected_m: float = 0.0
     squared_forced_m2: float = 0.0
+
+    def __add__(self, other: Score) -> Score:
+        return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     @property
     def pd(self) -> float:
@@ -94,6 +138,16 @@ class Score:
     def interval(self) -> tuple[float, float]:
         """95 % Wilson interval of `pd`."""
         return wilson_interval(self.correct, self.trials)
+
+    @property
+    def wrong(self) -> int:
+        """Trials whose declared altitude was wrong: valid, and 5 m off or more."""
+        return self.detections - self.correct
+
+    @property
+    def wrong_bound(self) -> float:
+        """95 % upper bound (Clopper and Pearson) of the rate of wrong and valid altitudes per trial."""
+        return clopper_pearson_bound(self.wrong, self.trials)
 
     @property
     def rmse_detected_m(self) -> float:
@@ -110,9 +164,59 @@ class Score:
         """Mean signed error over detections; NaN without any."""
         return _ratio(self.error_detected_m, self.detections)
 
+    def row(self) -> dict[str, Any]:
+        """The columns that every study's rows share, `SCORE_COLUMNS`."""
+        low, high = self.interval
+        return {
+            "trials": self.trials,
+            "detections": self.detections,
+            "correct": self.correct,
+            "pd": self.pd,
+            "pd_low": low,
+            "pd_high": high,
+            "rmse_detected_m": self.rmse_detected_m,
+            "rmse_forced_m": self.rmse_forced_m,
+            "bias_m": self.bias_m,
+            "forced": self.forced,
+            "frames_lost": self.lost,
+            "wrong_far": self.far,
+            "wrong_bound": self.wrong_bound,
+        }
+
 
 def _ratio(total: float, count: int) -> float:
     return total / count if count else float("nan")
+
+
+SCORE_COLUMNS = tuple(Score().row())
+
+
+def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> Score:
+    """Judge results against the altitudes that were true.
+
+    Parameters
+    ----------
+    results : (n,) structured array of the altimeter's `RESULT_DTYPE`
+    truth_m : (n,) metres
+    lost : int
+        Frames that were flown and are not among the results.
+    """
+    valid = results["valid"]
+    error = (results["altitude_m"] - truth_m)[valid]
+    forced = results["forced_altitude_m"] - truth_m
+    forced = forced[np.isfinite(forced)]
+    size = np.abs(error)
+    return Score(
+        trials=len(results),
+        detections=int(valid.sum()),
+        correct=int((size < CORRECT_LIMIT_M).sum()),
+        forced=forced.size,
+        lost=lost,
+        far=int((size >= FAR_LIMIT_M).sum()),
+        squared_detected_m2=float(error @ error),
+        error_detected_m=float(error.sum()),
+        squared_forced_m2=float(forced @ forced),
+    )
 
 
 def score(results: np.ndarray, programme: Programme) -> Score:
@@ -130,22 +234,10 @@ def score(results: np.ndarray, programme: Programme) -> Score:
     _, first = np.unique(results["frame_index"], return_index=True)
     results = results[first]
     truth = programme.altitude_m(results["frame_index"])
-    valid = results["valid"]
-    error = (results["altitude_m"] - truth)[valid]
-    forced = (results["forced_altitude_m"] - truth)[np.isfinite(results["forced_altitude_m"])]
-    return Score(
-        trials=len(results),
-        detections=int(valid.sum()),
-        correct=int((np.abs(error) < CORRECT_LIMIT_M).sum()),
-        forced=forced.size,
-        lost=programme.trial_frames - len(results),
-        squared_detected_m2=float(error @ error),
-        error_detected_m=float(error.sum()),
-        squared_forced_m2=float(forced @ forced),
-    )
+    return score_frames(results, truth, lost=programme.trial_frames - len(results))
 
 
-def pool(rows: list[dict]) -> Score:
+def pool(rows: Sequence[dict[str, Any]]) -> Score:
     """The `Score` of several rows of reports together: counts added, error sums rebuilt from means."""
 
     def total(count: str, mean: str, power: int) -> float:
@@ -161,6 +253,7 @@ def pool(rows: list[dict]) -> Score:
         correct=counted("correct"),
         forced=counted("forced"),
         lost=counted("frames_lost"),
+        far=counted("wrong_far"),
         squared_detected_m2=total("detections", "rmse_detected_m", 2),
         error_detected_m=total("detections", "bias_m", 1),
         squared_forced_m2=total("forced", "rmse_forced_m", 2),

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from radalt.evaluation.engine.workers import WorkerError, run_tasks
+from radalt.evaluation.engine.pool import WorkerError, run_tasks
 
 
 def test_every_task_is_done_once_whatever_the_number_of_workers():

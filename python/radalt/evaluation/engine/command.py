@@ -1,0 +1,92 @@
+"""Running a study from a command line: the estimate, progress, one line for what does not fit."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .options import Options, duration, expected_errors
+from .run import Progress, estimate, run
+from .study import Study
+
+__all__ = ["Bar", "main"]
+
+
+class Bar:
+    """A bar on a terminal, a line per point elsewhere."""
+
+    def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
+        self._describe, self._bar = describe, None
+
+    def __call__(self, p: Progress) -> None:
+        if sys.stderr.isatty():
+            self._show(p)
+        elif p.rows:
+            print(f"[{p.done}/{p.total}] {self._describe(p.rows)}", flush=True)
+        elif p.resumed:
+            print(f"going on: {p.done} of {p.total} points are there", flush=True)
+
+    def _show(self, p: Progress) -> None:
+        from tqdm import tqdm
+
+        if self._bar is None:
+            form = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}, {postfix}]"
+            self._bar = tqdm(total=p.total, initial=p.done, unit="point", dynamic_ncols=True, bar_format=form)
+        self._bar.total = p.total
+        self._bar.update(p.done - self._bar.n)
+        self._bar.set_postfix_str(f"about {duration(p.remaining_s)} left")
+
+    def close(self) -> None:
+        """Leave the terminal's line."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+def main(
+    study: Study,
+    options: Options,
+    *,
+    program: str,
+    dry_run: bool,
+    describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(str(v) for v in rows[0].values())[
+        :120
+    ],
+    after: Callable[[Path], None] = lambda page: None,
+) -> int:
+    """Run a study that has been checked; 0, 2 after one line about what does not fit, 130 when interrupted."""
+    begin = time.monotonic()
+    bar = Bar(describe)
+    try:
+        points = study.points()
+        seconds = estimate(study, points, options.jobs)
+        frames = sum(p.frames for p in points)
+        print(
+            f"{program}: {len(points)} points, {frames} frames, about {duration(seconds)} -> {options.out}",
+            flush=True,
+        )
+        if dry_run:
+            return 0
+        page = run(study, options, bar)
+        bar.close()
+        after(options.out)
+    except expected_errors() as error:
+        bar.close()
+        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        bar.close()
+        print(f"\n{program}: stopped; go on with: {_resuming(options)}", file=sys.stderr)
+        return 130
+    print(f"\n{page}  ({duration(time.monotonic() - begin)})")
+    return 0
+
+
+def _resuming(options: Options) -> str:
+    """The command that goes on with this run, as it was typed."""
+    words = [sys.executable, *sys.argv]
+    if not any(word == "--out" or word.startswith("--out=") for word in words):
+        words += ["--out", str(options.out)]
+    return shlex.join(words if options.resume else [*words, "--resume"])

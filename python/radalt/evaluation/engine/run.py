@@ -1,0 +1,209 @@
+"""The one sweep engine: points of any study to workers, rows to the result folder, at the end the report."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..results.folder import RunFolder, versions
+from .options import Options
+from .pool import run_tasks
+from .precision import batches_needed
+from .study import Point, Run, Study
+
+__all__ = ["Progress", "Task", "estimate", "peak_memory_bytes", "run"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One batch of a point of a study, as it goes to a worker."""
+
+    study: Study
+    point: Point
+    batch: int
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return self.point.name if not self.batch else f"{self.point.name}, batch {self.batch}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker gives back."""
+
+    rows: list[dict[str, Any]]
+    process: int
+    peak_bytes: int
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What is known after a batch of a point.
+
+    Attributes
+    ----------
+    done, total : int
+        Batches; ``total`` grows once, when the pilots have said how many are needed.
+    resumed : int
+        Of them, there before this start.
+    rows : list of dict
+        Of the batch just measured; none at the first call.
+    remaining_s : float
+        Estimate.
+    """
+
+    done: int
+    total: int
+    resumed: int
+    rows: Sequence[dict[str, Any]]
+    remaining_s: float
+
+
+def measure_task(task: Task) -> Outcome:
+    """Called in a worker."""
+    columns = task.study.tables[task.point.table]
+    rows = [columns.row(row) for row in task.study.measure(task.point, task.batch)]
+    return Outcome(rows, os.getpid(), peak_memory_bytes())
+
+
+def peak_memory_bytes() -> int:
+    """Highest resident memory of this process so far; 0 where the system does not say.
+
+    From the process's own page: ``ru_maxrss`` of a spawned process starts at what its parent had.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
+
+
+def estimate(study: Study, points: Sequence[Point], jobs: int) -> float:
+    """Wall seconds that one batch of each point may take, from the study's own trial of its parts."""
+    jobs = min(jobs, study.max_jobs or jobs, os.cpu_count() or 1)
+    return sum(study.seconds(point) for point in points) / max(jobs, 1)
+
+
+def head_of(study: Study) -> dict[str, Any]:
+    """What the marker of a result folder says: the study's own head, and the versions its rows depend on."""
+    return {"study": type(study).__name__, **study.head(), "versions": versions(study.needs_network)}
+
+
+def run(study: Study, options: Options, progress: Callable[[Progress], None] = lambda _: None) -> Path:
+    """Measure every point of a study and write its result folder; returns the page to show.
+
+    Rows are appended as they are measured, whatever order the workers finish in, and end in the study's order: they are
+    the same bytes for any number of workers, here or on a cluster, and for a run that was killed and resumed.
+
+    Raises
+    ------
+    FolderError, WorkerError, and what the study raises
+        One line for the user; the rows so far are kept.
+    """
+    begin = time.monotonic()
+    points = list(study.points())
+    folder = RunFolder(options.out, head_of(study), resume=options.resume)
+    try:
+        return _run(study, points, folder, options, progress, begin)
+    finally:
+        folder.close()
+
+
+def _run(
+    study: Study,
+    points: list[Point],
+    folder: RunFolder,
+    options: Options,
+    progress: Callable[[Progress], None],
+    begin: float,
+) -> Path:
+    ready = study.begin(folder.path)
+    watch = _Watch(study, folder, options, progress)
+    watch.stage(ready, [(point, 0) for point in points])
+    if options.precision is not None:
+        more = {p.name: batches_needed(folder.done[p.name, 0], options.precision) for p in points}
+        watch.stage(ready, [(p, b) for p in points for b in range(1, more[p.name])])
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
+    for point in points:
+        count = 1 if options.precision is None else more[point.name]
+        batches = [folder.done[point.name, b] for b in range(count)]
+        rows[point.table] += [study.tables[point.table].row(row) for row in study.pooled(batches)]
+    for name, table in rows.items():
+        if table:
+            folder.write_text(f"{name}.csv", study.tables[name].csv(table))
+    how = Run(
+        jobs=watch.jobs,
+        points=len(points),
+        points_resumed=watch.resumed,
+        wall_s=round(time.monotonic() - begin, 3),
+        peak_memory_bytes=peak_memory_bytes() + sum(watch.peaks.values()),
+        command=options.command,
+        precision=options.precision,
+    )
+    return study.report(folder, rows, how)
+
+
+class _Watch:
+    """Batches handed out and brought in, with an estimate of what is left."""
+
+    def __init__(
+        self, study: Study, folder: RunFolder, options: Options, progress: Callable[[Progress], None]
+    ) -> None:
+        self.folder, self.options, self.progress = folder, options, progress
+        self.jobs = min(options.jobs, study.max_jobs or options.jobs)
+        self.peaks: dict[int, int] = {}
+        self.total = self.done = self.resumed = 0
+        self._study = study
+        self._begun = time.monotonic()
+
+    def stage(self, study: Study, wanted: Sequence[tuple[Point, int]]) -> None:
+        """Measure the batches that are not there yet."""
+        todo = [(p, b) for p, b in wanted if (p.name, b) not in self.folder.done]
+        self.total += len(wanted)
+        self.done += len(wanted) - len(todo)
+        self.resumed += len(wanted) - len(todo)
+        if not wanted:
+            return
+        first = estimate(self._study, [p for p, _ in todo], self.jobs) if todo else 0.0
+        self._tell((), first, 0, len(todo))
+        stream = self._stream_files(study)
+        tasks = [Task(study, p, b) for p, b in todo]
+        for count, (index, outcome) in enumerate(self._outcomes(tasks), start=1):
+            point, batch = todo[index]
+            self.folder.add(point.name, batch, outcome.rows)
+            stream(point, outcome.rows)
+            self.peaks[outcome.process] = outcome.peak_bytes
+            self.done += 1
+            self._tell(outcome.rows, first, count, len(todo))
+
+    def _stream_files(self, study: Study) -> Callable[[Point, Sequence[dict[str, Any]]], None]:
+        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end."""
+
+        def append(point: Point, rows: Sequence[dict[str, Any]]) -> None:
+            path = self.folder.path / f"{point.table}.csv"
+            new = not path.exists()
+            with path.open("a", encoding="utf-8", newline="") as file:
+                file.write(study.tables[point.table].csv(rows, header=new))
+
+        return append
+
+    def _outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Outcome]]:
+        limit = self.options.time_limit_s
+        if self.options.scheduler:
+            from .cluster import run_on_cluster
+
+            return run_on_cluster(tasks, self.options.scheduler, time_limit_s=limit)
+        return run_tasks(measure_task, tasks, jobs=self.jobs, time_limit_s=limit, label=lambda t: t.label)
+
+    def _tell(self, rows: Sequence[dict[str, Any]], first_s: float, count: int, todo: int) -> None:
+        """The first estimate is the study's; what was measured takes its place point by point."""
+        spent = time.monotonic() - self._begun
+        known = spent / count * (todo - count) if count else 0.0
+        weight = min(1.0, count / max(2 * self.jobs, 1))
+        remaining = weight * known + (1 - weight) * max(0.0, first_s - spent if count else first_s)
+        self.progress(Progress(self.done, self.total, self.resumed, rows, remaining))

@@ -1,0 +1,139 @@
+"""Break-point SIR and protection gain: one definition for every study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "protection_gain"]
+
+BREAK_PD = 0.9  # a method holds a level as long as Pd is at least this
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Difference of two break-points in decibels.
+
+    Attributes
+    ----------
+    db : float
+        The value, or the end of the range that ``mark`` names; NaN where nothing is known.
+    mark : str
+        ``""`` exact, ``"<="`` or ``">="`` where a grid ended first, ``"?"`` where both ends are open.
+    """
+
+    db: float
+    mark: str = ""
+
+    def __str__(self) -> str:
+        return "\N{EN DASH}" if self.mark == "?" else f"{_SIGN[self.mark]}{self.db:.1f}"
+
+
+@dataclass(frozen=True)
+class BreakPoint:
+    """Lowest SIR down to which a method holds.
+
+    Attributes
+    ----------
+    sir_db : float
+        Where Pd falls through the level, or the end of the grid that ``mark`` names.
+    mark : str
+        ``""``, ``"<="`` where Pd holds down to the lowest SIR measured, ``">="`` where it fails at the highest.
+    low_db, high_db : float
+        The same of the curves of upper and lower 95 % Wilson bounds: an interval that holds the break-point; an
+        end of the grid stands for whatever lies beyond it.
+    """
+
+    sir_db: float
+    mark: str
+    low_db: float
+    high_db: float
+
+    def __str__(self) -> str:
+        return f"{_SIGN[self.mark]}{self.sir_db:.1f}"
+
+
+_SIGN = {"": "", "<=": "\N{LESS-THAN OR EQUAL TO} ", ">=": "\N{GREATER-THAN OR EQUAL TO} "}
+
+
+def break_point(
+    sir_db: Sequence[float],
+    pd: Sequence[float],
+    low: Sequence[float] | None = None,
+    high: Sequence[float] | None = None,
+    *,
+    level: float = BREAK_PD,
+) -> BreakPoint:
+    """Where a curve of Pd over SIR falls through a level.
+
+    Going down in SIR, Pd is made monotone by its running minimum: a method that fails at one level and holds again
+    at a lower one cannot be relied on below the first. Between two points of the grid Pd is taken as linear.
+
+    Parameters
+    ----------
+    sir_db : (n,) decibels, any order
+    pd : (n,) probabilities; NaN (nothing measured) counts as failed.
+    low, high : (n,) bounds of Pd, default ``pd`` itself.
+    level : float
+        Within 0..1.
+
+    Raises
+    ------
+    ValueError
+        Without points.
+
+    Examples
+    --------
+    >>> str(break_point([-10, -20, -30, -40], [1, 0.95, 0.5, 0.1]))
+    '-21.1'
+    >>> str(break_point([-10, -20], [1, 0.95]))
+    '≤ -20.0'
+    """
+    sir = np.asarray(sir_db, dtype=float)
+    if not sir.size:
+        raise ValueError("a break-point needs at least one SIR; none was measured")
+    order = np.argsort(-sir, kind="stable")
+
+    def falls(values: Sequence[float]) -> tuple[float, str]:
+        curve = np.nan_to_num(np.asarray(values, dtype=float)[order], nan=0.0)
+        return _crossing(sir[order], np.minimum.accumulate(curve), level)
+
+    value, mark = falls(pd)
+    return BreakPoint(
+        value, mark, falls(pd if high is None else high)[0], falls(pd if low is None else low)[0]
+    )
+
+
+def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:
+    """Of a falling curve, highest SIR first."""
+    below = np.nonzero(pd < level)[0]
+    if not below.size:
+        return float(sir[-1]), "<="
+    i = int(below[0])
+    if i == 0:
+        return float(sir[0]), ">="
+    share = (pd[i - 1] - level) / (pd[i - 1] - pd[i])
+    return float(sir[i - 1] + share * (sir[i] - sir[i - 1])), ""
+
+
+_TURNED = {"": "", "<=": ">=", ">=": "<="}
+
+
+def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
+    """How much more interference a method bears than ``base`` (no mitigation): ``base - method`` in decibels.
+
+    An end that the grid left open stays open in the difference; where the two ends pull in opposite directions the
+    difference is unknown.
+
+    Examples
+    --------
+    >>> none = break_point([-20, -30], [1, 0])
+    >>> str(protection_gain(none, break_point([-20, -60], [1, 1])))
+    '≥ 39.0'
+    """
+    marks = {base.mark, _TURNED[method.mark]} - {""}
+    if len(marks) > 1:
+        return Gain(float("nan"), "?")
+    return Gain(base.sir_db - method.sir_db, marks.pop() if marks else "")

@@ -1,0 +1,97 @@
+"""The one chain of every study that needs no flowgraph: method, altimeter, score."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.mitigation import Mitigation, create
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings
+from ...core.waveform import Waveform
+
+__all__ = ["Chain", "altimeter_of", "seconds_per_frame"]
+
+_CHUNK = 20  # frames processed at once where only the error counts
+
+
+@lru_cache(maxsize=64)
+def altimeter_of(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
+    """An altimeter, made once per process for all who measure alike."""
+    return Altimeter(waveform, settings)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One way from frames to altitudes.
+
+    Attributes
+    ----------
+    label : str
+        As in reports.
+    method : str
+        Registry name.
+    options : tuple of (name, value)
+        Of the method.
+    precision : str
+        Of its arithmetic; a model's own word for it goes before this.
+    settings : AltimeterSettings
+        Of the altimeter behind it.
+    """
+
+    label: str
+    method: str
+    options: tuple[tuple[str, Any], ...] = ()
+    precision: str = "float32"
+    settings: AltimeterSettings = field(default_factory=AltimeterSettings)
+
+    @classmethod
+    def of_model(cls, model: Path, label: str | None = None, **changes: Any) -> Chain:
+        """A network, as it is: nothing silences what it invents unless ``options`` say so."""
+        precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
+        return cls(label or f"tcae {model.stem}", "tcae", precision=precision, **changes)
+
+    def build(self, waveform: Waveform) -> Mitigation:
+        """A fresh method; raises `MitigationError` where it does not fit the waveform."""
+        return create(self.method, waveform, **dict(self.options))
+
+    @property
+    def model_bytes(self) -> int:
+        """Size of the network's file; 0 for the classical methods."""
+        model = dict(self.options).get("model")
+        return Path(model).stat().st_size if model else 0
+
+    def results(self, frames: np.ndarray, waveform: Waveform) -> tuple[np.ndarray, Mitigation]:
+        """Altimeter results of ``(n, N)`` frames behind a fresh start of the method, and the method.
+
+        The method is built once per process and reset before the first frame.
+        """
+        method = _method_of(self, waveform)
+        method.reset()
+        altimeter = altimeter_of(waveform, self.settings)
+        parts = [
+            altimeter.process(method.process(frames[k : k + _CHUNK])) for k in range(0, len(frames), _CHUNK)
+        ]
+        return np.concatenate(parts), method
+
+
+@lru_cache(maxsize=64)
+def _method_of(chain: Chain, waveform: Waveform) -> Mitigation:
+    return chain.build(waveform)
+
+
+@lru_cache(maxsize=64)
+def seconds_per_frame(
+    method: str, waveform: Waveform, settings: AltimeterSettings, options: tuple[tuple[str, Any], ...] = ()
+) -> float:
+    """CPU seconds that a method and the altimeter behind it take per frame here and now, from a trial of eight."""
+    chain = Chain(method, method, options, settings=settings)
+    frames = np.tile(waveform.reference.astype(np.complex64), (8, 1))
+    chain.results(frames[:2], waveform)  # tables, caches
+    begin = time.thread_time()
+    chain.results(frames, waveform)
+    return (time.thread_time() - begin) / len(frames)

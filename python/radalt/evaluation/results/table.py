@@ -1,0 +1,44 @@
+"""Markdown tables and the numbers in them, written alike in every report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+__all__ = ["DASH", "interval", "metres", "number", "signed_metres", "table"]
+
+DASH = "\N{EN DASH}"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table; the first column is a label, the others are numbers."""
+    lines = ["| " + " | ".join(header) + " |", "|---" + "|---:" * (len(header) - 1) + "|"]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _exists(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """Fixed digits; a dash where there is no number."""
+    return f"{value:.{digits}f}" if _exists(value) else DASH
+
+
+def metres(value: float | None) -> str:
+    """Three significant digits, without the unit."""
+    return f"{value:.3g}" if _exists(value) else DASH
+
+
+def signed_metres(value: float | None) -> str:
+    """A bias with its sign, without the unit."""
+    return f"{value:+.2f}" if _exists(value) else DASH
+
+
+def interval(value: float | None, low: float | None, high: float | None) -> str:
+    """A proportion with its 95 % interval: ``0.940 (0.90-0.97)``."""
+    if not _exists(value):
+        return DASH
+    return f"{value:.3f} ({low:.2f}{DASH}{high:.2f})"

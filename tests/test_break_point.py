@@ -1,0 +1,80 @@
+"""Break-point and gain: one definition, on curves whose answer is known."""
+
+import doctest
+import math
+
+import pytest
+
+from radalt.evaluation.engine import precision
+from radalt.evaluation.results import break_point as module
+from radalt.evaluation.results import score as scorer
+from radalt.evaluation.results.break_point import break_point, protection_gain
+
+
+@pytest.mark.parametrize("tested", [module, scorer, precision])
+def test_examples_in_docstrings_run(tested):
+    result = doctest.testmod(tested)
+    assert result.attempted and not result.failed
+
+
+def test_it_is_where_the_line_between_two_sirs_falls_through_the_level():
+    """The curve on which four definitions gave -20, -20 and -21.1."""
+    found = break_point([-10, -20, -30, -40], [1, 0.95, 0.5, 0.1])
+    assert found.sir_db == pytest.approx(-20 - 10 * 0.05 / 0.45) and found.mark == ""
+
+
+def test_the_order_of_the_rows_does_not_matter():
+    assert break_point([-30, -10, -40, -20], [0.5, 1, 0.1, 0.95]) == break_point(
+        [-10, -20, -30, -40], [1, 0.95, 0.5, 0.1]
+    )
+
+
+def test_a_dip_is_where_it_breaks_however_well_it_holds_below():
+    assert break_point([-10, -20, -30], [1, 0.4, 1]).sir_db == pytest.approx(-10 - 10 / 6)
+
+
+def test_the_grids_ends_stay_open():
+    assert break_point([-10, -20], [0.95, 0.92]).mark == "<="
+    assert break_point([-10, -20], [0.5, 0.2]).mark == ">="
+    assert break_point([-10, -20], [math.nan, 0.2]).mark == ">="  # nothing measured is no success
+
+
+def test_bounds_of_pd_give_an_interval_of_the_break_point():
+    found = break_point([-10, -20, -30], [1, 0.9, 0.2], low=[0.95, 0.8, 0.1], high=[1, 0.97, 0.4])
+    assert found.low_db < found.sir_db < found.high_db
+
+
+@pytest.mark.parametrize(
+    ("base", "method", "mark"),
+    [("", "", ""), ("", "<=", ">="), (">=", "", ">="), ("<=", "", "<="), ("", ">=", "<="), (">=", "<=", ">="),
+     ("<=", "<=", "?"), (">=", ">=", "?")],
+)  # fmt: skip
+def test_open_ends_propagate_into_the_gain(base, method, mark):
+    curves = {"": [1, 0], "<=": [1, 1], ">=": [0, 0]}
+    gain = protection_gain(break_point([-20, -30], curves[base]), break_point([-20, -30], curves[method]))
+    assert gain.mark == mark and math.isnan(gain.db) == (mark == "?")
+
+
+def test_without_a_point_there_is_none():
+    with pytest.raises(ValueError, match="at least one SIR"):
+        break_point([], [])
+
+
+@pytest.mark.parametrize("p", [0.5, 0.8, 0.95, 0.99])
+def test_two_stages_reach_the_precision_and_keep_the_coverage(p):
+    """The pilot fixes the count; the interval of all trials then covers as often as it says."""
+    import numpy as np
+
+    rng = np.random.default_rng(3)
+    pilot, covered, counts = 150, [], []
+    for _ in range(1500):
+        first = int(rng.binomial(pilot, p))
+        batches = precision.batches_needed([{"correct": first, "trials": pilot}], 0.03)
+        trials = batches * pilot
+        correct = first + int(rng.binomial(trials - pilot, p))
+        low, high = scorer.wilson_interval(correct, trials)
+        covered.append(low <= p <= high)
+        counts.append(trials)
+        assert precision.half_width(correct, trials) <= 0.0325  # planned from the pilot's interval
+    assert np.mean(covered) > 0.93
+    assert np.median(counts) < (1.96 / 0.03) ** 2 / 4 + 2 * pilot
