@@ -135,7 +135,7 @@ def test_points_are_every_overlap_at_every_sir():
     points = sweep_points(scene_with(overlap=(0.0, 1.0), sir_db=(-10.0, -28.0)))
     assert [(p.sir_db, p.overlap) for p in points] == [(-10, 0), (-10, 1), (-28, 0), (-28, 1)]
     assert sweep_points(scene_with()) == (OverlapPoint.at(0.5, -20.0, 10.0, frames=150),)
-    assert sweep_points(Scene()) == (OverlapPoint.at(0.0, None, 10.0),)
+    assert sweep_points(Scene()) == (OverlapPoint.at(0.0, None, 10.0, frames=150),)
     with pytest.raises(ValueError, match="needs interference"):
         sweep_points(Scene(sweep=SweepSpec(overlap=(0.5,))))
 
