@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -257,7 +258,8 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         _require_radios(2 if scene.has_jammer else 1)
     if options.out is None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        options = dataclasses.replace(options, out=Path("results") / f"{scene.name}-{stamp}")
+        name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/
+        options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=_print_pd)
 

@@ -1,0 +1,211 @@
+"""The sweep engine with a study small enough to see through: coins with a known probability."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from radalt.evaluation.engine import command
+from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
+from radalt.evaluation.engine.pool import WorkerError
+from radalt.evaluation.engine.precision import half_width
+from radalt.evaluation.engine.run import head_of, run
+from radalt.evaluation.engine.study import Point, Study
+from radalt.evaluation.results.folder import FolderError, RunFolder
+from radalt.evaluation.results.rows import Columns
+from radalt.evaluation.results.score import SCORE_COLUMNS, Score
+
+pytestmark = pytest.mark.timeout(120)
+WHOLE = frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
+
+
+@dataclass(frozen=True)
+class Coins(Study):
+    """One row per coin: how often it showed its right side."""
+
+    chances: tuple[float, ...] = (0.1, 0.5, 0.97, 1.0)
+    seed: int = 1
+    pause_s: float = 0.0
+    hang: str = ""
+
+    tables: ClassVar[Mapping[str, Columns]] = {
+        "rows": Columns(("coin", *SCORE_COLUMNS), text=frozenset({"coin"}), whole=WHOLE)
+    }
+    sampled: ClassVar[bool] = True
+
+    def head(self):
+        return {"chances": self.chances, "seed": self.seed}
+
+    def points(self):
+        return [Point(f"coin {p:g}", frames=100) for p in self.chances]
+
+    def measure(self, point, batch=0):
+        if point.name == self.hang:
+            time.sleep(600)
+        time.sleep(self.pause_s)
+        chance = float(point.name.split()[1])
+        rng = np.random.default_rng([self.seed, round(1e6 * chance), batch])
+        right = int((rng.random(point.frames) < chance).sum())
+        score = Score(
+            point.frames, point.frames, right, point.frames, squared_detected_m2=1 / 3 * point.frames
+        )
+        return [{"coin": point.name} | score.row()]
+
+    def seconds(self, point):
+        return 0.01 + self.pause_s
+
+    def report(self, folder, rows, how):
+        folder.write_report({"schema": 2, "run": how.as_dict(), "rows": rows["rows"]})
+        return folder.write_text("report.md", f"{len(rows['rows'])} coins\n")
+
+
+def rows_of(folder: Path) -> bytes:
+    return (folder / "rows.csv").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """One uninterrupted run in one process."""
+    folder = tmp_path_factory.mktemp("engine") / "run"
+    run(Coins(), Options(folder, jobs=1))
+    return folder
+
+
+def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
+    run(Coins(), Options(tmp_path / "b", jobs=3))
+    assert rows_of(tmp_path / "b") == rows_of(whole)
+    assert len(rows_of(whole).splitlines()) == 5
+
+
+def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path):
+    study = Coins()
+    folder = RunFolder(tmp_path, head_of(study))
+    last = study.points()[-1]
+    folder.add(last.name, 0, [study.tables["rows"].row(r) for r in study.measure(last)])
+    folder.close()
+    run(study, Options(tmp_path, resume=True, jobs=1))
+    assert [line.split(b",")[0] for line in rows_of(tmp_path).splitlines()[1:]] == [
+        p.name.encode() for p in study.points()
+    ]
+
+
+def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
+    code = (
+        f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
+        "from test_engine import Coins, Options, Path, run\n"
+        f"if __name__ == '__main__': run(Coins(pause_s=0.3), Options(Path({str(tmp_path / 'run')!r}), jobs=1))\n"
+    )
+    (tmp_path / "program.py").write_text(code, encoding="utf-8")
+    process = subprocess.Popen([sys.executable, tmp_path / "program.py"])
+    journal = tmp_path / "run" / "points.jsonl"
+    while process.poll() is None and not (journal.exists() and journal.stat().st_size):
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert 1 <= len(journal.read_text(encoding="utf-8").splitlines()) < 4
+    run(Coins(), Options(tmp_path / "run", resume=True, jobs=2))
+    assert rows_of(tmp_path / "run") == rows_of(whole)
+
+
+def test_another_seed_is_another_run(whole):
+    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
+        run(Coins(seed=2), Options(whole, resume=True))
+
+
+def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path):
+    with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 2 s"):
+        run(Coins(hang="coin 0.97"), Options(tmp_path, jobs=1, time_limit_s=2.0))
+    kept = RunFolder(tmp_path, head_of(Coins(hang="coin 0.97")), resume=True).done
+    assert {name for name, _ in kept} == {"coin 0.1", "coin 0.5"}
+
+
+def test_precision_is_reached_with_the_fewest_batches_that_do(tmp_path):
+    study, seen = Coins(), []
+    run(study, Options(tmp_path, jobs=2, precision=0.05), seen.append)
+    lines = [line.split(b",") for line in rows_of(tmp_path).splitlines()[1:]]
+    trials = {line[0].decode(): int(line[1]) for line in lines}
+    correct = {line[0].decode(): int(line[3]) for line in lines}
+    for name, count in trials.items():
+        assert half_width(correct[name], count) <= 0.05
+    # a fair coin needs 1.96^2 / (4 0.05^2) = 384 tosses, a sure one no second batch
+    assert trials["coin 0.5"] == 400 and trials["coin 1"] == 100 and trials["coin 0.1"] < 400
+    assert seen[-1].done == seen[-1].total == sum(trials.values()) // 100
+
+
+def test_precision_does_not_depend_on_workers_or_on_an_interruption(tmp_path):
+    options = {"precision": 0.06}
+    run(Coins(), Options(tmp_path / "a", jobs=1, **options))
+    run(Coins(), Options(tmp_path / "b", jobs=1))
+    run(Coins(), Options(tmp_path / "b", jobs=3, resume=True, **options))
+    assert rows_of(tmp_path / "a") == rows_of(tmp_path / "b")
+
+
+def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
+    study = Coins(pause_s=30.0)
+    assert command.main(study, Options(tmp_path / "run", jobs=2), program="coins", dry_run=True) == 0
+    assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 60 s -> {tmp_path / 'run'}\n"
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
+    seen = []
+    run(Coins(), Options(tmp_path, jobs=1), seen.append)
+    assert seen[0].done == 0 and 0.02 < seen[0].remaining_s < 0.1
+    assert seen[-1].remaining_s == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--jobs", "100000"], "--jobs is 100000; it has to be within 1..256"),
+        (["--jobs", "0"], "--jobs is 0"),
+        (["--time-limit-s", "-1"], "--time-limit-s is -1"),
+        (["--precision", "7"], "--precision is 7"),
+        (["--precision", "nan"], "--precision is nan"),
+        (["--out", ""], "names no folder"),
+        (["--resume"], "--resume needs --out"),
+    ],
+)
+def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, expected):
+    parser = Parser("coins", "Coins.")
+    add_options(parser)
+    with pytest.raises(SystemExit) as caught:
+        options_of(parser.parse_args(arguments), parser)
+    err = capsys.readouterr().err
+    assert caught.value.code == 2 and expected in err and err.count("\n") == 1
+
+
+def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
+    code = (
+        f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
+        "from test_engine import Coins, Options, command, Path\n"
+        "if __name__ == '__main__':\n"
+        f"    options = Options(Path({str(tmp_path / 'run')!r}), jobs=1)\n"
+        "    sys.exit(command.main(Coins(pause_s=5.0), options, program='coins', dry_run=False))\n"
+    )
+    (tmp_path / "program.py").write_text(code, encoding="utf-8")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    process = subprocess.Popen([sys.executable, tmp_path / "program.py"], **pipes)
+    while not (tmp_path / "run" / "run.json").exists():
+        time.sleep(0.05)
+    time.sleep(1.0)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
+    assert "Traceback" not in err
+
+
+def test_nothing_of_dask_is_imported_without_a_scheduler():
+    code = "import sys; import radalt.evaluation.engine.command; print(*({'dask', 'distributed'} & set(sys.modules)))"
+    path = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
