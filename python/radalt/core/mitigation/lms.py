@@ -82,8 +82,6 @@ class BlockLms(Mitigation):
         if span_m is not None and not 0 < span_m < np.inf:
             raise MitigationError(f"lms.span_m is {span_m!r}; it has to be a finite number of metres above 0")
         self._check = self._altimeter(waveform, span_m) if wiring == "reference_input" else None
-        if self._check is not None:
-            self._check.asked_by(self)
         super().__init__(waveform)
 
     def _altimeter(self, waveform: Waveform, span_m: float | None) -> Altimeter:
