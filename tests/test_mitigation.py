@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import METHODS, MitigationError, create
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return

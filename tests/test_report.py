@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.scene import Scene, SceneError, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.overlap import figures
 from radalt.evaluation.overlap.points import point_seed, sweep_points

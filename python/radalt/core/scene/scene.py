@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ..channel.simulated import ChannelSettings
+from ..interference.emitters import emitter_class, emitter_names
+from ..interference.multipath import faded, unfaded
 from ..interference.placement import Interferer
-from ..interference.registry import EMITTER_NAMES, emitter_class, emitter_label, emitter_name, faded, unfaded
 from ..parsing import build, convert, plain
 from ..paths import scene_path
 from ..programme import Programme
@@ -297,7 +298,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(emitter_label(i.emitter) for i in self.interference)
+        return "+".join(i.emitter.label for i in self.interference)
 
 
 def burst_db(sir_db: float, overlap: float) -> float:
@@ -369,8 +370,8 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
-    if kind not in EMITTER_NAMES:
-        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(EMITTER_NAMES)}")
+    if kind not in emitter_names():
+        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(emitter_names())}")
     params = {} if params is None else params
     if not isinstance(params, dict):
         raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
@@ -380,8 +381,8 @@ def _interferer(item: Any, where: str) -> Interferer:
     emitter = build(emitter_class(kind), own, path)
     if params.get("multipath") is not None:
         emitter = faded(emitter, params["multipath"], f"{path}.multipath")
-    if "sir_db" not in placement and hasattr(emitter, "report"):
-        placement["sir_db"] = float(emitter.report().sir_db)  # its level is given by a standard
+    if "sir_db" not in placement and emitter.stated_sir_db is not None:
+        placement["sir_db"] = emitter.stated_sir_db
     try:
         return Interferer(emitter, **placement)
     except ValueError as error:
@@ -411,4 +412,4 @@ def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
     """``{kind: {emitter and placement keys}}`` of one interferer."""
     emitter, channel = unfaded(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
-    return {emitter_name(emitter): keys if channel is None else keys | {"multipath": plain(channel)}}
+    return {emitter.scene_name: keys if channel is None else keys | {"multipath": plain(channel)}}
