@@ -19,6 +19,7 @@ from ..interference.placement import Interferer
 from ..parsing import build, convert, plain
 from ..paths import scene_path
 from ..programme import Programme
+from ..radio.device import Device, device
 from ..receiver.altimeter import AltimeterSettings
 from ..receiver.segmenter import SegmenterSettings
 from ..returns.landing import LandingSpec
@@ -119,18 +120,20 @@ class SweepSpec:
 
 @dataclass(frozen=True)
 class RadioSpec:
-    """The two B210s; nothing of it is used in simulation.
+    """The two radios; nothing of it is used in simulation.
 
     Parameters
     ----------
+    device : str
+        Type of both: a name in `radalt.core.radio.device.DEVICES`.
     radar_serial, jammer_serial : str
         USB serial numbers (``uhd_find_devices``); empty takes the first device found.
     master_clock_hz : float
-        30 MHz divides to 7.5 MS/s by four.
+        Within the device's range; 30 MHz divides to 7.5 MS/s by four.
     lo_offset_hz : float
         LO offset out of the band, so that its leakage falls outside.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
-        Gains, 0..89.75 dB (TX) and 0..76 dB (RX).
+        Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
     enclosure : str
         ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
     attenuation_db : float
@@ -139,6 +142,7 @@ class RadioSpec:
         ``"internal"``, ``"external"`` or ``"gpsdo"``.
     """
 
+    device: str = "b210"
     radar_serial: str = ""
     jammer_serial: str = ""
     master_clock_hz: float = 30e6
@@ -157,15 +161,23 @@ class RadioSpec:
             raise ValueError(
                 f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
             )
-        for name, top in (
-            ("radar_tx_gain_db", 89.75),
-            ("jammer_tx_gain_db", 89.75),
-            ("radar_rx_gain_db", 76.0),
+        for name, (low, high) in (
+            ("radar_tx_gain_db", self.limits.tx_gain_db),
+            ("jammer_tx_gain_db", self.limits.tx_gain_db),
+            ("radar_rx_gain_db", self.limits.rx_gain_db),
+            ("master_clock_hz", self.limits.master_clock_hz),
         ):
-            if not 0 <= getattr(self, name) <= top:
-                raise ValueError(f"radio.{name} is {getattr(self, name):g}; it has to be within 0..{top:g}")
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(
+                    f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
+                )
         if self.attenuation_db < 0:
             raise ValueError(f"radio.attenuation_db is {self.attenuation_db:g}; it has to be 0 or above")
+
+    @property
+    def limits(self) -> Device:
+        """What the radios can do and stand."""
+        return device(self.device)
 
 
 @dataclass(frozen=True)
