@@ -103,7 +103,7 @@ class Mitigation(ABC):
             out = np.full_like(batch, np.nan)
             if finite.any():
                 out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
-        return out.reshape(frames.shape)
+        return out.astype(np.complex64, copy=False).reshape(frames.shape)
 
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """Like `process`, (n, N) into ``out`` of the same shape."""
@@ -111,7 +111,7 @@ class Mitigation(ABC):
 
     @abstractmethod
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        """(n, N) finite complex64 in, the same shape out, as a new array."""
+        """(n, N) finite complex64 in, the same shape out, as a new array; what is wider is rounded to complex64."""
 
     @property
     def carries_altitude(self) -> bool:
