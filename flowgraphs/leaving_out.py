@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--frames and --repeats have to be at least 1")
 
     from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
-    from gnuradio.radalt.evaluation.leaving_out.study import SCENES, compare, compare_shared, markdown
+    from gnuradio.radalt.evaluation.leaving_out.study import SCENES, compare, markdown
 
     rows = []
     try:
@@ -44,22 +44,16 @@ def main(argv: Sequence[str] | None = None) -> int:
                 f"results {'identical' if row['identical'] else 'DIFFER'}",
                 flush=True,
             )
-        shared = compare_shared(args.frames, args.repeats)
-        print(
-            f"{' and '.join(shared['methods'])}: {shared['shared_ms']:.2f} ms a frame sharing spectra, "
-            f"{shared['apart_ms']:.2f} apart; results {'identical' if shared['identical'] else 'DIFFER'}",
-            flush=True,
-        )
     except FlowgraphError as error:
         print(f"leaving_out: {error}", file=sys.stderr)
         return 2
     args.out.mkdir(parents=True, exist_ok=True)
-    page = markdown(rows, shared, "python flowgraphs/leaving_out.py", args.repeats)
+    page = markdown(rows, "python flowgraphs/leaving_out.py", args.repeats)
     (args.out / "leaving_out.md").write_text(page, encoding="utf-8")
     (args.out / "leaving_out.json").write_text(
-        json.dumps({"scenes": rows, "shared": shared}, indent=1) + "\n", encoding="utf-8"
+        json.dumps({"scenes": rows}, indent=1) + "\n", encoding="utf-8"
     )
-    return 0 if all(row["identical"] for row in (*rows, shared)) else 1
+    return 0 if all(row["identical"] for row in rows) else 1
 
 
 if __name__ == "__main__":

@@ -121,7 +121,7 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
 
 
 def test_unknown_method_and_missing_radio_are_named(b210):
-    with pytest.raises(FlowgraphError, match="unknown method 'magic'; the flowgraph has: .*whitening"):
+    with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
         prune(b210, ["magic"], jammer=True)
     with pytest.raises(FlowgraphError, match="flowgraph ota_sim has no block radar_usrp_sink"):
         simulate(simulate(b210))

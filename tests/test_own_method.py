@@ -128,7 +128,7 @@ def test_missing_file_is_named():
 
 def test_own_method_is_one_more_chain_and_nothing_else_changes():
     data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
-    more = flowgraph.with_custom(data)
+    more = flowgraph.with_chain(data, "custom")
     assert more["blocks"][: len(data["blocks"])] == data["blocks"]
     added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
     assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}

@@ -45,16 +45,6 @@ def test_left_out_parts_change_no_bit_of_the_results(name):
     assert pruned["memory_bytes"] < full["memory_bytes"]
 
 
-def test_methods_of_one_flowgraph_transform_a_received_frame_once():
-    """Two methods that look at the same spectra, in threads of their own: as many spectra as frames, the same bits."""
-    once, apart = (leaving_out._in_process(leaving_out.SHARING, 3, False, each) for each in (False, True))
-    frames = leaving_out.scene_of(leaving_out.SHARING, 3).altitude.programme.total_frames
-    assert frames <= once["spectra"] <= frames + 3  # the channel runs on for a frame or two
-    assert apart["spectra"] == 0  # each computed its own, past the memory
-    assert once["digest"] == apart["digest"]
-    assert once["declared"] == apart["declared"] > 0
-
-
 def test_what_the_plan_leaves_out_is_not_imported():
     absent = make_plan(scene(), ("none", "whitening")).absent_modules
     assert {"onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5"} <= set(absent)

@@ -22,8 +22,8 @@ import numpy as np
 from data import SceneConfig, return_parts
 from evaluate_report import break_point_db, write_report
 
-from radalt.core.interference.nr import NrEmitter
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.mitigation import Mitigation, create
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return

@@ -12,23 +12,18 @@ import numpy as np
 from matplotlib import pyplot as plt
 from scipy import signal
 
+from radalt.core.mitigation import METHODS, PlotStyle
 from radalt.core.waveform import Waveform
 
 __all__ = ["break_point_db", "before_after", "write_report"]
 
-# Okabe-Ito, and a marker and dash each, so that print in grey keeps them apart
+# the methods' own, and for networks what those leave; a marker and dash each, so that print in grey keeps them apart
 STYLES = {
-    "none": ("#000000", "o", "-"),
-    "lms": ("#999999", "x", ":"),
-    "lms_reference_input": ("#999999", "+", "--"),
-    "nlms": ("#CC79A7", "1", ":"),
-    "whitening": ("#0072B2", "s", "-"),
-    "blanking": ("#56B4E9", "D", "--"),
-    "fc": ("#F0E442", "v", ":"),
-    "cnn": ("#E69F00", "^", ":"),
-    "paper": ("#009E73", "P", "--"),
-    "compact": ("#D55E00", "*", "-"),
-}
+    "fc": PlotStyle("#F0E442", "<", ":"),
+    "cnn": PlotStyle("#8C6D1F", ">", ":"),
+    "paper": PlotStyle("#5D3A9B", "X", "--"),
+    "compact": METHODS["tcae"].style,
+} | {name: method.style for name, method in METHODS.items() if method.style}
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
@@ -184,6 +179,11 @@ def write_report(folder: Path, rows: Any, names: list[str], about: dict[str, Any
     (folder / "report.md").write_text("\n".join(text))
 
 
+def _title(method: str) -> str:
+    """A method's own title; a network goes by its name."""
+    return METHODS[method].title if method in METHODS else method
+
+
 def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
     """Pd over SIR, one panel an interferer and overlap."""
     cases = _cases(rows)
@@ -196,15 +196,15 @@ def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
     for name, overlap in cases:
         axis = axes[interferers.index(name), overlaps.index(overlap)]
         for method in names:
-            colour, marker, dash = STYLES[method]
+            style = STYLES[method]
             axis.plot(
                 *rows.pd(name, overlap, method),
-                color=colour,
-                marker=marker,
-                ls=dash,
+                color=style.colour,
+                marker=style.marker,
+                ls=style.line,
                 ms=4,
                 lw=1.1,
-                label=method,
+                label=_title(method),
             )
         axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
         axis.axhline(0.9, color="0.8", lw=0.8)
@@ -227,8 +227,8 @@ def draw_gain(path: Path, table: dict, names: list[str]) -> None:
     labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in table]
     for method in [m for m in names if m != "none"]:
         gain = [values["none"][0] - values[method][0] for values in table.values()]
-        colour, marker, _ = STYLES[method]
-        axis.plot(gain, range(len(gain)), ls="", marker=marker, color=colour, ms=7, label=method, alpha=0.9)
+        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": _title(method)}
+        axis.plot(gain, range(len(gain)), ls="", ms=7, alpha=0.9, **look)
     axis.axvline(0, color="k", lw=0.8)
     axis.set_yticks(range(len(labels)), labels, fontsize=8)
     axis.invert_yaxis()

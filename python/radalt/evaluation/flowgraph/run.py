@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import CUSTOM
+from ...core.mitigation import CUSTOM, METHODS
 from ...core.paths import share_dir
 from ...core.scene import Scene, scene_to_mapping
 from .plan import left_out
@@ -39,7 +39,7 @@ __all__ = [
     "run_flowgraph",
     "run_point",
     "simulate",
-    "with_custom",
+    "with_chain",
 ]
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
@@ -155,18 +155,26 @@ def _rewired(connection: list[str]) -> list[str]:
     return [source, source_port, sink, sink_port]
 
 
-def with_custom(data: dict[str, Any]) -> dict[str, Any]:
-    """The same flowgraph with one more chain, ``mitigation_custom`` to ``altimeter_custom``: a copy of whitening's."""
+def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
+    """The same flowgraph with one more chain, ``mitigation_<name>`` to ``altimeter_<name>``: a copy of whitening's.
+
+    Parameters
+    ----------
+    data : dict
+        Flowgraph with the chain of the method ``whitening``.
+    name : str
+        Registry name of the method, or `CUSTOM`.
+    """
     data = copy.deepcopy(data)
     lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))
-    for kind, method in (("mitigation", f'"{CUSTOM}"'), ("altimeter", CUSTOM)):
+    for kind, method in (("mitigation", f'"{name}"'), ("altimeter", name)):
         block = copy.deepcopy(next(b for b in data["blocks"] if b["name"] == f"{kind}_whitening"))
-        block["name"], block["parameters"]["method"] = f"{kind}_{CUSTOM}", method
+        block["name"], block["parameters"]["method"] = f"{kind}_{name}", method
         block["states"]["coordinate"] = [block["states"]["coordinate"][0], lowest + 80]
         data["blocks"].append(block)
     chain = [c for c in data["connections"] if f"{c[0]} {c[2]}".count("_whitening")]
     data["connections"] += [
-        [p.replace("_whitening", f"_{CUSTOM}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
+        [p.replace("_whitening", f"_{name}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
     ]
     return data
 
@@ -203,19 +211,23 @@ def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
 
 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
-    """Disable what the scene does not need: the chains of other methods, and the jammer's; add one for your own.
+    """Disable what the scene does not need: the chains of other methods, and the jammer's; add those that lack.
 
     Raises
     ------
     FlowgraphError
-        If the flowgraph has no chain for a method.
+        If a method is neither in the flowgraph nor registered.
     """
-    data = with_custom(data) if CUSTOM in methods else copy.deepcopy(data)
+    data = copy.deepcopy(data)
     names = {block["name"] for block in data["blocks"]}
     have = {name.removeprefix("altimeter_") for name in names if name.startswith("altimeter_")}
-    unknown = [m for m in methods if m not in have]
-    if unknown:
-        raise FlowgraphError(f"unknown method {unknown[0]!r}; the flowgraph has: {', '.join(sorted(have))}")
+    known = sorted(have | {*METHODS, CUSTOM})
+    for method in methods:
+        if method not in known:
+            raise FlowgraphError(f"unknown method {method!r}; known: {', '.join(known)}")
+        if method not in have:
+            data = with_chain(data, method)
+            have.add(method)
     unneeded = {f"{kind}_{m}" for m in have - set(methods) for kind in ("mitigation", "altimeter")}
     if not jammer:
         unneeded |= {"jammer_source", JAMMER_SINK}

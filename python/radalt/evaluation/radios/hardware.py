@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.paths import share_dir
-from ...core.radio.calibration import store_latency_samples
+from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ..flowgraph.run import (
@@ -104,7 +104,7 @@ def run_hardware(
     transmit : bool
         What the command line says; the interlock wants it besides the enclosure.
     calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
         unless ``use_calibration`` is false.
     capture : path, optional
         SigMF recording of what was received.
@@ -116,7 +116,8 @@ def run_hardware(
     Returns
     -------
     PointResult
-        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late`` and ``calibrated`` besides its own.
+        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type,
+        serial) besides its own.
 
     Raises
     ------
@@ -160,6 +161,7 @@ def run_hardware(
         "tx_late": events.counts["time_error"] + events.counts["seq_error"],
         "calibrated": ready.latency_samples is not None,
         "latency_samples": top.frame_segmenter.latency_samples,
+        "radio": (ready.key.device_type, ready.key.serial),
     }
     log("counters: " + ", ".join(f"{key} {result.segmenter[key]}" for key in _COUNTERS))
     return result
@@ -208,5 +210,6 @@ def calibrate(
     latency = result.segmenter["latency_samples"]
     if not frames["valid"].any():
         raise FlowgraphError("calibration: no altitude was found; check the cable from TX/RX to RX2")
-    path = store_latency_samples(latency, scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+    key = CalibrationKey(*result.segmenter["radio"], scene.radio.master_clock_hz, scene.waveform.rate_hz)
+    path = store_latency_samples(latency, key, calibration)
     return latency, path

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import kendalltau
 
-from ...core.interference.nr import NrEmitter
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings
 from ...core.returns.point import point_return

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.interference.placement import Interferer, QpskEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.mitigation import create
 from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
