@@ -120,3 +120,18 @@ def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(tool,
     said = tool.verdict(os_release, python, "3.10.12.0")
     assert "\n" not in said and named in said
     assert "Debian 12 and 13" in said and "Python 3.10 to 3.13" in said and said.endswith("going on")
+
+
+def test_bare_system_without_root_is_one_line(root, tmp_path):
+    (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
+    (tmp_path / "id").chmod(0o755)
+    done = subprocess.run(
+        [str(root / "tools/test-debian.sh"), "trixie"],
+        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "needs root" in done.stderr

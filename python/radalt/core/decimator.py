@@ -116,7 +116,7 @@ class Decimator:
         blocks = buffer.view(np.float32).reshape(-1, rows, 2 * self._row)
         share = np.empty((len(blocks), rows, terms, self._run), dtype=np.complex64)
         # one product a block: BLAS rounds differently with the number of rows, and a frame's result must not depend on
-        # how many came with it. SciPy's BLAS: NumPy below 2, which GNU Radio needs, carries one that takes processors
+        # how many came with it. SciPy's BLAS: NumPy below 2, which older GNU Radio needs, has one that takes processors
         # made after it for one of 2004, at a fifth of the speed. It counts columns first: both sides are transposed
         for block, part in zip(blocks, share.view(np.float32).reshape(len(blocks), rows, -1), strict=True):
             part[:] = blas.sgemm(1.0, self._matrix, block.T).T
