@@ -6,6 +6,7 @@
 #   ARGS    arguments that every target gets, as in `make test ARGS=...`
 #   BARE    folder of the bare system, kept, and used again where it stands; default: a new one, removed at the end
 #   MIRROR  of Debian; default http://deb.debian.org/debian
+#   PYTHONDEVMODE, PYTHONWARNINGS  handed on
 # Needs root, for debootstrap and chroot. Settings of apt's and pip's transfers, certificates and proxies are the host's.
 # Mounts live in a name space of their own: whatever ends this script, none stays.
 set -eu
@@ -99,7 +100,7 @@ git -C "$tree" ls-files -z --cached --others --exclude-standard -- . ':!.venv' '
     tar -C "$tree" --null --ignore-failed-read -T - -c 2>/dev/null | tar -C "$bare/src" --no-same-owner -x
 
 # -- the targets
-kept=$(env | grep -E '^(PIP_[A-Z_]*|https?_proxy|HTTPS?_PROXY|no_proxy|NO_PROXY|SSL_CERT_FILE|REQUESTS_CA_BUNDLE)=' || true)
+kept=$(env | grep -E '^(PIP_[A-Z_]*|https?_proxy|HTTPS?_PROXY|no_proxy|NO_PROXY|SSL_CERT_FILE|REQUESTS_CA_BUNDLE|PYTHONDEVMODE|PYTHONWARNINGS)=' || true)
 inside() { # COMMAND...: in the bare system, in the source tree, with nothing of this environment but $kept
     (
         IFS='
