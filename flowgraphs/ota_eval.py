@@ -74,7 +74,9 @@ def _check_python() -> str | None:
             return f"{sys.executable} has no GNU Radio; {hint}"
         # found now rather than when the report is drawn
         missing = [
-            name for name in ("scipy", "yaml", "matplotlib", "tqdm", "pebble", "jinja2") if importlib.util.find_spec(name) is None
+            name
+            for name in ("scipy", "yaml", "matplotlib", "tqdm", "pebble", "jinja2")
+            if importlib.util.find_spec(name) is None
         ]
         if missing:
             return f"{sys.executable} lacks {', '.join(missing)}; run 'make eval', which installs requirements.txt"
