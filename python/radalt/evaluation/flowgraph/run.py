@@ -11,9 +11,9 @@ import contextlib
 import copy
 import importlib.util
 import io
+import os
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,19 +24,21 @@ import numpy as np
 from ...core.mitigation import CUSTOM, METHODS
 from ...core.paths import share_dir
 from ...core.scene import Scene, scene_to_mapping
+from . import FlowgraphError
 from .plan import left_out
+from .watch import run_to_end
 
 __all__ = [
     "FlowgraphError",
     "PointResult",
     "Prepared",
-    "collect",
+    "from_recording",
     "generate",
     "left_out",
+    "make_top",
     "prepare",
     "prune",
-    "replay",
-    "run_flowgraph",
+    "result_of",
     "run_point",
     "simulate",
     "with_chain",
@@ -45,10 +47,6 @@ __all__ = [
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
-
-
-class FlowgraphError(RuntimeError):
-    """A flowgraph that cannot be made or run; the message is one line for the user."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
     return data
 
 
-def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
+def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
     """The same flowgraph with a recording in the place of the receiver, and without transmitters.
 
     The parameters ``capture_file`` and ``follow_programme`` are added.
@@ -360,30 +358,31 @@ def run_point(
     Exception
         Whatever a block's ``work`` raised, as it was.
     """
-    path = write_scene(scene, prepared.module.parent / f"point_{scene.seed}_{threading.get_native_id()}.yaml")
-    try:
-        top = load_class(prepared)(scene_file=str(path), drop_when_slow=0)
-    finally:
-        path.unlink()
+    top = make_top(prepared, scene, drop_when_slow=0)
     recorder = None
     if capture:
         from .recorder import attach_recorder
 
         recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
-    begin = time.perf_counter()
-    run_flowgraph(top, time_limit_s)
-    if recorder is not None:
-        recorder.finish()
-    return collect(top, prepared, scene, time.perf_counter() - begin)
+    try:
+        elapsed = run_to_end(top, time_limit_s=time_limit_s)
+    finally:
+        if recorder is not None:
+            recorder.finish()
+    return result_of(top, prepared, scene, elapsed)
 
 
-def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
-    """What a flowgraph that has ended holds; raises whatever a block's ``work`` raised."""
-    from ...blocks._guard import raise_stored
+def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
+    """The top block of a generated flowgraph for a scene, not yet started; ``parameters`` are the flowgraph's."""
+    path = prepared.module.parent / f"scene_{os.getpid()}_{threading.get_native_id()}.yaml"
+    try:
+        return load_class(prepared)(scene_file=str(write_scene(scene, path)), **parameters)
+    finally:
+        path.unlink()
 
-    raise_stored(
-        [block for block in vars(top).values() if hasattr(block, "work") or hasattr(block, "general_work")]
-    )
+
+def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
+    """What a flowgraph that has ended holds."""
     mitigations = {m: getattr(top, f"mitigation_{m}", None) for m in prepared.methods}
     return PointResult(
         results={m: getattr(top, f"altimeter_{m}").results() for m in prepared.methods},
@@ -393,17 +392,3 @@ def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> Poi
         real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
         left_out=list(prepared.left_out),
     )
-
-
-def run_flowgraph(top: Any, time_limit_s: float) -> None:
-    """Run to the end of the stream, or stop and say so."""
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    waiter.join(time_limit_s)
-    if waiter.is_alive():
-        top.stop()
-        waiter.join(10.0)
-        raise FlowgraphError(
-            f"the flowgraph did not end within {time_limit_s:g} s; raise the limit or use fewer frames"
-        )
