@@ -186,7 +186,7 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ...core.returns.terrain import TerrainError, TrajectoryError
     from ...core.scene import SceneError
     from ..flowgraph.run import FlowgraphError
-    from ..landing.study import StudyError
+    from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
 

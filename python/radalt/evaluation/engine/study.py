@@ -34,6 +34,11 @@ class Point:
     frames: int = 0
     table: str = "rows"
 
+    @property
+    def sampled(self) -> bool:
+        """Whether more batches make its rows sharper, in a study that is `Study.sampled`."""
+        return True
+
 
 @dataclass(frozen=True)
 class Run:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...core.mitigation import Mitigation, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ...core.waveform import Waveform
 
 __all__ = ["Chain", "altimeter_of", "chains_with", "model_files", "seconds_per_frame"]
@@ -43,6 +43,8 @@ class Chain:
         Of its arithmetic; a model's own word for it goes before this.
     settings : AltimeterSettings
         Of the altimeter behind it.
+    looks : int
+        Consecutive frames whose power spectra are averaged into one altitude.
     """
 
     label: str
@@ -50,6 +52,7 @@ class Chain:
     options: tuple[tuple[str, Any], ...] = ()
     precision: str = "float32"
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
+    looks: int = 1
 
     @classmethod
     def of_model(
@@ -88,14 +91,18 @@ class Chain:
     def results(self, frames: np.ndarray, waveform: Waveform) -> tuple[np.ndarray, Mitigation]:
         """Altimeter results of ``(n, N)`` frames behind a fresh start of the method, and the method.
 
-        The method is built once per process and reset before the first frame.
+        There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
         method = _method_of(self, waveform)
         method.reset()
         altimeter = altimeter_of(waveform, self.settings)
-        parts = [
-            altimeter.process(method.process(frames[k : k + _CHUNK])) for k in range(0, len(frames), _CHUNK)
-        ]
+        step = self.looks * max(1, _CHUNK // self.looks)
+        parts = []
+        for k in range(0, len(frames), step):
+            spectra = altimeter.spectra(method.process(frames[k : k + step]))
+            if self.looks > 1:
+                spectra = _averaged(altimeter, spectra, self.looks)
+            parts.append(altimeter.detect(spectra))
         return np.concatenate(parts), method
 
 
@@ -115,6 +122,16 @@ def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Cha
         return dataclasses.replace(chain, options=options)
 
     return tuple(moved(chain) for chain in chains)
+
+
+def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
+    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
+    # spectra come scaled to unit peak; undo that, so that looks weigh by their power
+    power = spectra.power * (spectra.scale**2)[:, None, None]
+    power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
+    scale = np.sqrt(power.max(axis=(1, 2)))
+    power = (power / np.where(scale > 0, scale, 1.0)[:, None, None] ** 2).astype(np.float32)
+    return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
 
 
 @lru_cache(maxsize=64)
