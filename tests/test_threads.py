@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from radalt.core.decimator import Decimator
+from radalt.core.receiver.decimator import Decimator
 
 # A source that does what `statement` says with a threading.local in each call; it needs nothing of radalt.
 FLOWGRAPH = """
