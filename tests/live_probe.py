@@ -76,16 +76,16 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
 def main() -> None:
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+    from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
+    from gnuradio.radalt.evaluation.flowgraph.run import load_class
 
     app = Qt.QApplication(sys.argv[:1])
     folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]
     name = "ota_live" if air else "ota_live_sim"
-    prepared = flowgraph.Prepared(
-        flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ()
-    )
+    prepared = Prepared(generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ())
     parameters, calls = on_the_air(folder) if air else ({"drop_when_slow": 0}, [])
-    top = flowgraph.load_class(prepared)(**parameters)
+    top = load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.show()
     top.start()

@@ -19,15 +19,10 @@ import pytest
 from gnuradio import gr, radalt
 
 from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
-from gnuradio.radalt.evaluation.flowgraph.run import (
-    FlowgraphError,
-    load_grc,
-    prepare,
-    prune,
-    run_point,
-    simulate,
-)
+from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+from gnuradio.radalt.evaluation.flowgraph.generate import generate, prepare
+from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
+from gnuradio.radalt.evaluation.flowgraph.run import run_point, write_scene
 from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -368,7 +363,7 @@ def test_what_was_left_out_is_listed(clear, jammed):
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
     """DESIGN.md 7: the scene decides what is built, and what is not built is not imported."""
-    scene = flowgraph.write_scene(scene_of(), tmp_path / "scene.yaml")
+    scene = write_scene(scene_of(), tmp_path / "scene.yaml")
     statements = (
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
         f"import {clear.name} as module\n"
@@ -468,7 +463,7 @@ def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
 
 
 def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
-    module = flowgraph.generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
+    module = generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
     scene = tmp_path / "wrong.yaml"
     scene.write_text("altitude: {frames: -3}\n")
     done = run_button(module, "--scene-file", str(scene))

@@ -20,14 +20,10 @@ from gnuradio.radalt.core.radio.calibration import (
 from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
 from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.run import (
-    FlowgraphError,
-    Prepared,
-    generate,
-    load_class,
-    load_grc,
-    write_scene,
-)
+from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
+from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
+from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
 from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios.setup import describe, plan
 

@@ -7,21 +7,22 @@ import ota_eval
 import pytest
 
 from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.paths import share_dir
 from gnuradio.radalt.core.receiver import altimeter
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.engine.options import Options
 from gnuradio.radalt.evaluation.engine.run import run
-from gnuradio.radalt.evaluation.flowgraph import plan
-from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
-from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
+from gnuradio.radalt.evaluation.flowgraph.plan import left_out, make_plan
+from gnuradio.radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
 from gnuradio.radalt.evaluation.leaving_out import study as leaving_out
 from gnuradio.radalt.evaluation.leaving_out.report import summarise
 
 RUN = """
 import sys, tempfile
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
+from gnuradio.radalt.evaluation.flowgraph.generate import prepare
+from gnuradio.radalt.evaluation.flowgraph.run import run_point
 scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
 with tempfile.TemporaryDirectory() as folder:
     result = run_point(prepare(scene, scene.methods, folder), scene)
@@ -83,12 +84,10 @@ def test_without_interference_there_is_no_jammer_chain_and_no_second_radio():
     jammed = make_plan(scene(interference={"qpsk": {}}), ("none",))
     silent = make_plan(scene(interference={"qpsk": {"overlap": 0.0}}), ("none",))
     assert (clear.radios, jammed.radios, silent.radios) == (1, 2, 1)
-    data = flowgraph.prune(
-        flowgraph.load_grc(flowgraph.share_dir() / "flowgraphs" / "ota_b210.grc"), ("none",), False
-    )
+    data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), ("none",), False)
     state = {b["name"]: b["states"]["state"] for b in data["blocks"]}
-    assert state[flowgraph.JAMMER_SINK] == state["jammer_source"] == "disabled"
-    assert state[flowgraph.RADAR_SINK] == "enabled"
+    assert state[JAMMER_SINK] == state["jammer_source"] == "disabled"
+    assert state[RADAR_SINK] == "enabled"
 
 
 def test_beat_band_decimation_and_fft_follow_the_highest_altitude():
@@ -114,11 +113,7 @@ def test_every_part_has_a_reason_and_the_flowgraph_lists_the_same():
     shipped = load_scene("paper_qpsk")
     made = make_plan(shipped, shipped.methods)
     assert all(part.why for part in made.parts)
-    assert (
-        flowgraph.left_out(shipped, shipped.methods)
-        == plan.left_out(shipped, shipped.methods)
-        == made.left_out
-    )
+    assert left_out(shipped, shipped.methods) == made.left_out
 
 
 def test_methods_share_one_altimeter():

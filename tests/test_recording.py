@@ -14,8 +14,9 @@ from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.flowgraph.generate import prepare
 from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
-from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
+from gnuradio.radalt.evaluation.flowgraph.run import run_point
 from gnuradio.radalt.evaluation.radios.hardware import run_hardware
 
 pytestmark = pytest.mark.timeout(60)

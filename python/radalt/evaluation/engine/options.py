@@ -185,7 +185,7 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ...core.radio.recording import RecordingError
     from ...core.returns.terrain import TerrainError, TrajectoryError
     from ...core.scene import SceneError
-    from ..flowgraph.run import FlowgraphError
+    from ..flowgraph import FlowgraphError
     from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError

@@ -12,16 +12,9 @@ import numpy as np
 from ...core.paths import share_dir
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.scene import Scene
-from .run import (
-    PointResult,
-    Prepared,
-    from_recording,
-    generate,
-    load_grc,
-    make_top,
-    prune,
-    result_of,
-)
+from .generate import Prepared, generate
+from .rewrite import from_recording, load_grc, prune
+from .run import PointResult, make_top, result_of
 from .watch import run_to_end
 
 __all__ = ["Recorder", "attach_recorder", "prepare_replay", "replay_scene", "run_replay", "summary"]

@@ -22,7 +22,9 @@ from ...core.scene import Scene, parse_scene
 from ..engine.run import peak_memory_bytes
 from ..engine.study import Point, Run, Study
 from ..flowgraph import FlowgraphError
-from ..flowgraph.run import Prepared, generate, load_grc, prepare, prune, run_point, simulate
+from ..flowgraph.generate import Prepared, generate, prepare
+from ..flowgraph.rewrite import load_grc, prune, simulate
+from ..flowgraph.run import run_point
 from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns

@@ -15,17 +15,11 @@ from ...core.paths import share_dir
 from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
-from ..flowgraph.run import (
-    FlowgraphError,
-    PointResult,
-    Prepared,
-    generate,
-    left_out,
-    load_grc,
-    make_top,
-    prune,
-    result_of,
-)
+from ..flowgraph import FlowgraphError
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.plan import left_out
+from ..flowgraph.rewrite import load_grc, prune
+from ..flowgraph.run import PointResult, make_top, result_of
 from ..flowgraph.watch import run_to_end
 from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import functools
 import tempfile
 import threading
@@ -15,40 +14,12 @@ from ...core.paths import share_dir
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
-from ..flowgraph.run import (
-    Prepared,
-    generate,
-    load_grc,
-    make_top,
-    prune,
-    simulate,
-)
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.rewrite import load_grc, prune, remote, simulate
+from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
 
-__all__ = ["drive_remotely", "remote"]
-
-
-def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
-    blocks["frames"]["parameters"]["value"] = "0"
-    blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
-    blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
-    value = blocks["scene"]["parameters"]["value"]
-    blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
-    states = blocks["scene"]["states"]
-    imports = {"imports": "from gnuradio.radalt.core.scene.live import by_hand"}
-    added = [("import_by_hand", "import", imports)]
-    for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
-        added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
-    ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
-    added.append(("remote_control", "radalt_remote_control", ports))
-    data["blocks"] += [
-        {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
-    ]
-    return data
+__all__ = ["drive_remotely"]
 
 
 @functools.lru_cache(maxsize=4)

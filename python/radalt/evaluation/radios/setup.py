@@ -21,7 +21,8 @@ from ...core.radio.calibration import CalibrationKey, load_latency_samples
 from ...core.radio.interlock import InterlockError, require_enclosure
 from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
-from ..flowgraph.run import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, FlowgraphError
+from ..flowgraph import FlowgraphError
+from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
 
 __all__ = [
     "FULL_SCALE",

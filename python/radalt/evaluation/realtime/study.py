@@ -16,7 +16,9 @@ import numpy as np
 from ...core.mitigation import OwnProcess
 from ...core.paths import share_dir
 from ...core.scene import Scene
-from ..flowgraph.run import Prepared, generate, load_grc, make_top, prune, simulate
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.rewrite import load_grc, prune, simulate
+from ..flowgraph.run import make_top
 from ..flowgraph.watch import blocks_of, run_to_end
 
 __all__ = ["Measurement", "fly_benchmark", "long_scene", "prepare_benchmark"]
