@@ -84,7 +84,7 @@ def add_options(
     default = f" (default: {out})" if out else ""
     add("--out", type=out_folder, default=out and Path(out), help=f"result folder{default}")
     add("--resume", action="store_true", help="complete the run that --out holds")
-    add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
+    add("--jobs", type=int, default=2, help="local worker processes (default: %(default)s); changes no row")
     add(
         "--scheduler",
         default="",
@@ -145,9 +145,19 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ..landing.study import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
+    from .precision import PrecisionError
 
     own = (SceneError, MitigationError, CalibrationError, InterlockError, RecordingError, TerrainError)
-    return (*own, TrajectoryError, FlowgraphError, StudyError, FolderError, WorkerError, OSError)
+    return (
+        *own,
+        TrajectoryError,
+        FlowgraphError,
+        StudyError,
+        FolderError,
+        WorkerError,
+        PrecisionError,
+        OSError,
+    )
 
 
 def duration(seconds: float) -> str:
