@@ -5,13 +5,12 @@ import math
 
 import pytest
 
-from radalt.evaluation.engine import precision
 from radalt.evaluation.results import break_point as module
 from radalt.evaluation.results import score as scorer
 from radalt.evaluation.results.break_point import break_point, protection_gain
 
 
-@pytest.mark.parametrize("tested", [module, scorer, precision])
+@pytest.mark.parametrize("tested", [module, scorer])
 def test_examples_in_docstrings_run(tested):
     result = doctest.testmod(tested)
     assert result.attempted and not result.failed
@@ -58,23 +57,3 @@ def test_open_ends_propagate_into_the_gain(base, method, mark):
 def test_without_a_point_there_is_none():
     with pytest.raises(ValueError, match="at least one SIR"):
         break_point([], [])
-
-
-@pytest.mark.parametrize("p", [0.5, 0.8, 0.95, 0.99])
-def test_two_stages_reach_the_precision_and_keep_the_coverage(p):
-    """The pilot fixes the count; the interval of all trials then covers as often as it says."""
-    import numpy as np
-
-    rng = np.random.default_rng(3)
-    pilot, covered, counts = 150, [], []
-    for _ in range(1500):
-        first = int(rng.binomial(pilot, p))
-        batches = precision.batches_needed([{"correct": first, "trials": pilot}], 0.03)
-        trials = batches * pilot
-        correct = first + int(rng.binomial(trials - pilot, p))
-        low, high = scorer.wilson_interval(correct, trials)
-        covered.append(low <= p <= high)
-        counts.append(trials)
-        assert precision.half_width(correct, trials) <= 0.0325  # planned from the pilot's interval
-    assert np.mean(covered) > 0.93
-    assert np.median(counts) < (1.96 / 0.03) ** 2 / 4 + 2 * pilot

@@ -204,8 +204,34 @@ def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
     assert "Traceback" not in err
 
 
-def test_nothing_of_dask_is_imported_without_a_scheduler():
-    code = "import sys; import radalt.evaluation.engine.command; print(*({'dask', 'distributed'} & set(sys.modules)))"
-    path = {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ | path, capture_output=True, text=True)
+def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
+    code = (
+        f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
+        "from test_engine import Coins, Options, Path, run\n"
+        "if __name__ == '__main__':\n"
+        f"    run(Coins((0.5,)), Options(Path({str(tmp_path / 'run')!r}), jobs=1))\n"
+        "    print(*({'dask', 'distributed', 'tornado'} & set(sys.modules)))\n"
+    )
+    (tmp_path / "program.py").write_text(code, encoding="utf-8")
+    command = [sys.executable, tmp_path / "program.py"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
+    assert len(rows_of(tmp_path / "run").splitlines()) == 2
+
+
+def test_a_dry_run_with_a_precision_says_what_it_may_come_to(tmp_path, capsys):
+    options = Options(tmp_path / "run", jobs=1, precision=0.05)
+    assert command.main(Coins(pause_s=30.0), options, program="coins", dry_run=True) == 0
+    # 1.96^2 / (4 0.05^2) = 384 tosses at most, in batches of 100
+    line = "with --precision 0.05 up to 1600 frames, 8 min, if every Pd were 0.5"
+    assert line in capsys.readouterr().out
+
+
+def test_a_precision_that_would_never_end_is_one_line(tmp_path, capsys):
+    options = Options(tmp_path / "run", jobs=1, precision=0.0005)
+    assert command.main(Coins(), options, program="coins", dry_run=False) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(
+        "coins: --precision 0.0005 may take 38415 batches of 100 trials; at most 10000: ask"
+    )
+    assert "ask for 0.00099 or more" in err and err.count("\n") == 1 and not (tmp_path / "run").exists()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..results.folder import FolderError
 from .options import Options, duration, expected_errors
+from .precision import check_precision, most_batches
 from .publish import publish
 from .run import Progress, estimate, run
 from .study import Study
@@ -70,13 +71,7 @@ def main(
         if not isinstance(study, Study):
             study = study()
             study.check()
-        points = study.points()
-        seconds = estimate(study, points, options.jobs)
-        frames = sum(p.frames for p in points)
-        print(
-            f"{program}: {len(points)} points, {frames} frames, about {duration(seconds)} -> {options.out}",
-            flush=True,
-        )
+        print(f"{program}: {_cost(study, options)} -> {options.out}", flush=True)
         if dry_run:
             return 0
         if options.publish is not None and not study.published:
@@ -95,6 +90,24 @@ def main(
         return 130
     print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
     return status or 0
+
+
+def _cost(study: Study, options: Options) -> str:
+    """Points, frames and time before anything is measured; from pilots alone to every Pd at one half."""
+    points = study.points()
+    seconds = estimate(study, points, 1 if options.scheduler else options.jobs)
+    where = " of one core's time" if options.scheduler else ""
+    text = f"{len(points)} points, {sum(p.frames for p in points)} frames, about {duration(seconds)}{where}"
+    if options.precision is None:
+        return text
+    check_precision([p.frames for p in points], options.precision)
+    most = [most_batches(p.frames, options.precision) if p.frames else 1 for p in points]
+    frames = sum(p.frames * m for p, m in zip(points, most, strict=True))
+    seconds *= sum(most) / max(len(points), 1)
+    return (
+        f"{text} for the first batch of each; with --precision {options.precision:g} up to {frames} frames, "
+        f"{duration(seconds)}, if every Pd were 0.5"
+    )
 
 
 def _resuming(options: Options) -> str:

@@ -103,7 +103,7 @@ def add_options(
         metavar="DIR",
         help="at the end, copy page, figures and data into DIR under the names that the documentation links to",
     )
-    add("--jobs", type=int, default=2, help="worker processes (default: %(default)s); changes no row")
+    add("--jobs", type=int, default=2, help="local worker processes (default: %(default)s); changes no row")
     add(
         "--scheduler",
         default="",
@@ -189,9 +189,19 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
+    from .precision import PrecisionError
 
     own = (SceneError, MitigationError, CalibrationError, InterlockError, RecordingError, TerrainError)
-    return (*own, TrajectoryError, FlowgraphError, StudyError, FolderError, WorkerError, OSError)
+    return (
+        *own,
+        TrajectoryError,
+        FlowgraphError,
+        StudyError,
+        FolderError,
+        WorkerError,
+        PrecisionError,
+        OSError,
+    )
 
 
 def duration(seconds: float) -> str:

@@ -6,14 +6,17 @@ flowgraph does when something is wrong.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
+from multiprocessing import resource_tracker
 from typing import Any
 
-__all__ = ["WorkerError", "answered", "run_tasks"]
+__all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
 
 
 class WorkerError(RuntimeError):
@@ -66,9 +69,8 @@ def run_tasks(
         return
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
     context = multiprocessing.get_context("spawn")
-    turn = context.Value("i", 0)
     workers = min(jobs, len(tasks))
-    with ProcessPool(workers, context=context, initializer=_enter, initargs=(turn,)) as pool:
+    with ProcessPool(workers, context=context, initializer=enter) as pool:
         todo = iter(enumerate(tasks))
         running: dict[Future, int] = {}
 
@@ -78,14 +80,9 @@ def run_tasks(
                 running[pool.schedule(answered, (function, task), timeout=time_limit_s)] = index
                 return
 
-        # Ctrl-C reaches the whole process group, and the parent decides what becomes of the workers: the pool's
-        # threads, and so the workers they start, have it blocked from their first instruction on
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with uninterrupted():
             for _ in range(workers):
                 hand_out()
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         try:
             while running:
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -94,12 +91,10 @@ def run_tasks(
                     try:
                         failed, value = future.result()
                     except TimeoutError:
-                        raise WorkerError(
-                            f"{what}: not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
-                        ) from None
+                        raise WorkerError(f"{what}: {too_late(time_limit_s)}") from None
                     except ProcessExpired as error:
                         raise WorkerError(
-                            f"{what}: the worker process ended ({_cause(error.exitcode)})"
+                            f"{what}: the worker process ended ({cause(error.exitcode)})"
                         ) from None
                     if failed:
                         raise WorkerError(f"{what}: {value}")
@@ -109,7 +104,13 @@ def run_tasks(
             pool.stop()
 
 
-def _cause(exitcode: int | None) -> str:
+def too_late(time_limit_s: float) -> str:
+    """For a task that hangs."""
+    return f"not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
+
+
+def cause(exitcode: int | None) -> str:
+    """Why a process ended, in words."""
     if exitcode is None:
         return "it no longer answers"
     if exitcode >= 0:
@@ -118,15 +119,46 @@ def _cause(exitcode: int | None) -> str:
     return f"{name}; out of memory? try fewer jobs" if name == "SIGKILL" else name
 
 
-def _enter(turn: Any) -> None:
-    """First thing in a worker: a core of its own, and Ctrl-C ignored by what it starts, too.
+def enter() -> None:
+    """First thing in a process that measures: a core of its own.
 
     A flowgraph's threads share one interpreter, so a second core wins nothing and every handover between cores costs:
     `none` and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one of them.
     """
-    with turn.get_lock():
-        number, turn.value = turn.value, turn.value + 1
     if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[number % len(cores)]})
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for core in sorted(os.sched_getaffinity(0)):
+            if _claim(core):
+                os.sched_setaffinity(0, {core})
+                break
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Threads and processes that start in this block never see Ctrl-C: it reaches the whole process group, and their
+    owner decides what becomes of them. Their imports would else end in a traceback each."""
+    resource_tracker.ensure_running()  # its first start would let Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_claims: list[socket.socket] = []
+
+
+def _claim(core: int) -> bool:
+    """Whether no other process that measures on this machine has this core; kept while this process lives.
+
+    The claim is a name in Linux's abstract socket namespace: there is one such name per machine (or container), and it
+    goes with the process however that ends. Worker processes of two runs, or of two Dask workers, thus do not meet on
+    one core while another stands idle; those that find every core claimed stay where the system puts them.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0radalt core {core}")
+    except OSError:
+        claim.close()
+        return False
+    _claims.append(claim)
+    return True

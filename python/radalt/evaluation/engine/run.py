@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..results.folder import RunFolder, versions
 from .options import Options
-from .pool import run_tasks
-from .precision import batches_needed
+from .pool import WorkerError, run_tasks
+from .precision import batches_needed, check_precision
 from .study import Point, Run, Study
+
+if TYPE_CHECKING:
+    from .cluster import Cluster
 
 __all__ = ["Progress", "Task", "estimate", "peak_memory_bytes", "run"]
 
@@ -34,10 +38,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker gives back."""
+    """What a worker gives back; ``process`` is unlike that of any other process of the run."""
 
     rows: list[dict[str, Any]]
-    process: int
+    process: int | str
     peak_bytes: int
 
 
@@ -107,23 +111,28 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     """
     begin = time.monotonic()
     points = list(study.points())
-    folder = RunFolder(options.out, head_of(study), resume=options.resume)
-    try:
-        return _run(study, points, folder, options, progress, begin)
-    finally:
-        folder.close()
+    if options.precision is not None:
+        check_precision([p.frames for p in points], options.precision)
+    with contextlib.ExitStack() as stack:
+        # a cluster that is not there leaves no folder behind
+        cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
+        folder = stack.enter_context(
+            contextlib.closing(RunFolder(options.out, head_of(study), resume=options.resume))
+        )
+        return _run(study, points, _Watch(study, folder, options, progress, cluster), begin)
 
 
-def _run(
-    study: Study,
-    points: list[Point],
-    folder: RunFolder,
-    options: Options,
-    progress: Callable[[Progress], None],
-    begin: float,
-) -> Path:
+def _cluster(study: Study, scheduler: str) -> Cluster:
+    if study.stays_here:
+        raise WorkerError(f"--scheduler {scheduler}: {study.stays_here}; leave it out")
+    from .cluster import Cluster
+
+    return Cluster(scheduler)
+
+
+def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path:
+    folder, options = watch.folder, watch.options
     ready = study.begin(folder.path)
-    watch = _Watch(study, folder, options, progress)
     watch.stage(ready, [(point, 0) for point in points])
     if options.precision is not None:
         more = {
@@ -140,7 +149,7 @@ def _run(
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))
     how = Run(
-        jobs=watch.jobs,
+        jobs=len(watch.peaks) if options.scheduler else watch.jobs,
         points=len(points),
         points_resumed=watch.resumed,
         wall_s=round(time.monotonic() - begin, 3),
@@ -155,11 +164,17 @@ class _Watch:
     """Batches handed out and brought in, with an estimate of what is left."""
 
     def __init__(
-        self, study: Study, folder: RunFolder, options: Options, progress: Callable[[Progress], None]
+        self,
+        study: Study,
+        folder: RunFolder,
+        options: Options,
+        progress: Callable[[Progress], None],
+        cluster: Cluster | None,
     ) -> None:
         self.folder, self.options, self.progress = folder, options, progress
         self.jobs = min(options.jobs, study.max_jobs or options.jobs)
-        self.peaks: dict[int, int] = {}
+        self.peaks: dict[int | str, int] = {}
+        self._cluster = cluster
         self.total = self.done = self.resumed = 0
         self._study = study
         self._begun = time.monotonic()
@@ -197,10 +212,8 @@ class _Watch:
 
     def _outcomes(self, tasks: Sequence[Task]) -> Iterator[tuple[int, Outcome]]:
         limit = self.options.time_limit_s
-        if self.options.scheduler:
-            from .cluster import run_on_cluster
-
-            return run_on_cluster(tasks, self.options.scheduler, time_limit_s=limit)
+        if self._cluster is not None:
+            return self._cluster.run_tasks(tasks, time_limit_s=limit)
         return run_tasks(measure_task, tasks, jobs=self.jobs, time_limit_s=limit, label=lambda t: t.label)
 
     def _tell(self, rows: Sequence[dict[str, Any]], first_s: float, count: int, todo: int) -> None:

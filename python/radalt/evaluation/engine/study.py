@@ -123,3 +123,12 @@ class Study:
     def needs_network(self) -> bool:
         """Whether ONNX Runtime takes part, whose version then counts."""
         return False
+
+    @property
+    def stays_here(self) -> str:
+        """Why this machine alone can measure it, in words; empty where any machine can."""
+        return (
+            ""
+            if self.max_jobs is None
+            else f"it measures at most {self.max_jobs} points at once, on this machine"
+        )

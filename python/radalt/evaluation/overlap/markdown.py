@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..engine.precision import half_width, most_batches
 from ..results.page import render
 from ..results.score import pool
 from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .figures import panels
 
-__all__ = ["pd_tables", "report_markdown"]
+__all__ = ["pd_tables", "report_markdown", "spread"]
 
 
 def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
@@ -28,18 +29,20 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
     # the segmenter's counters are the same for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
     values = report | tables | {"figures": figures, "frames_lost": lost, "summary": _summary(report)}
+    values["precise"] = _precision(report)
     return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
 def _summary(report: dict[str, Any]) -> str:
     altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
     heights = altitude["programme_m"]
+    batch = " per batch" if report["run"]["precision"] else ""
     text = f"{report['title']}. {report['scene']['description']}".rstrip(". ") + "."
     return (
         f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
         f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
         f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m "
-        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each: "
+        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each{batch}: "
         f"{report['trials_per_point']} trials per point and method. Source: {report['source']}. Seed {report['seed']}."
     )
 
@@ -75,11 +78,32 @@ def _by_panel(rows: Sequence[dict[str, Any]], cell: Callable[[dict[str, Any]], s
         lines = []
         for overlap in sorted({r["overlap"] for r in mine}):
             at = {r.get("series", r["method"]): r for r in mine if r["overlap"] == overlap}
-            trials = sorted({r["trials"] for r in at.values()})
-            count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
-            lines.append([f"{overlap:g}", count, *(cell(at[s]) if s in at else "" for s in series)])
+            lines.append(
+                [f"{overlap:g}", spread(at.values()), *(cell(at[s]) if s in at else "" for s in series)]
+            )
         out += [f"### {title}", table(["overlap", "trials", *series], lines)]
     return out
+
+
+def spread(rows: Iterable[dict[str, Any]]) -> str:
+    """How many trials the rows have: one number, or the smallest and the largest."""
+    trials = sorted({r["trials"] for r in rows})
+    return f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
+
+
+def _precision(report: dict[str, Any]) -> dict[str, Any]:
+    """What ``--precision`` cost and reached; empty without it."""
+    wanted = report["run"]["precision"]
+    if not wanted:
+        return {}
+    first = {(r["overlap"], r["sir_db"], r["snr_db"]): r["trials"] for r in report["rows"]}
+    fixed = most_batches(1, wanted)
+    return {
+        "trials": sum(first.values()),
+        "fixed": fixed,
+        "fixed_all": fixed * len(first),
+        "widest": max(half_width(r["correct"], r["trials"]) for r in report["rows"]),
+    }
 
 
 def _ceiling(report: dict[str, Any]) -> str:

@@ -16,7 +16,7 @@ from ..engine.study import Run
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
 from .figures import draw_error, draw_pd
-from .markdown import report_markdown
+from .markdown import report_markdown, spread
 
 if TYPE_CHECKING:
     from .study import OverlapStudy
@@ -95,7 +95,7 @@ def build_report(
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": interference_title(scene),
         "interference_notes": [note for i in scene.interference for note in i.emitter.notes],
-        "trials_per_point": scene.altitude.programme.trial_frames,
+        "trials_per_point": scene.altitude.programme.trial_frames if run.precision is None else spread(rows),
         "left_out": study.left_out(),
         "rows": list(rows),
         "ceiling": _one_each(ceiling),

@@ -10,7 +10,9 @@ from ..results.rows import Columns
 from ..results.score import Score
 from .points import OverlapPoint
 
-__all__ = ["COLUMNS", "make_row"]
+__all__ = ["COLUMNS", "COUNTERS", "make_row"]
+
+COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the path, beside those of `Score`
 
 COLUMNS = Columns(
     names=(

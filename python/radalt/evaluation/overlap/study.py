@@ -19,7 +19,7 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
 from .points import OverlapPoint, scene_at, sweep_points
-from .rows import COLUMNS, make_row
+from .rows import COLUMNS, COUNTERS, make_row
 
 __all__ = ["OverlapStudy", "check_methods", "check_scene", "rows_of"]
 
@@ -125,6 +125,13 @@ class OverlapStudy(Study):
         return None if self.hardware is None else 1
 
     @property
+    def stays_here(self) -> str:
+        """See `Study`."""
+        if self.capture:
+            return "--capture writes its recordings where the flowgraph runs"
+        return "" if self.hardware is None else "the radios are at this machine"
+
+    @property
     def source(self) -> str:
         """Where the samples come from."""
         return "simulated" if self.hardware is None else "air"
@@ -189,6 +196,12 @@ class OverlapStudy(Study):
 
             result = run_hardware(scene, scene.methods, capture=capture, **self.hardware)
         return rows_of(scene, point, result)
+
+    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """See `Study`; the counters of the path are added as well."""
+        rows = super().pooled(batches)
+        sums = [{c: sum(row[c] for row in same) for c in COUNTERS} for same in zip(*batches, strict=True)]
+        return [row | counted for row, counted in zip(rows, sums, strict=True)]
 
     def left_out(self) -> list[str]:
         """What the flowgraphs leave out, and why."""

@@ -1,0 +1,233 @@
+"""A sweep over a Dask cluster on this machine: the same rows as in one process, whatever happens to a worker."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import ota_eval
+import pytest
+from test_engine import Coins, rows_of
+from test_ota_eval import run as run_program
+from test_ota_eval import stable, start
+
+from radalt.core.scene import load_scene
+from radalt.evaluation.engine import slot
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.pool import WorkerError
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.overlap.study import OverlapStudy
+
+cluster = pytest.importorskip("radalt.evaluation.engine.cluster")
+pytestmark = pytest.mark.timeout(150)
+SWEEP = "--methods none,tcae,custom --overlap 0,0.4,0.7,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
+
+
+class Processes:
+    """A scheduler and its workers, each with a process group of its own."""
+
+    def __init__(self, folder: Path, root: Path) -> None:
+        self.folder, self.file = folder, folder / "scheduler.json"
+        self.workers: list[subprocess.Popen] = []
+        paths = [str(root / "python"), str(root / "tests"), str(root / "flowgraphs")]
+        self._env = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "RADALT_TEST_WORKER": "1"}
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", env=dict(os.environ))
+        wait_for(lambda: self.file.exists() and self.file.stat().st_size)
+        self.address = json.loads(self.file.read_text(encoding="utf-8"))["address"]
+
+    def _start(self, kind, *arguments, env):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--scheduler-file", str(self.file)]
+        log = (self.folder / "log.txt").open("a")
+        return subprocess.Popen(
+            [*command, "--no-dashboard", *arguments],
+            cwd=self.folder,
+            env=env,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+
+    def add_worker(self, *arguments) -> None:
+        options = ("--nthreads", "1", "--local-directory", str(self.folder / f"worker{len(self.workers)}"))
+        self.workers.append(self._start("worker", *options, *arguments, env=self._env))
+
+    def end(self, process: subprocess.Popen) -> None:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(30)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (*self.workers, self.scheduler):
+            self.end(process)
+
+
+def wait_for(condition, limit_s=60.0):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, "it did not come"
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory, root):
+    """A scheduler with two workers, one below a nanny, as the command starts it, and one without."""
+    with Processes(tmp_path_factory.mktemp("dask"), root) as processes:
+        processes.add_worker()
+        processes.add_worker("--no-nanny")
+        yield processes
+
+
+def on(dask, folder, **options) -> Options:
+    return Options(folder, scheduler=dask.address, **options)
+
+
+def test_rows_are_the_same_bytes_on_a_cluster(dask, tmp_path):
+    run(Coins(), Options(tmp_path / "here", jobs=1, precision=0.05))
+    run(Coins(), Options(tmp_path / "there", scheduler=str(dask.file), precision=0.05))
+    assert rows_of(tmp_path / "here") == rows_of(tmp_path / "there")
+
+
+def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, tmp_path):
+    with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 1 s; raise the time limit"):
+        run(Coins(hang="coin 0.97"), on(dask, tmp_path / "hangs", time_limit_s=1.0))
+    run(Coins(), on(dask, tmp_path / "goes on"))
+    assert not measuring(dask)  # nothing of either run is left on the workers
+
+
+def measuring(dask) -> list[int]:
+    """Processes that measure beside the workers."""
+    found = []
+    for page in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            ours = b"engine.slot import serve" in page.read_bytes()
+            group = os.getpgid(int(page.parent.name))
+        except (OSError, ValueError):
+            continue
+        found += [int(page.parent.name)] if ours and group in {w.pid for w in dask.workers} else []
+    return found
+
+
+@dataclass(frozen=True)
+class Broken(Coins):
+    """Every coin raises an error."""
+
+    error: Exception = ValueError("the coin stands on its edge")
+
+    def measure(self, point, batch=0):
+        raise self.error
+
+
+def test_an_error_of_a_task_is_the_users_line_and_a_mistake_in_it_is_raised(dask, tmp_path):
+    with pytest.raises(WorkerError, match=r"^coin 0\.1: the coin stands on its edge$"):
+        run(Broken((0.1,)), on(dask, tmp_path / "a"))
+    with pytest.raises(KeyError, match="mistake"):
+        run(Broken((0.1,), error=KeyError("mistake")), on(dask, tmp_path / "b"))
+
+
+@pytest.mark.parametrize("name", ["numpy", "radalt source", "gnuradio"])
+def test_another_version_on_a_worker_is_refused_in_one_line(dask, tmp_path, monkeypatch, name):
+    real = slot.installed(False)
+    monkeypatch.setattr(cluster, "installed", lambda _: real | {name: "0.0.7"})
+    with pytest.raises(WorkerError) as caught:
+        run(Coins(), on(dask, tmp_path))
+    line = str(caught.value)
+    assert line.startswith("worker tcp://") and f"has {name} {real[name]}, and this program has 0.0.7" in line
+    assert "\n" not in line
+
+
+def test_a_file_that_arrives_damaged_is_refused(tmp_path):
+    path = tmp_path / "model.onnx"
+    path.write_bytes(b"network")
+    measurer = cluster.Measurer(WithFile(path=path))
+    measurer.folder = tmp_path / "cache"
+    (kept,) = measurer._files().values()
+    assert kept.read_bytes() == b"network" and kept.parent.name == hashlib.sha256(b"network").hexdigest()
+    kept.write_bytes(b"netwerk")
+    with pytest.raises(WorkerError, match=r"got model\.onnx damaged: its SHA-256 is not "):
+        measurer._files()
+
+
+@dataclass(frozen=True)
+class WithFile(Coins):
+    """Coins whose measurement reads a file."""
+
+    path: Path = Path()
+
+    def files(self):
+        return {"model": self.path}
+
+
+def test_what_cannot_be_reached_is_one_line_and_leaves_no_folder(dask, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    for scheduler, line in (
+        ("tcp://127.0.0.1:1", "no Dask scheduler answers at tcp://127.0.0.1:1 within 1 s"),
+        ("no://such", "no Dask scheduler answers at no://such within 1 s (unknown address scheme 'no'"),
+        (str(tmp_path / "none.json"), "No such file or directory; give an address such as tcp://host:8786"),
+        (__file__, "no scheduler file of Dask's; give an address"),
+    ):
+        with pytest.raises(WorkerError) as caught:
+            run(Coins(), Options(tmp_path / "run", scheduler=scheduler))
+        assert str(caught.value).startswith(f"--scheduler {scheduler}: ") and line in str(caught.value)
+    with pytest.raises(WorkerError, match="--capture writes its recordings where the flowgraph runs"):
+        run(OverlapStudy(load_scene("clear"), capture=True), on(dask, tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+# -- the flowgraph ---------------------------------------------------------------------------------------------------
+
+OWN = """import os
+if "RADALT_TEST_WORKER" in os.environ:
+    assert "only_here" not in __file__, "a worker read the file of another machine"
+
+def mitigate(frames, waveform):
+    return 0.5 * frames
+"""
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    """Options of a sweep with a network and a method of one's own, and its folder from one local process."""
+    folder = tmp_path_factory.mktemp("only_here")
+    (folder / "own.py").write_text(OWN, encoding="utf-8")
+    model = Path(ota_eval.__file__).parent.parent / "models" / "tcae.onnx"
+    shutil.copy(model, folder / "net.onnx")
+    options = [*SWEEP, "--method-file", folder / "own.py", "--model", folder / "net.onnx"]
+    code, _, err = run_program(*options, "--out", folder / "run", "--jobs", 1)
+    assert code == 0, err
+    return options, folder / "run"
+
+
+def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
+    options, whole = sweep
+    dask.add_worker()  # joins while it runs, or before
+    process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.address)
+    journal = tmp_path / "run" / "points.jsonl"
+    wait_for(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+    os.killpg(dask.workers[1].pid, signal.SIGKILL)
+    out, err = process.communicate(timeout=100)
+    assert (process.returncode, err) == (0, "")
+    assert stable(tmp_path / "run") == stable(whole)
+    assert "[4/4]" in out and measuring(dask) == []
+
+
+def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path):
+    options, whole = sweep
+    process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
+    journal = tmp_path / "run" / "points.jsonl"
+    wait_for(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+    dask.end(dask.scheduler)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
+    code, _, err = run_program(*options, "--out", tmp_path / "run", "--resume", "--jobs", 2)
+    assert (code, err) == (0, "")
+    assert stable(tmp_path / "run") == stable(whole)
