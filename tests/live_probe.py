@@ -108,7 +108,9 @@ def main() -> None:
     report["method"] = top.mitigation_selected.status()["method"]
     report["calls"] = [call[:2] for call in calls]
     report["in time"] = time.monotonic() < deadline
-    report["errors"] = [str(b.error) for b in vars(top).values() if getattr(b, "error", None)]
+    # what the guard stored; GNU Radio 3.10.12 keeps a logger in the top block, which has a method of that name
+    stored = [getattr(block, "error", None) for block in vars(top).values()]
+    report["errors"] = [str(error) for error in stored if isinstance(error, Exception)]
     top.grab().save(str(folder / "live.png"))
     print("PROBE " + json.dumps(report), flush=True)
     os._exit(0)  # nothing more to be learnt from taking the window down

@@ -10,6 +10,8 @@ import os
 import shlex
 import subprocess
 import sys
+import threading
+import types
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,7 @@ from gnuradio.radalt.evaluation.flowgraph.run import (
     run_point,
     simulate,
 )
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
@@ -121,7 +124,7 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
 
 
 def test_unknown_method_and_missing_radio_are_named(b210):
-    with pytest.raises(FlowgraphError, match="unknown method 'magic'; the flowgraph has: .*whitening"):
+    with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
         prune(b210, ["magic"], jammer=True)
     with pytest.raises(FlowgraphError, match="flowgraph ota_sim has no block radar_usrp_sink"):
         simulate(simulate(b210))
@@ -394,6 +397,55 @@ def test_run_beyond_its_time_is_stopped_and_says_so(clear):
     altitude = {"programme_m": [300.0], "frames": 20_000}
     with pytest.raises(FlowgraphError, match="did not end within 0.5 s"):
         run_point(clear, scene_of(altitude=altitude), time_limit_s=0.5)
+
+
+class Endless:
+    """A flowgraph without an end of its own, as far as the loop that runs it can see."""
+
+    def __init__(self):
+        self.stopped = threading.Event()
+        self.block = types.SimpleNamespace(work=None, error=None)
+
+    def start(self):
+        pass
+
+    def wait(self):
+        self.stopped.wait()
+
+    def stop(self):
+        self.stopped.set()
+
+
+def test_what_looks_at_a_run_ends_it():
+    top, looks = Endless(), []
+    elapsed = run_to_end(top, over=lambda: looks.append(1) or len(looks) == 3, poll_s=0.001)
+    assert top.stopped.is_set() and len(looks) == 3 and elapsed > 0
+
+
+def test_a_run_is_stopped_at_its_limit_with_the_callers_words():
+    top = Endless()
+    with pytest.raises(FlowgraphError, match="no end in 0.01 s"):
+        run_to_end(top, time_limit_s=0.01, too_long=lambda limit_s: f"no end in {limit_s:g} s")
+    assert top.stopped.is_set()
+
+
+def test_an_interrupt_leaves_no_flowgraph_running():
+    top = Endless()
+
+    def interrupt():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_to_end(top, over=interrupt, poll_s=0.001)
+    assert top.stopped.is_set()
+
+
+def test_what_a_block_raised_is_raised_when_the_run_has_ended():
+    top = Endless()
+    top.block.error = ValueError("the third rail is missing")
+    with pytest.raises(ValueError, match="third rail"):
+        run_to_end(top, over=lambda: True)
+    assert top.stopped.is_set()
 
 
 # -- the companion's Run button ---------------------------------------------------------------------------------------

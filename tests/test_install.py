@@ -128,7 +128,7 @@ def test_installed_evaluation_runs_to_a_report(prefix, environment, tmp_path):
     script = prefix / "share/gr-radalt/flowgraphs/ota_eval.py"
     run(sys.executable, script, *arguments, out, cwd=tmp_path, env=environment)
     report = json.loads((out / "report.json").read_text())
-    assert report["schema"] == 1
+    assert report["schema"] == 2
     # A row for each panel: the paper's SIR, and the one where no mitigation breaks.
     assert {(row["method"], row["overlap"]) for row in report["rows"]} == {("none", 0)}
     assert all(row["trials"] == 3 for row in report["rows"])

@@ -18,6 +18,7 @@ from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 from gnuradio.radalt.evaluation.flowgraph.embedded import embed
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
@@ -128,7 +129,7 @@ def test_missing_file_is_named():
 
 def test_own_method_is_one_more_chain_and_nothing_else_changes():
     data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
-    more = flowgraph.with_custom(data)
+    more = flowgraph.with_chain(data, "custom")
     assert more["blocks"][: len(data["blocks"])] == data["blocks"]
     added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
     assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}
@@ -139,7 +140,7 @@ def test_own_method_is_one_more_chain_and_nothing_else_changes():
 
 
 @pytest.mark.parametrize(
-    "rewrite", [lambda data: data, flowgraph.simulate, flowgraph.replay], ids=["air", "sim", "replay"]
+    "rewrite", [lambda data: data, flowgraph.simulate, flowgraph.from_recording], ids=["air", "sim", "replay"]
 )
 def test_own_chain_is_there_where_it_is_asked_for(rewrite):
     data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
@@ -169,7 +170,7 @@ def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str
     if any(block["name"] == "sir_db" for block in data["blocks"]):
         parameters["sir_db"] = 999
     top = flowgraph.load_class(prepared)(**parameters)
-    flowgraph.run_flowgraph(top, 60.0)
+    run_to_end(top, time_limit_s=60.0)
     return {name: getattr(top, f"altimeter_{name}").results() for name in names}
 
 

@@ -10,10 +10,13 @@ from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.receiver import altimeter
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.engine.options import Options
+from gnuradio.radalt.evaluation.engine.run import run
 from gnuradio.radalt.evaluation.flowgraph import plan
 from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
 from gnuradio.radalt.evaluation.leaving_out import study as leaving_out
+from gnuradio.radalt.evaluation.leaving_out.report import summarise
 
 RUN = """
 import sys, tempfile
@@ -37,22 +40,26 @@ def scene(**data):
 )
 def test_left_out_parts_change_no_bit_of_the_results(name):
     """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""
-    pruned, full = (leaving_out._in_process(name, 2, unpruned) for unpruned in (False, True))
+    pruned, full = (leaving_out.run_apart(name, 2, built) for built in ("pruned", "all"))
     assert pruned["digest"] == full["digest"]
     assert pruned["declared"] == full["declared"] > 0
     assert "onnxruntime" in full["modules"]
-    assert pruned["modules"] == []
+    assert pruned["modules"] == ""
     assert pruned["memory_bytes"] < full["memory_bytes"]
 
 
-def test_methods_of_one_flowgraph_transform_a_received_frame_once():
-    """Two methods that look at the same spectra, in threads of their own: as many spectra as frames, the same bits."""
-    once, apart = (leaving_out._in_process(leaving_out.SHARING, 3, False, each) for each in (False, True))
-    frames = leaving_out.scene_of(leaving_out.SHARING, 3).altitude.programme.total_frames
-    assert frames <= once["spectra"] <= frames + 3  # the channel runs on for a frame or two
-    assert apart["spectra"] == 0  # each computed its own, past the memory
-    assert once["digest"] == apart["digest"]
-    assert once["declared"] == apart["declared"] > 0
+@pytest.mark.timeout(300)
+def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path):
+    study = leaving_out.LeavingOutStudy(frames=2, repeats=1, scenes=("no interference, whitening",))
+    page = run(study, Options(tmp_path)).read_text()
+    assert "| no interference, whitening | none, whitening |" in page and "| yes |" in page
+    assert "Imported all the same: none of onnxruntime, matplotlib, UHD, Qt." in page
+    changed = [
+        {"scene": "no interference, whitening", "built": b, "cpu_s": 1.0, "memory_bytes": 1, "digest": b}
+        | {"frames": 1, "modules": ""}
+        for b in ("pruned", "all")
+    ]
+    assert [s["identical"] for s in summarise(changed, 2)] == [False]
 
 
 def test_what_the_plan_leaves_out_is_not_imported():

@@ -10,9 +10,8 @@ the SIR where a method has clearly failed: two SIRs with Pd below 0.3. A killed 
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,13 +20,13 @@ import numpy as np
 from data import SceneConfig, return_parts
 from evaluate_report import PAPER_CASE, break_points, write_report
 
-from radalt.core.interference.nr import NrEmitter
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
 from radalt.evaluation.engine.study import Point, Run, Study
-from radalt.evaluation.results.chain import Chain, seconds_per_frame
+from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
@@ -154,46 +153,42 @@ class CasePoint(Point):
 
 @dataclass(frozen=True)
 class MethodStudy(Study):
-    """Every method on the same frames; networks as they are: nothing silences what they invent.
+    """Every method on the same frames.
 
     ``trials`` are the frames per SIR of the sweep, ``special_trials`` those of the clean scene, the paper's case and
     other returns; 0 leaves either out.
     """
 
-    methods: tuple[str, ...]
-    models: Path
+    chains: tuple[Chain, ...]
     trials: int = 60
     special_trials: int = 200
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
+    published: ClassVar[Mapping[str, str]] = {
+        "pd.png": "figures/tcae_pd.png",
+        "gain.png": "figures/tcae_gain.png",
+    }
 
     @property
     def needs_network(self) -> bool:
         """See `Study`."""
-        return any(name in NETWORKS for name in self.methods)
-
-    def chain(self, name: str) -> Chain:
-        """A method by its name in the report."""
-        if name not in NETWORKS:
-            return Chain(name, name)
-        given = (("model", self.models / NETWORKS[name]), ("shift_check", False))
-        return Chain(name, "tcae", given)
+        return any(chain.model for chain in self.chains)
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a model does not fit."""
-        for name in self.methods:
-            self.chain(name).build(Waveform())
+        for chain in self.chains:
+            chain.build(Waveform())
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        files = {n: self.models / NETWORKS[n] for n in self.methods if n in NETWORKS}
+        files = {chain.label: chain.model for chain in self.chains if chain.model}
         return {
             "seed": SEED,
             "snr_db": SNR_DB,
-            "methods": self.methods,
+            "methods": [chain.label for chain in self.chains],
             "trials": self.trials,
             "special_trials": self.special_trials,
-            "models": {n: hashlib.sha256(path.read_bytes()).hexdigest() for n, path in files.items()},
+            "models": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
         }
 
     def points(self) -> list[CasePoint]:
@@ -220,18 +215,18 @@ class MethodStudy(Study):
         """Rows by SIR and method; a method leaves a case after two SIRs with Pd below 0.3."""
         swept = len(point.sirs_db) > 1
         scenes = scenes_of(self.trials if swept else self.special_trials, point.scenes)
-        failures = dict.fromkeys(self.methods, 0)
+        failures = dict.fromkeys(self.chains, 0)
         rows = []
         for sir_db in point.sirs_db or (None,):
             frames = scenes.frames
             if sir_db is not None:
                 parts = emitters()[point.interferer]
                 frames = scenes.with_interference(parts, point.overlap, sir_db, point.draw)
-            for name in [m for m, count in failures.items() if count < 2]:
-                results, method = self.chain(name).results(frames, scenes.waveform)
+            for chain in [c for c, count in failures.items() if count < 2]:
+                results, method = chain.results(frames, scenes.waveform)
                 found = score_frames(results, scenes.altitude_m)
-                failures[name] = failures[name] + 1 if found.pd < GIVEN_UP_PD else 0
-                about = (point.interferer if swept else point.name, point.overlap, sir_db, name)
+                failures[chain] = failures[chain] + 1 if found.pd < GIVEN_UP_PD else 0
+                about = (point.interferer if swept else point.name, point.overlap, sir_db, chain.label)
                 row = dict(zip(COLUMNS.names, about, strict=False)) | found.row()
                 rows.append(row | {"diverged_frames": method.diverged_frames})
             if min(failures.values()) >= 2:
@@ -240,14 +235,28 @@ class MethodStudy(Study):
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `evaluate_report.write_report`."""
-        return write_report(folder, rows["rows"], self.methods, run)
+        return write_report(folder, rows["rows"], folder.head["methods"], run)
 
     def seconds(self, point: CasePoint) -> float:
         """See `Study`; on the average a method leaves a case of the sweep halfway."""
         waveform, share = Waveform(), 0.5 if len(point.sirs_db) > 1 else 1.0
-        chains = [self.chain(name) for name in self.methods]
-        each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in chains)
+        each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains)
         return point.frames * share * each
+
+    def files(self) -> dict[str, Path]:
+        """The networks."""
+        return model_files(self.chains)
+
+    def with_files(self, files: Mapping[str, Path]) -> MethodStudy:
+        """See `Study`."""
+        return replace(self, chains=chains_with(self.chains, files))
+
+
+def chain_of(name: str, models: Path) -> Chain:
+    """A method of `CLASSICAL` or `NETWORKS`; a network as it is: nothing silences what it invents."""
+    if name not in NETWORKS:
+        return Chain(name, name)
+    return Chain.of_model(models / NETWORKS[name], name, options=(("shift_check", False),))
 
 
 def describe(rows: Sequence[dict[str, Any]]) -> str:
@@ -277,13 +286,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--methods holds {strange!r}; known: {', '.join([*CLASSICAL, *NETWORKS])}")
     if min(args.trials, args.clean_trials) < 0 or not args.trials + args.clean_trials:
         parser.error(f"--trials is {args.trials}, --clean-trials {args.clean_trials}; 0 or above, not both 0")
-    study = MethodStudy(names, args.models.resolve(), args.trials, args.clean_trials)
-    try:
-        study.check()
-    except options.expected_errors() as error:
-        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    return command.main(study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
+    chains = tuple(chain_of(name, args.models.resolve()) for name in names)
+    study = MethodStudy(chains, args.trials, args.clean_trials)
+    return command.main(lambda: study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
 
 
 if __name__ == "__main__":

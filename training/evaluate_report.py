@@ -14,9 +14,17 @@ import numpy as np
 from matplotlib import pyplot as plt
 from scipy import signal
 
+from radalt.core.mitigation import METHODS, PlotStyle
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine.study import Run
-from radalt.evaluation.results.break_point import BREAK_PD, BreakPoint, Gain, break_point, protection_gain
+from radalt.evaluation.results.break_point import (
+    BREAK_PD,
+    BreakPoint,
+    Gain,
+    break_point,
+    mean_gain,
+    protection_gain,
+)
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.page import render
 from radalt.evaluation.results.table import interval, metres, number, table
@@ -27,19 +35,13 @@ Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
 Breaks = dict[Case, dict[str, BreakPoint]]
 
-# Okabe-Ito, and a marker and dash each, so that print in grey keeps them apart
+# the methods' own, and for networks what those leave; a marker and dash each, so that print in grey keeps them apart
 STYLES = {
-    "none": ("#000000", "o", "-"),
-    "lms": ("#999999", "x", ":"),
-    "lms_reference_input": ("#999999", "+", "--"),
-    "nlms": ("#CC79A7", "1", ":"),
-    "whitening": ("#0072B2", "s", "-"),
-    "blanking": ("#56B4E9", "D", "--"),
-    "fc": ("#F0E442", "v", ":"),
-    "cnn": ("#E69F00", "^", ":"),
-    "paper": ("#009E73", "P", "--"),
-    "compact": ("#D55E00", "*", "-"),
-}
+    "fc": PlotStyle("#F0E442", "<", ":"),
+    "cnn": PlotStyle("#8C6D1F", ">", ":"),
+    "paper": PlotStyle("#5D3A9B", "X", "--"),
+    "compact": METHODS["tcae"].style,
+} | {name: method.style for name, method in METHODS.items() if method.style}
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
@@ -92,9 +94,8 @@ def targets(rows: Sequence[Row], breaks: Breaks) -> list[str]:
     picked = [g for (name, rho), g in known.items() if name in GAIN_CASES and rho in GAIN_OVERLAPS]
     if picked:
         worst = min(known, key=lambda case: known[case].db)
-        least = "at least " if any(g.mark == ">=" for g in picked) else ""
         lines.append(
-            f"(c) compact against none: mean protection gain {least}{np.mean([g.db for g in picked]):.1f} dB over "
+            f"(c) compact against none: mean protection gain {mean_gain(picked)} dB over "
             f"{len(picked)} cases (target 12 dB); smallest of all {len(known)} cases {known[worst]} dB at {worst[0]}, "
             f"overlap {worst[1]:g} (target above -1 dB)"
         )
@@ -122,16 +123,9 @@ def _break_table(breaks: Breaks, names: Sequence[str]) -> str:
 
 
 def _score_table(rows: Sequence[Row], name: str) -> str:
-    header = [
-        "method",
-        "Pd (95 %)",
-        "RMSE detected / m",
-        "RMSE forced / m",
-        "without decision",
-        "diverged frames",
-    ]
+    errors = ["RMSE detected / m", "RMSE forced / m", "without decision", "diverged frames"]
     return table(
-        header,
+        ["method", "Pd (95 %)", *errors],
         (
             (method, interval(r["pd"], r["pd_low"], r["pd_high"]), metres(r["rmse_detected_m"]),
              metres(r["rmse_forced_m"]), r["trials"] - r["forced"], r["diverged_frames"])
@@ -200,6 +194,11 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
     return path
 
 
+def _title(method: str) -> str:
+    """A method's own title; a network goes by its name."""
+    return METHODS[method].title if method in METHODS else method
+
+
 def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     """Pd over SIR, one panel per interferer and overlap."""
     cases = curves(rows)
@@ -212,16 +211,16 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     for name, overlap in cases:
         axis = axes[interferers.index(name), overlaps.index(overlap)]
         for method in names:
-            colour, marker, dash = STYLES[method]
+            style = STYLES[method]
             axis.plot(
                 [r["sir_db"] for r in cases[name, overlap][method]],
                 [r["pd"] for r in cases[name, overlap][method]],
-                color=colour,
-                marker=marker,
-                ls=dash,
+                color=style.colour,
+                marker=style.marker,
+                ls=style.line,
                 ms=4,
                 lw=1.1,
-                label=method,
+                label=_title(method),
             )
         axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
         axis.axhline(BREAK_PD, color="0.8", lw=0.8)
@@ -242,18 +241,9 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in breaks]
     for method in [m for m in names if m != "none"]:
         known = gains(breaks, "none", method)
-        colour, marker, _ = STYLES[method]
+        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": _title(method)}
         places = [list(breaks).index(case) for case in known]
-        axis.plot(
-            [g.db for g in known.values()],
-            places,
-            ls="",
-            marker=marker,
-            color=colour,
-            ms=7,
-            label=method,
-            alpha=0.9,
-        )
+        axis.plot([g.db for g in known.values()], places, ls="", ms=7, alpha=0.9, **look)
     axis.axvline(0, color="k", lw=0.8)
     axis.set_yticks(range(len(labels)), labels, fontsize=8)
     axis.invert_yaxis()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError
+from .base import Mitigation, MitigationError, PlotStyle
 from .interference_detector import InterferenceDetector
 from .onnx_network import OnnxNetwork
 from .shift_check import ShiftCheck
@@ -82,6 +82,9 @@ class Tcae(Mitigation):
     """
 
     name = "tcae"
+    title = "TCAE"
+    style = PlotStyle("#0072B2", "*")
+    batch = 1  # a network's last bits depend on the batch
 
     def __init__(
         self,

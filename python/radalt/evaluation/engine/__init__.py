@@ -1,1 +1,1 @@
-"""What every study runs on: worker processes and the console."""
+"""What every study runs on: the sweep engine, its workers, its command line."""

@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..results.folder import FolderError
 from .options import Options, duration, expected_errors
+from .publish import publish
 from .run import Progress, estimate, run
 from .study import Study
 
@@ -46,7 +48,7 @@ class Bar:
 
 
 def main(
-    study: Study,
+    study: Study | Callable[[], Study],
     options: Options,
     *,
     program: str,
@@ -54,12 +56,20 @@ def main(
     describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(str(v) for v in rows[0].values())[
         :120
     ],
-    after: Callable[[Path], None] = lambda page: None,
+    after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
-    """Run a study that has been checked; 0, 2 after one line about what does not fit, 130 when interrupted."""
+    """Run a study, or check and run the one that a callable makes; returns the exit status.
+
+    0, 2 after one line about what does not fit, 130 when interrupted.
+
+    ``after`` gets the result folder, prints what the terminal should show, and may return another status.
+    """
     begin = time.monotonic()
     bar = Bar(describe)
     try:
+        if not isinstance(study, Study):
+            study = study()
+            study.check()
         points = study.points()
         seconds = estimate(study, points, options.jobs)
         frames = sum(p.frames for p in points)
@@ -69,9 +79,12 @@ def main(
         )
         if dry_run:
             return 0
+        if options.publish is not None and not study.published:
+            raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
         page = run(study, options, bar)
         bar.close()
-        after(options.out)
+        shown = [page] if options.publish is None else publish(options.out, study.published, options.publish)
+        status = after(options.out)
     except expected_errors() as error:
         bar.close()
         print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
@@ -80,8 +93,8 @@ def main(
         bar.close()
         print(f"\n{program}: stopped; go on with: {_resuming(options)}", file=sys.stderr)
         return 130
-    print(f"\n{page}  ({duration(time.monotonic() - begin)})")
-    return 0
+    print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
+    return status or 0
 
 
 def _resuming(options: Options) -> str:

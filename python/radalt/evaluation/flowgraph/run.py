@@ -11,9 +11,9 @@ import contextlib
 import copy
 import importlib.util
 import io
+import os
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,34 +21,32 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import CUSTOM
+from ...core.mitigation import CUSTOM, METHODS
 from ...core.paths import share_dir
 from ...core.scene import Scene, scene_to_mapping
+from . import FlowgraphError
 from .plan import left_out
+from .watch import run_to_end
 
 __all__ = [
     "FlowgraphError",
     "PointResult",
     "Prepared",
-    "collect",
+    "from_recording",
     "generate",
     "left_out",
+    "make_top",
     "prepare",
     "prune",
-    "replay",
-    "run_flowgraph",
+    "result_of",
     "run_point",
     "simulate",
-    "with_custom",
+    "with_chain",
 ]
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
-
-
-class FlowgraphError(RuntimeError):
-    """A flowgraph that cannot be made or run; the message is one line for the user."""
 
 
 @dataclass(frozen=True)
@@ -155,23 +153,31 @@ def _rewired(connection: list[str]) -> list[str]:
     return [source, source_port, sink, sink_port]
 
 
-def with_custom(data: dict[str, Any]) -> dict[str, Any]:
-    """The same flowgraph with one more chain, ``mitigation_custom`` to ``altimeter_custom``: a copy of whitening's."""
+def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
+    """The same flowgraph with one more chain, ``mitigation_<name>`` to ``altimeter_<name>``: a copy of whitening's.
+
+    Parameters
+    ----------
+    data : dict
+        Flowgraph with the chain of the method ``whitening``.
+    name : str
+        Registry name of the method, or `CUSTOM`.
+    """
     data = copy.deepcopy(data)
     lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))
-    for kind, method in (("mitigation", f'"{CUSTOM}"'), ("altimeter", CUSTOM)):
+    for kind, method in (("mitigation", f'"{name}"'), ("altimeter", name)):
         block = copy.deepcopy(next(b for b in data["blocks"] if b["name"] == f"{kind}_whitening"))
-        block["name"], block["parameters"]["method"] = f"{kind}_{CUSTOM}", method
+        block["name"], block["parameters"]["method"] = f"{kind}_{name}", method
         block["states"]["coordinate"] = [block["states"]["coordinate"][0], lowest + 80]
         data["blocks"].append(block)
     chain = [c for c in data["connections"] if f"{c[0]} {c[2]}".count("_whitening")]
     data["connections"] += [
-        [p.replace("_whitening", f"_{CUSTOM}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
+        [p.replace("_whitening", f"_{name}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
     ]
     return data
 
 
-def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
+def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
     """The same flowgraph with a recording in the place of the receiver, and without transmitters.
 
     The parameters ``capture_file`` and ``follow_programme`` are added.
@@ -203,19 +209,23 @@ def replay(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
 
 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
-    """Disable what the scene does not need: the chains of other methods, and the jammer's; add one for your own.
+    """Disable what the scene does not need: the chains of other methods, and the jammer's; add those that lack.
 
     Raises
     ------
     FlowgraphError
-        If the flowgraph has no chain for a method.
+        If a method is neither in the flowgraph nor registered.
     """
-    data = with_custom(data) if CUSTOM in methods else copy.deepcopy(data)
+    data = copy.deepcopy(data)
     names = {block["name"] for block in data["blocks"]}
     have = {name.removeprefix("altimeter_") for name in names if name.startswith("altimeter_")}
-    unknown = [m for m in methods if m not in have]
-    if unknown:
-        raise FlowgraphError(f"unknown method {unknown[0]!r}; the flowgraph has: {', '.join(sorted(have))}")
+    known = sorted(have | {*METHODS, CUSTOM})
+    for method in methods:
+        if method not in known:
+            raise FlowgraphError(f"unknown method {method!r}; known: {', '.join(known)}")
+        if method not in have:
+            data = with_chain(data, method)
+            have.add(method)
     unneeded = {f"{kind}_{m}" for m in have - set(methods) for kind in ("mitigation", "altimeter")}
     if not jammer:
         unneeded |= {"jammer_source", JAMMER_SINK}
@@ -348,30 +358,31 @@ def run_point(
     Exception
         Whatever a block's ``work`` raised, as it was.
     """
-    path = write_scene(scene, prepared.module.parent / f"point_{scene.seed}_{threading.get_native_id()}.yaml")
-    try:
-        top = load_class(prepared)(scene_file=str(path), drop_when_slow=0)
-    finally:
-        path.unlink()
+    top = make_top(prepared, scene, drop_when_slow=0)
     recorder = None
     if capture:
         from .recorder import attach_recorder
 
         recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
-    begin = time.perf_counter()
-    run_flowgraph(top, time_limit_s)
-    if recorder is not None:
-        recorder.finish()
-    return collect(top, prepared, scene, time.perf_counter() - begin)
+    try:
+        elapsed = run_to_end(top, time_limit_s=time_limit_s)
+    finally:
+        if recorder is not None:
+            recorder.finish()
+    return result_of(top, prepared, scene, elapsed)
 
 
-def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
-    """What a flowgraph that has ended holds; raises whatever a block's ``work`` raised."""
-    from ...blocks._guard import raise_stored
+def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
+    """The top block of a generated flowgraph for a scene, not yet started; ``parameters`` are the flowgraph's."""
+    path = prepared.module.parent / f"scene_{os.getpid()}_{threading.get_native_id()}.yaml"
+    try:
+        return load_class(prepared)(scene_file=str(write_scene(scene, path)), **parameters)
+    finally:
+        path.unlink()
 
-    raise_stored(
-        [block for block in vars(top).values() if hasattr(block, "work") or hasattr(block, "general_work")]
-    )
+
+def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
+    """What a flowgraph that has ended holds."""
     mitigations = {m: getattr(top, f"mitigation_{m}", None) for m in prepared.methods}
     return PointResult(
         results={m: getattr(top, f"altimeter_{m}").results() for m in prepared.methods},
@@ -381,17 +392,3 @@ def collect(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> Poi
         real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
         left_out=list(prepared.left_out),
     )
-
-
-def run_flowgraph(top: Any, time_limit_s: float) -> None:
-    """Run to the end of the stream, or stop and say so."""
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    waiter.join(time_limit_s)
-    if waiter.is_alive():
-        top.stop()
-        waiter.join(10.0)
-        raise FlowgraphError(
-            f"the flowgraph did not end within {time_limit_s:g} s; raise the limit or use fewer frames"
-        )

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from ...core.interference.nr import NrEmitter
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.receiver_filter import check_receiver, receiver_taps
 from .config import LandingConfig
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.interference.placement import Interferer, QpskEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, interference_frames
 from ...core.parsing import build, plain
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.landing import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import functools
 import tempfile
@@ -15,15 +16,14 @@ from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
 from ..flowgraph.run import (
-    FlowgraphError,
     Prepared,
     generate,
-    load_class,
     load_grc,
+    make_top,
     prune,
     simulate,
-    write_scene,
 )
+from ..flowgraph.watch import run_to_end
 
 __all__ = ["drive_remotely", "remote"]
 
@@ -99,12 +99,9 @@ def drive_remotely(
     if not sim:
         require_enclosure(scene, transmit)
     _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
-    path = write_scene(scene, prepared.module.parent / f"remote_{threading.get_native_id()}.yaml")
-    options = {"scene_file": str(path), "telemetry": telemetry, "control": control}
-    try:
-        top = load_class(prepared)(**options, drop_when_slow=1, transmit=int(transmit))
-    finally:
-        path.unlink()
+    top = make_top(
+        prepared, scene, telemetry=telemetry, control=control, drop_when_slow=1, transmit=int(transmit)
+    )
     try:
         if not sim:
             from gnuradio import uhd
@@ -113,25 +110,8 @@ def drive_remotely(
 
             set_up(top, scene, uhd, log=log)
         log(f"telemetry {telemetry or 'off'}, control {control or 'off'}; a 'stop' request or Ctrl-C ends")
-        return _run(top, stop or threading.Event())
+        with contextlib.suppress(KeyboardInterrupt):
+            run_to_end(top, over=None if stop is None else stop.is_set)
+        return top.remote_control.state()
     finally:
         top.remote_control.close()
-
-
-def _run(top: Any, stop: threading.Event) -> dict[str, Any]:
-    from ...blocks._guard import raise_stored
-
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    try:
-        while waiter.is_alive() and not stop.is_set():
-            waiter.join(0.05)
-    except KeyboardInterrupt:
-        pass
-    top.stop()
-    waiter.join(10.0)
-    if waiter.is_alive():
-        raise FlowgraphError("the flowgraph did not stop within 10 s")
-    raise_stored([b for b in vars(top).values() if hasattr(b, "work") or hasattr(b, "general_work")])
-    return top.remote_control.state()
