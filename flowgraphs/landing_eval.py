@@ -103,13 +103,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     how = options.options_of(args, parser)
-    try:
-        study = LandingStudy(_config(args))
-        study.check()
-    except options.expected_errors() as error:
-        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    return command.main(study, how, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
+    return command.main(
+        lambda: LandingStudy(_config(args)), how, program=PROGRAM, dry_run=args.dry_run, describe=_describe
+    )
 
 
 if __name__ == "__main__":

@@ -29,6 +29,10 @@ class LandingStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = TABLES
     sampled: ClassVar[bool] = True
+    published: ClassVar[Mapping[str, str]] = {
+        "figure_1_approach.png": "figures/landing_approach.png",
+        "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
+    }
 
     @property
     def needs_network(self) -> bool:
