@@ -1,5 +1,6 @@
 """A sweep over a Dask cluster on this machine: the same rows as in one process, whatever happens to a worker."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -11,12 +12,13 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import ota_eval
 import pytest
 from test_engine import Coins, rows_of
 from test_ota_eval import run as run_program
 from test_ota_eval import stable, start
 
+from radalt.core.mitigation import create
+from radalt.core.paths import model_path
 from radalt.core.scene import load_scene
 from radalt.evaluation.engine import slot
 from radalt.evaluation.engine.options import Options
@@ -193,14 +195,29 @@ def mitigate(frames, waveform):
 """
 
 
+@pytest.mark.parametrize("copied", [False, True])
+def test_files_that_lie_elsewhere_change_no_method(tmp_path, copied):
+    """The shipped network goes without a check that a copy of it gets: on a worker every file is a copy."""
+    scene = dataclasses.replace(load_scene("paper_qpsk"), methods=("none", "tcae"))
+    if copied:
+        shutil.copy(model_path("tcae.onnx"), tmp_path / "mine.onnx")
+        options = {"tcae": {"model": str(tmp_path / "mine.onnx")}}
+        scene = dataclasses.replace(scene, method_options=options)
+    ready = OverlapStudy(scene).begin(tmp_path / "run")
+    measurer = cluster.Measurer(ready)
+    measurer.folder = tmp_path / "worker"
+    there = ready.with_files(measurer._files()).scene.method_options["tcae"]
+    assert Path(there["model"]).is_relative_to(tmp_path / "worker")
+    here = create("tcae", scene.waveform, **scene.method_options.get("tcae", {})).status()
+    assert create("tcae", scene.waveform, **there).status()["shift_check"] is here["shift_check"] is copied
+
+
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
     """Options of a sweep with a network and a method of one's own, and its folder from one local process."""
     folder = tmp_path_factory.mktemp("only_here")
     (folder / "own.py").write_text(OWN, encoding="utf-8")
-    model = Path(ota_eval.__file__).parent.parent / "models" / "tcae.onnx"
-    shutil.copy(model, folder / "net.onnx")
-    options = [*SWEEP, "--method-file", folder / "own.py", "--model", folder / "net.onnx"]
+    options = [*SWEEP, "--method-file", folder / "own.py"]
     code, _, err = run_program(*options, "--out", folder / "run", "--jobs", 1)
     assert code == 0, err
     return options, folder / "run"
