@@ -76,6 +76,14 @@ def test_faa_mask_states_interference_to_noise_and_sir():
     assert f"SIR {report.sir_db:+.1f} dB" in note
 
 
+def test_faa_mask_keeps_its_level_through_multipath():
+    direct, heard = (
+        parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200} | more}}).interference[0]
+        for more in ({}, {"multipath": {}})
+    )
+    assert heard.sir_db == direct.sir_db
+
+
 @pytest.mark.timeout(170)
 @pytest.mark.parametrize("name", ["nr5", "nr10", "tones", "mixture", "faa_mask"])
 def test_evaluation_of_the_scene_ends_in_a_report_with_a_figure(root, tmp_path, name):

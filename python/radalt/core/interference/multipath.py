@@ -256,6 +256,11 @@ class FadedEmitter(NamedEmitter):
         return f"{self.emitter.title(band_hz)} through {self.channel.profile}"
 
     @property
+    def stated_sir_db(self) -> float | None:
+        """The level that a standard gives the emitter itself; paths change none of it."""
+        return self.emitter.stated_sir_db
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Those of the emitter itself."""
         return self.emitter.notes
