@@ -5,9 +5,10 @@ from __future__ import annotations
 from ..scene import Scene
 from .levels import MAX_RX_DBM, MAX_TX_DBM, rx_level_dbm
 
-__all__ = ["InterlockError", "check_levels", "require_enclosure"]
+__all__ = ["InterlockError", "check_levels", "check_radio", "require_enclosure"]
 
 _ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)
+_TUNING_HZ = (70e6, 6e9)  # a B210's
 _MIN_CABLED_ATTENUATION_DB = 30.0  # whatever the gains: one mistyped gain must not reach the receiver's limit
 
 
@@ -30,7 +31,8 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
     Raises
     ------
     InterlockError
-        Without an enclosure, with too little attenuation for the gains, or without ``transmit``.
+        Without an enclosure, with numbers that no radio can carry out, with too little attenuation for the gains, or
+        without ``transmit``.
     """
     if not radios:
         return
@@ -39,10 +41,50 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
             f"transmit refused: {_why(scene)} and radio.enclosure is 'none'; state 'cabled' with "
             "attenuation_db, or 'shielded', in the scene"
         )
+    check_radio(scene)
     check_levels(scene)
     if not transmit:
         raise InterlockError(
             "transmit is off: add --transmit (or set the flowgraph's parameter transmit to 1)"
+        )
+
+
+def check_radio(scene: Scene) -> None:
+    """Refuse numbers of ``radio`` that the devices cannot carry out together with the scene's waveform.
+
+    Each number's own range is `RadioSpec`'s; here is what only the whole scene shows.
+
+    Raises
+    ------
+    InterlockError
+        If both transmitters may be one device, the master clock does not divide to the rate, or the sweep or the LO
+        lies where a B210 cannot tune.
+    """
+    radio, w = scene.radio, scene.waveform
+    if scene.has_jammer and (
+        not radio.radar_serial or not radio.jammer_serial or radio.radar_serial == radio.jammer_serial
+    ):
+        raise InterlockError(
+            f"transmit refused: with a jammer radio.radar_serial {radio.radar_serial!r} and jammer_serial "
+            f"{radio.jammer_serial!r} have to name two devices; uhd_find_devices lists serials"
+        )
+    divider = radio.master_clock_hz / w.rate_hz
+    if divider < 1 or abs(divider - round(divider)) > 1e-9 * divider:
+        raise InterlockError(
+            f"transmit refused: radio.master_clock_hz {radio.master_clock_hz:g} is not a whole multiple of the rate "
+            f"{w.rate_hz:g} S/s; choose one that is, 30e6 for 7.5e6"
+        )
+    room = 0.5 * (radio.master_clock_hz - w.rate_hz)
+    if abs(radio.lo_offset_hz) > room:
+        raise InterlockError(
+            f"transmit refused: radio.lo_offset_hz is {radio.lo_offset_hz:g}; the sweep has to stay within the master "
+            f"clock's band: at most {room:g} either way"
+        )
+    low, high = w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2
+    if low < _TUNING_HZ[0] or high > _TUNING_HZ[1]:
+        raise InterlockError(
+            f"transmit refused: waveform.carrier_hz is {w.carrier_hz:g}; a B210 tunes "
+            f"{_TUNING_HZ[0]:g}..{_TUNING_HZ[1]:g} Hz"
         )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 from ..channel.simulated import ChannelSettings
 from ..interference.placement import Interferer
 from ..interference.registry import EMITTER_NAMES, emitter_class, emitter_label, emitter_name, faded, unfaded
-from ..parsing import build, convert, plain
+from ..parsing import InputError, build, convert, load_yaml, plain, shown
 from ..paths import scene_path
 from ..programme import Programme
 from ..receiver.altimeter import AltimeterSettings
@@ -36,6 +37,16 @@ __all__ = [
     "scene_to_mapping",
 ]
 
+_SERIAL = re.compile("[A-Za-z0-9]{0,32}")
+# what a B210 can do, and for the attenuation what a bench can have: beyond 150 dB nothing is left above the noise
+_RADIO_RANGES = {
+    "radar_tx_gain_db": (0.0, 89.75),
+    "jammer_tx_gain_db": (0.0, 89.75),
+    "radar_rx_gain_db": (0.0, 76.0),
+    "attenuation_db": (0.0, 150.0),
+    "master_clock_hz": (5e6, 61.44e6),
+    "lo_offset_hz": (-30e6, 30e6),
+}
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
 
@@ -123,17 +134,18 @@ class RadioSpec:
     Parameters
     ----------
     radar_serial, jammer_serial : str
-        USB serial numbers (``uhd_find_devices``); empty takes the first device found.
+        USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
+        interlock allows without a jammer only.
     master_clock_hz : float
-        30 MHz divides to 7.5 MS/s by four.
+        5..61.44 MHz, for the air a multiple of the rate: 30 MHz divides to 7.5 MS/s by four.
     lo_offset_hz : float
-        LO offset out of the band, so that its leakage falls outside.
+        LO offset out of the band, so that its leakage falls outside; -30..30 MHz.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
         Gains, 0..89.75 dB (TX) and 0..76 dB (RX).
     enclosure : str
         ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
     attenuation_db : float
-        Attenuation in the cables between TX and RX.
+        Attenuation in the cables between TX and RX, 0..150 dB.
     clock_source : str
         ``"internal"``, ``"external"`` or ``"gpsdo"``.
     """
@@ -156,15 +168,17 @@ class RadioSpec:
             raise ValueError(
                 f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
             )
-        for name, top in (
-            ("radar_tx_gain_db", 89.75),
-            ("jammer_tx_gain_db", 89.75),
-            ("radar_rx_gain_db", 76.0),
-        ):
-            if not 0 <= getattr(self, name) <= top:
-                raise ValueError(f"radio.{name} is {getattr(self, name):g}; it has to be within 0..{top:g}")
-        if self.attenuation_db < 0:
-            raise ValueError(f"radio.attenuation_db is {self.attenuation_db:g}; it has to be 0 or above")
+        for name, (low, high) in _RADIO_RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(
+                    f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
+                )
+        for name in ("radar_serial", "jammer_serial"):
+            if not _SERIAL.fullmatch(getattr(self, name)):
+                # it becomes part of a device address, in which a comma would begin another argument
+                raise ValueError(
+                    f"radio.{name} is {shown(getattr(self, name))}; a serial is at most 32 letters and digits"
+                )
 
 
 @dataclass(frozen=True)
@@ -226,7 +240,7 @@ class Scene:
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
-                raise ValueError(f"{key} names {unknown[0]!r}; allowed: {', '.join(known)}")
+                raise ValueError(f"{key} names {shown(unknown[0])}; allowed: {', '.join(known)}")
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
@@ -313,22 +327,12 @@ def load_scene(name: str | Path) -> Scene:
     SceneError
         One line: file, key, value, what is allowed.
     """
-    import yaml
-
-    path = scene_path(name)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise SceneError(
-            f"scene {path}: cannot be read ({reason}); give a YAML file or a shipped scene's name"
-        ) from None
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise SceneError(f"scene {path}: not valid YAML{where}: {getattr(error, 'problem', error)}") from None
+        path = scene_path(name)
+        data = load_yaml(path, what="scene", remedy="give a YAML file or a shipped scene's name")
+    except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
+        text = str(error) if isinstance(error, InputError) else f"scene {shown(str(name))}: {error}"
+        raise SceneError(text) from None
     return parse_scene(data if data is not None else {}, source=str(path))
 
 
@@ -359,21 +363,21 @@ def interference_from_yaml(value: Any, where: str) -> tuple[Interferer, ...]:
     if isinstance(value, dict):
         value = [{kind: params} for kind, params in value.items()]
     if not isinstance(value, list):
-        raise ValueError(f"{where} is {value!r}; expected a mapping 'kind: {{...}}' or a list of them")
+        raise ValueError(f"{where} is {shown(value)}; expected a mapping 'kind: {{...}}' or a list of them")
     return tuple(_interferer(item, where) for item in value)
 
 
 def _interferer(item: Any, where: str) -> Interferer:
     """One ``{kind: {emitter and placement keys}}``."""
     if not (isinstance(item, dict) and len(item) == 1):
-        raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
+        raise ValueError(f"{where} holds {shown(item)}; expected one 'kind: {{...}}' an entry")
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
     if kind not in EMITTER_NAMES:
         raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(EMITTER_NAMES)}")
     params = {} if params is None else params
     if not isinstance(params, dict):
-        raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
+        raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
     own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}

@@ -15,6 +15,8 @@ from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
 from ..flowgraph.run import (
+    JAMMER_GATE,
+    RADAR_GATE,
     FlowgraphError,
     Prepared,
     generate,
@@ -36,6 +38,9 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     blocks["frames"]["parameters"]["value"] = "0"
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
     blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
+    for gate in (RADAR_GATE, JAMMER_GATE):  # a simulated flowgraph has none
+        if gate in blocks:
+            blocks[gate]["parameters"]["controlled"] = "bool(control)"
     value = blocks["scene"]["parameters"]["value"]
     blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
     states = blocks["scene"]["states"]
