@@ -33,6 +33,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--methods", default="none,tcae", help="with commas (%(default)s)")
     parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
     parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
+    parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
+    parser.add_argument(
+        "--keep-alive-s",
+        type=float,
+        default=0.0,
+        help="on the air: stop transmitting after this long without a request; 0 (default): never",
+    )
     parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
     args = parser.parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
@@ -46,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             tuple(m.strip() for m in args.methods.split(",")),
             telemetry=args.telemetry,
             control=args.control,
+            network=args.network,
+            keep_alive_s=args.keep_alive_s,
             sim=args.sim,
             transmit=args.transmit,
             log=lambda line: print(f"{PROGRAM}: {line}", flush=True),

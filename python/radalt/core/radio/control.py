@@ -153,7 +153,5 @@ def _methods(value: Any, known: Sequence[str]) -> tuple[str, ...]:
         )
     unknown = [m for m in value if m not in known]
     if unknown:
-        raise RequestError(
-            f"method {shown(unknown[0])} is not in the flowgraph; it has: {', '.join(known)}"
-        )
+        raise RequestError(f"method {shown(unknown[0])} is not in the flowgraph; it has: {', '.join(known)}")
     return tuple(dict.fromkeys(value))

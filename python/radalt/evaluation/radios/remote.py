@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.paths import share_dir
+from ...core.radio.control import check_endpoint
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
@@ -48,7 +49,13 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     added = [("import_by_hand", "import", imports)]
     for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
         added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
+    for key, label, kind in (
+        ("network", "Other machines", "intx"),
+        ("keep_alive_s", "Keep alive (s)", "eng_float"),
+    ):
+        added.append((key, "parameter", {"label": label, "type": kind, "value": "0"}))
     ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
+    ports |= {"network": "bool(network)", "keep_alive_s": "keep_alive_s"}
     added.append(("remote_control", "radalt_remote_control", ports))
     data["blocks"] += [
         {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
@@ -72,6 +79,8 @@ def drive_remotely(
     *,
     telemetry: str,
     control: str,
+    network: bool = False,
+    keep_alive_s: float = 0.0,
     sim: bool = True,
     transmit: bool = False,
     stop: threading.Event | None = None,
@@ -86,6 +95,8 @@ def drive_remotely(
     methods : sequence of str
     telemetry, control : str
         ZMQ endpoints, empty for none.
+    network, keep_alive_s
+        See `remote_control`.
     sim : bool
         Simulated channel in the place of the radios.
     transmit : bool
@@ -101,11 +112,14 @@ def drive_remotely(
         One line.
     """
     scene = by_hand(scene)
+    for name, endpoint in (("telemetry", telemetry), ("control", control)):
+        check_endpoint(name, endpoint, network=network)
     if not sim:
         require_enclosure(scene, transmit)
     _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
     path = write_scene(scene, prepared.module.parent / f"remote_{threading.get_native_id()}.yaml")
     options = {"scene_file": str(path), "telemetry": telemetry, "control": control}
+    options |= {"network": int(network), "keep_alive_s": keep_alive_s}
     try:
         top = load_class(prepared)(**options, drop_when_slow=1, transmit=int(transmit))
     finally:
