@@ -88,8 +88,10 @@ class AltitudeSpec:
     landing_frames: int = 200
 
     def __post_init__(self) -> None:
-        if self.landing_frames < 2:
-            raise ValueError(f"altitude.landing_frames is {self.landing_frames}; it has to be at least 2")
+        if not 2 <= self.landing_frames <= 100_000:
+            raise ValueError(
+                f"altitude.landing_frames is {self.landing_frames}; it has to be within 2..100000"
+            )
         if self.mode not in ("synthetic", "true_delay"):
             raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
