@@ -223,7 +223,7 @@ def _loader() -> type:
             value = loader.construct_scalar(node)
             if ":" in value:
                 return value
-            if kind == "int" and len(value) > _DIGITS + 1:
+            if kind == "int" and sum(c.isalnum() for c in value) > _DIGITS:
                 refuse(node, f"the number {shown(value)} has more than {_DIGITS} digits")
             try:
                 return construct(loader, node)
@@ -300,7 +300,7 @@ def build(
             close = difflib.get_close_matches(name, fields, 1)
             hint = f"did you mean {close[0]!r}? " if close else ""
             path = f"{where}.{name}" if where else name
-            raise ValueError(f"unknown key {path!r}; {hint}allowed: {', '.join(sorted(fields))}")
+            raise ValueError(f"unknown key {path!r}; {hint}allowed: {_listed(sorted(fields))}")
         path = f"{where}.{key}" if where else key
         convert_field = (special or {}).get(key)
         values[key] = convert_field(value, path) if convert_field else convert(hints[key], value, path)
@@ -311,6 +311,12 @@ def build(
     except ValueError as error:
         text = str(error)
         raise ValueError(text if not where or where.split(".")[-1] in text else f"{where}: {text}") from None
+
+
+def _listed(names: list[str]) -> str:
+    """Names with commas, as many as fit a line."""
+    text = ", ".join(names)
+    return text if len(text) <= 140 else text[:140].rpartition(",")[0] + ", ..."
 
 
 def convert(hint: Any, value: Any, where: str) -> Any:

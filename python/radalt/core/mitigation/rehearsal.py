@@ -25,8 +25,8 @@ __all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
 LIMIT_S = 60.0  # for loading and one frame; a network takes a second or two
 MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
 _FLAG = "RADALT_REHEARSAL"
-# the package where the parent found it, and no GNU Radio
-_PROGRAM = "import sys; sys.path.append({folder!r}); from {module} import perform; perform({link})"
+# by the name that the parent knows the package by, since a file may name the package, too
+_PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 
 
 def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
@@ -64,11 +64,8 @@ def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
 @functools.lru_cache(maxsize=64)
 def _rehearsed(what: str, method: str, file: Path, changed_ns: int, size: int, waveform: Waveform) -> str:
     """What is wrong with a file, by its name, time and size; empty for nothing."""
-    here = Path(__file__).resolve()
     read, write = os.pipe()
-    program = _PROGRAM.format(
-        folder=str(here.parents[3]), module=".".join((*here.parts[-4:-1], here.stem)), link=write
-    )
+    program = _PROGRAM.format(path=sys.path, module=__name__, link=write)
     word = secrets.token_hex(8)  # that it got to the end: foreign code may exit with any status
     key = {"tcae": "model", "custom": "file"}[method]
     request = {
