@@ -290,6 +290,7 @@ def open_capture(path: Path | str) -> Capture:
             recording.validate()
     except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
         reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = reason if len(reason) <= 120 else f"{reason[:50]} ... {reason[-60:]}"
         raise RecordingError(
             f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
         ) from None
