@@ -134,8 +134,10 @@ def enter() -> None:
 
 
 def _enter_pool() -> None:
-    """`enter`, and a method of the user's that calls ``os._exit(0)`` ends as a failure: pebble takes a worker with status
-    0 for one that has nothing left to do, and its task would wait for the time limit."""
+    """`enter`, and a method of the user's that calls ``os._exit(0)`` ends as a failure.
+
+    pebble takes a worker with status 0 for one that has nothing left to do, and its task would wait for the time limit.
+    """
     enter()
     leave = os._exit
     os._exit = lambda status: leave(status or 1)
