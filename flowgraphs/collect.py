@@ -10,12 +10,10 @@ occurs twice counts once. Needs no GNU Radio.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
@@ -24,40 +22,25 @@ _NO_PACKAGE = (
 )
 
 try:
-    from gnuradio.radalt.core.scene import SceneError
-    from gnuradio.radalt.evaluation.overlap.pooling import PoolError, collect
+    from gnuradio.radalt.evaluation.engine.options import Parser, command, path
+    from gnuradio.radalt.evaluation.overlap.pooling import collect
 except ImportError as _error:
     print(_NO_PACKAGE.format(_error), file=sys.stderr)
     raise SystemExit(2) from None
 
 
-class _Parser(argparse.ArgumentParser):
-    """Errors in one line, without the usage text."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
+@command("collect")
 def main(argv: Sequence[str] | None = None) -> int:
     """Pool the folders; returns 0, or 2 after one line about what does not fit."""
-    summary, _, details = __doc__.partition("\n\n")
-    parser = _Parser(
-        prog="collect",
-        description=summary,
-        epilog=details,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = Parser("collect", __doc__)
     parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
     parser.add_argument(
-        "--out", type=Path, help="folder of the report (default: results/collected-DATE-TIME)"
+        "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
     )
     args = parser.parse_args(argv)
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
     try:
         report, notes = collect(args.folders, out)
-    except (SceneError, PoolError, OSError) as error:
-        print(f"collect: {error}", file=sys.stderr)
-        return 2
     except ImportError as error:  # matplotlib, which only figures need
         print(_NO_PACKAGE.format(error), file=sys.stderr)
         return 2

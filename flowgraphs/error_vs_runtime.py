@@ -17,11 +17,19 @@ them with --models to have them in the comparison:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
+from gnuradio.radalt.evaluation.engine.options import (
+    MAX_SEED,
+    Parser,
+    add_options,
+    command,
+    command_of,
+    number,
+    options_of,
+    path,
+)
 
 PROGRAM = "error_vs_runtime"
 
@@ -32,25 +40,29 @@ def _parser() -> Parser:
     add(
         "--models",
         nargs="*",
-        type=Path,
+        type=path,
         help="ONNX files of tcae, float16 and int8 ones among them (default: all of models/)",
     )
     add("--interferers", nargs="+", metavar="NAME", help="some of those compared, as the report names them")
     add("--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)")
-    add("--frames", type=int, default=100, help="frames per interferer and SIR (default: %(default)s)")
-    add("--rounds", type=int, default=20, help="rounds of timing (default: %(default)s)")
-    add("--seed", type=int, default=1, help="of the frames (default: %(default)s)")
+    add(
+        "--frames",
+        type=number(int, 2, 2_000_000),
+        default=100,
+        help="frames per interferer and SIR (default: %(default)s)",
+    )
+    add("--rounds", type=number(int, 2, 100_000), default=20, help="rounds of timing (default: %(default)s)")
+    add("--seed", type=number(int, 0, MAX_SEED), default=1, help="of the frames (default: %(default)s)")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=600.0)
     return parser
 
 
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure errors, times and memory and write the report; returns 0, or 2 after one line about what does not fit."""
     parser = _parser()
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
-    if args.frames < 2 or args.rounds < 2 or args.seed < 0:
-        parser.error("--frames and --rounds have to be at least 2, --seed at least 0")
 
     from gnuradio.radalt.core.paths import model_path
     from gnuradio.radalt.evaluation.engine.command import main as run
@@ -60,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     interferers = args.interferers or list(INTERFERERS)
     stray = [name for name in interferers if name not in INTERFERERS]
     if stray:
-        parser.error(f"--interferers names {stray[0]!r}; known: {'; '.join(INTERFERERS)}")
+        parser.error(f"--interferers names {stray[0][:40]!r}; known: {'; '.join(INTERFERERS)}")
     models = args.models if args.models is not None else sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
     try:
         sirs_db = parse_axis(args.sir_db, "--sir-db")

@@ -6,8 +6,8 @@ python flowgraphs/gallery.py [--out docs/interference_gallery.png] [--seed 1]
 
 from __future__ import annotations
 
-import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
@@ -15,7 +15,8 @@ import numpy as np
 
 from radalt.core.interference.placement import interference_frames
 from radalt.core.returns.point import point_return
-from radalt.core.scene import Scene, SceneError, load_scene
+from radalt.core.scene import Scene, load_scene
+from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
 
 PANELS = (
     ("paper_qpsk", "QPSK, rectangular pulses"),
@@ -87,18 +88,15 @@ def draw(path: Path, seed: int) -> None:
     figure.savefig(path, dpi=130)
 
 
-def main() -> int:
-    """Command line."""
+@command("gallery")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw it; returns 0, or 2 after one line about what does not fit."""
     root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=root / "docs" / "interference_gallery.png")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    try:
-        draw(options.out, options.seed)
-    except SceneError as error:
-        print(f"gallery: {error}", file=sys.stderr)
-        return 2
+    parser = Parser("gallery", __doc__)
+    parser.add_argument("--out", type=path, default=root / "docs" / "interference_gallery.png")
+    parser.add_argument("--seed", type=number(int, 0, MAX_SEED), default=1)
+    options = parser.parse_args(argv)
+    draw(options.out, options.seed)
     print(options.out)
     return 0
 

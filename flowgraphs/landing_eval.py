@@ -39,22 +39,34 @@ except ImportError as error:
 
 def _parser() -> options.Parser:
     parser = options.Parser(PROGRAM, __doc__)
-    add = parser.add_argument
-    add("study", nargs="?", type=Path, default=HERE / "landing" / "study.yaml", help="YAML file")
+    add, number = parser.add_argument, options.number
+    add("study", nargs="?", type=options.path, default=HERE / "landing" / "study.yaml", help="YAML file")
     options.add_options(parser, out="results/landing", time_limit_s=1800.0)
-    add("--trajectory", type=Path, help="CSV: a track, or ADS-B state vectors")
+    add("--trajectory", type=options.path, help="CSV: a track, or ADS-B state vectors")
     add("--aircraft", help="icao24 or callsign to take from the trajectory file")
-    add("--altitude-offset-m", type=float, help="added to the trajectory's altitudes (datum)")
-    add("--max-gap-s", type=float, help="longest gap in the trajectory that is interpolated")
-    add("--terrain", type=Path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
+    add(
+        "--altitude-offset-m",
+        type=number(float, -1e5, 1e5),
+        help="added to the trajectory's altitudes (datum)",
+    )
+    add("--max-gap-s", type=number(float, 0, 1e6), help="longest gap in the trajectory that is interpolated")
+    add("--terrain", type=options.path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
     add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
-    add("--flat-m", type=float, help="elevation of the flat earth")
-    add("--sir-db", type=float, help="SIR of the approach and the sensitivity table")
+    add("--flat-m", type=number(float, -1e4, 1e4), help="elevation of the flat earth")
+    add("--sir-db", type=number(float, -200, 200), help="SIR of the approach and the sensitivity table")
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
-    add("--frames", type=int, help="frames of the approach; 0 leaves it out")
-    add("--trials", type=int, help="frames per point of the curves; 0 leaves them out")
-    add("--sensitivity-trials", type=int, help="frames per row of the sensitivity table; 0: no table")
-    add("--seed", type=int, help="of scatterers, noise and interference (default: the study's)")
+    add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
+    add("--trials", type=number(int, 0, 1_000_000), help="frames per point of the curves; 0 leaves them out")
+    add(
+        "--sensitivity-trials",
+        type=number(int, 0, 1_000_000),
+        help="frames per row of the sensitivity table; 0: no table",
+    )
+    add(
+        "--seed",
+        type=number(int, 0, options.MAX_SEED),
+        help="of scatterers, noise and interference (default: the study's)",
+    )
     return parser
 
 
@@ -98,6 +110,7 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
+@options.command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = _parser()

@@ -14,7 +14,14 @@ from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
+from gnuradio.radalt.evaluation.engine.options import (
+    Parser,
+    add_options,
+    command,
+    command_of,
+    number,
+    options_of,
+)
 
 PROGRAM = "leaving_out"
 
@@ -22,19 +29,23 @@ PROGRAM = "leaving_out"
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
-    add("--frames", type=int, default=100, help="frames at each altitude (default: %(default)s)")
-    add("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
+    add(
+        "--frames",
+        type=number(int, 1, 2_000_000),
+        default=100,
+        help="frames at each altitude (default: %(default)s)",
+    )
+    add("--repeats", type=number(int, 1, 10_000), default=3, help="runs of each (default: %(default)s)")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=1800.0, sampled=False)
     return parser
 
 
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure every scene of the table; returns 0, 1 if leaving out changed a result, 2 after one line."""
     parser = _parser()
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
-    if args.frames < 1 or args.repeats < 1:
-        parser.error("--frames and --repeats have to be at least 1")
 
     from gnuradio.radalt.evaluation.engine.command import main as run
     from gnuradio.radalt.evaluation.leaving_out.study import LeavingOutStudy

@@ -10,12 +10,16 @@ Run it after every change of ota_b210.grc, ota_live.grc or of a block's descript
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, command
+
 HERE = Path(__file__).resolve().parent
+PROGRAM = "make_flowgraphs"
 
 
 def made() -> dict[str, dict[str, Any]]:
@@ -31,8 +35,10 @@ def made() -> dict[str, dict[str, Any]]:
     }
 
 
-def main() -> int:
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
     """Write the files beside this one."""
+    Parser(PROGRAM, __doc__).parse_args(argv)
     from gnuradio.radalt.evaluation.flowgraph.rewrite import save_grc
 
     for name, data in made().items():

@@ -10,8 +10,6 @@ levels are made the same way where they are wanted (level 1: 2.9 MB a cell, leve
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
@@ -20,8 +18,10 @@ HERE = Path(__file__).resolve().parent
 
 try:
     from gnuradio.radalt.core.returns import terrain
+    from gnuradio.radalt.evaluation.engine.options import Parser, command, number, path
 except ImportError:  # without GNU Radio the package is importable by its own name
     from radalt.core.returns import terrain
+    from radalt.evaluation.engine.options import Parser, command, number, path
 
 CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
 
@@ -38,54 +38,42 @@ def approach_csv(approach: terrain.Approach, step_s: float) -> str:
     return "\n".join(lines) + "\n"
 
 
+@command("make_landing_data")
 def main(argv: list[str] | None = None) -> int:
     """Write the files; returns 0, or 2 after a line about what does not fit."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=HERE / "landing", help="folder (default: %(default)s)")
-    parser.add_argument("--level", type=int, default=0, choices=(0, 1, 2), help="DTED level (default: 0)")
-    parser.add_argument("--terrain", choices=("flat", "hilly", "both"), default="both")
-    parser.add_argument(
-        "--glide-deg", type=float, default=3.0, help="glide path angle (default: %(default)s)"
+    parser = Parser("make_landing_data", __doc__)
+    add = parser.add_argument
+    add("--out", type=path, default=HERE / "landing", help="folder (default: %(default)s)")
+    add("--level", type=int, default=0, choices=(0, 1, 2), help="DTED level (default: 0)")
+    add("--terrain", choices=("flat", "hilly", "both"), default="both")
+    add("--glide-deg", type=number(float, 1, 10), default=3.0, help="glide path angle (default: %(default)s)")
+    add(
+        "--start-height-m",
+        type=number(float, 50, 2000),
+        default=600.0,
+        help="height at the start (default: 600)",
     )
-    parser.add_argument(
-        "--start-height-m", type=float, default=600.0, help="height at the start (default: 600)"
-    )
-    parser.add_argument("--speed-m-per-s", type=float, default=72.0, help="ground speed (default: 72)")
-    parser.add_argument(
-        "--step-s", type=float, default=0.5, help="step of the trajectory file (default: 0.5)"
+    add("--speed-m-per-s", type=number(float, 20, 120), default=72.0, help="ground speed (default: 72)")
+    add(
+        "--step-s",
+        type=number(float, 0.01, 2),
+        default=0.5,
+        help="step of the trajectory file (default: 0.5)",
     )
     args = parser.parse_args(argv)
-    ranges = {
-        "glide_deg": (1, 10),
-        "start_height_m": (50, 2000),
-        "speed_m_per_s": (20, 120),
-        "step_s": (0.01, 2),
-    }
-    for name, (low, high) in ranges.items():
-        if not low <= getattr(args, name) <= high:
-            parser.error(
-                f"--{name.replace('_', '-')} is {getattr(args, name):g}; it has to be within {low}..{high}"
-            )
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-        approach = terrain.Approach(
-            glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s
-        )
-        path = args.out / "approach_kord_10c.csv"
-        path.write_text(approach_csv(approach, args.step_s))
-        print(path)
-        for kind in ("flat", "hilly") if args.terrain == "both" else (args.terrain,):
-            for lat, lon in CELLS:
-                elevation = terrain.synthetic_elevation_m(kind, args.level, lat, lon)
-                path = args.out / f"{kind}_n{lat}w{-lon:03d}.dt{args.level}"
-                print(
-                    terrain.write_dted(
-                        path, elevation, lat, lon, args.level, reference=f"SYNTH-{kind.upper()}"
-                    )
-                )
-    except OSError as error:
-        print(f"make_landing_data: {error}", file=sys.stderr)
-        return 2
+    args.out.mkdir(parents=True, exist_ok=True)
+    approach = terrain.Approach(
+        glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s
+    )
+    file = args.out / "approach_kord_10c.csv"
+    file.write_text(approach_csv(approach, args.step_s))
+    print(file)
+    for kind in ("flat", "hilly") if args.terrain == "both" else (args.terrain,):
+        for lat, lon in CELLS:
+            elevation = terrain.synthetic_elevation_m(kind, args.level, lat, lon)
+            file = args.out / f"{kind}_n{lat}w{-lon:03d}.dt{args.level}"
+            reference = f"SYNTH-{kind.upper()}"
+            print(terrain.write_dted(file, elevation, lat, lon, args.level, reference=reference))
     return 0
 
 

@@ -29,8 +29,10 @@ from gnuradio.radalt.evaluation.engine.options import (
     Options,
     Parser,
     add_options,
-    expected_errors,
+    command,
+    complain,
     options_of,
+    path,
 )
 
 PROGRAM = "ota_eval"
@@ -49,9 +51,9 @@ def _parser() -> Parser:
     add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
     add("--frames", type=int, help="frames at each altitude")
     add("--seed", type=int, help="everything random follows from it")
-    add("--model", type=Path, metavar="FILE.onnx", help="network of the method tcae")
+    add("--model", type=path, metavar="FILE.onnx", help="network of the method tcae")
     add(
-        "--method-file", type=Path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
+        "--method-file", type=path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
     )
     add_options(parser)
     add(
@@ -63,7 +65,7 @@ def _parser() -> Parser:
     add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
     add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
-    add("--replay", type=Path, metavar="FILE", help="score every method on a SigMF recording")
+    add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
     return parser
 
 
@@ -94,7 +96,7 @@ def _scene(args: argparse.Namespace) -> Any:
     from gnuradio.radalt.core.scene import SceneError, load_scene
     from gnuradio.radalt.evaluation.overlap.points import parse_axis
 
-    scene = load_scene(args.scene or DEFAULT_SCENE)
+    scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
 
     def change(option: str, where: str, value: Callable[[], dict[str, Any]]) -> None:
         nonlocal scene
@@ -119,8 +121,6 @@ def _scene(args: argparse.Namespace) -> Any:
     if args.frames is not None:
         change("--frames", "altitude", lambda: {"frames": args.frames})
     if args.seed is not None:
-        if args.seed < 0:
-            raise SceneError(f"--seed is {args.seed}; it has to be 0 or above")
         change("--seed", "", lambda: {"seed": args.seed})
     if args.methods is not None:
         change("--methods", "", lambda: {"methods": tuple(m.strip() for m in args.methods.split(","))})
@@ -265,6 +265,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=_print_pd)
 
 
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = _parser()
@@ -272,21 +273,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = options_of(args, parser)
     problem = _check_python()
     if problem:
-        print(f"{PROGRAM}: {problem}", file=sys.stderr)
+        complain(PROGRAM, problem)
         return 2
-    try:
-        for wanted, command in (
-            (args.plan, _plan),
-            (args.check, _check),
-            (args.calibrate, _calibrate),
-            (args.replay, _replay),
-        ):
-            if wanted:
-                return command(args)
-        return _run(args, options)
-    except expected_errors() as error:
-        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+    for wanted, action in (
+        (args.plan, _plan),
+        (args.check, _check),
+        (args.calibrate, _calibrate),
+        (args.replay, _replay),
+    ):
+        if wanted:
+            return action(args)
+    return _run(args, options)
 
 
 if __name__ == "__main__":

@@ -10,49 +10,48 @@ Runs at real time and without end. Endpoints are on loopback unless you say othe
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, command, number
+
 PROGRAM = "ota_remote"
 
 
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until stopped; returns 0, or 2 after one line about what does not fit."""
-    summary, _, details = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
-        prog=PROGRAM,
-        description=summary,
-        epilog=details,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = Parser(PROGRAM, __doc__)
     parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
     parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
     parser.add_argument("--methods", default="none,tcae", help="with commas (%(default)s)")
     parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
     parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
+    parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
+    parser.add_argument(
+        "--keep-alive-s",
+        type=number(float, 0, 86400),
+        default=0.0,
+        help="on the air: stop transmitting after this long without a request; 0 (default): never",
+    )
     parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
     args = parser.parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
     from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
-    try:
-        scene = load_scene(args.scene)
-        state = drive_remotely(
-            scene,
-            tuple(m.strip() for m in args.methods.split(",")),
-            telemetry=args.telemetry,
-            control=args.control,
-            sim=args.sim,
-            transmit=args.transmit,
-            log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
-        )
-    except (ValueError, FlowgraphError, OSError) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return 2
+    scene = load_scene(args.scene)
+    state = drive_remotely(
+        scene,
+        tuple(m.strip() for m in args.methods.split(",")),
+        telemetry=args.telemetry,
+        control=args.control,
+        network=args.network,
+        keep_alive_s=args.keep_alive_s,
+        sim=args.sim,
+        transmit=args.transmit,
+        log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
+    )
     print(f"{PROGRAM}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
     return 0
 

@@ -14,14 +14,18 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, command, complain, number, path
+
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
+PROGRAM = "screenshot"
 HERE = Path(__file__).resolve().parent
 
 STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent, one after the other
@@ -29,23 +33,49 @@ SIZE = (1680, 1000)
 FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
 
 
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="screenshot", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
-    add("--out", type=Path, default=Path("docs/live_view.png"), help="PNG file (default: %(default)s)")
+    add(
+        "--out",
+        type=path,
+        default=Path("docs/live_view.png"),
+        help="PNG file (default: %(default)s)",
+    )
     add(
         "--scene",
         default="paper_qpsk",
         help="YAML file, or the name of a shipped scene (default: %(default)s)",
     )
-    add("--sir-db", type=float, default=-32.0, help="signal-to-interference ratio (default: %(default)g)")
-    add("--overlap", type=float, default=1.0, help="active fraction of the sweep (default: %(default)g)")
+    add(
+        "--sir-db",
+        type=number(float, -200, 200),
+        default=-32.0,
+        help="signal-to-interference ratio (default: %(default)g)",
+    )
+    add(
+        "--overlap",
+        type=number(float, 0, 1),
+        default=1.0,
+        help="active fraction of the sweep (default: %(default)g)",
+    )
     add("--method", default="whitening", help="the method that is chosen (default: %(default)s)")
-    add("--frames", type=int, default=FRAMES_A_STEP, help="frames at each altitude (default: %(default)s)")
-    add("--time-limit-s", type=float, default=600.0, help="give up after this long (default: %(default)g)")
-    return parser.parse_args()
+    add(
+        "--frames",
+        type=number(int, 0, 2000000),
+        default=FRAMES_A_STEP,
+        help="frames at each altitude (default: %(default)s)",
+    )
+    add(
+        "--time-limit-s",
+        type=number(float, 0, 10000000.0),
+        default=600.0,
+        help="give up after this long (default: %(default)g)",
+    )
+    args = parser.parse_args(argv)
+    if not args.method.isidentifier():  # it is written into the flowgraph as source
+        parser.error(f"--method is {args.method!r}; name one of the chooser's methods")
+    return args
 
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
@@ -66,9 +96,10 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     return top
 
 
-def main() -> int:
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the view, save its picture; returns 0, or 2 after one line about what went wrong."""
-    args = _arguments()
+    args = _arguments(argv)
     from PyQt5 import Qt
 
     app = Qt.QApplication(sys.argv[:1])
@@ -96,11 +127,11 @@ def main() -> int:
         top.stop()
         top.wait()
     if done < len(STEPS_M):
-        print(f"screenshot: not done within {args.time_limit_s:g} s; raise --time-limit-s", file=sys.stderr)
+        complain(PROGRAM, f"not done within {args.time_limit_s:g} s; raise --time-limit-s")
         return 2
     args.out.parent.mkdir(parents=True, exist_ok=True)
     if not picture.save(str(args.out)):
-        print(f"screenshot: {args.out} cannot be written", file=sys.stderr)
+        complain(PROGRAM, f"{args.out} cannot be written")
         return 2
     print(args.out)
     return 0

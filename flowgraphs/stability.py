@@ -15,7 +15,14 @@ from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
+from gnuradio.radalt.evaluation.engine.options import (
+    Parser,
+    add_options,
+    command,
+    command_of,
+    options_of,
+    path,
+)
 
 PROGRAM = "stability"
 METHODS = "none,whitening,blanking,nlms,lms_reference_input,lms,tcae"
@@ -26,13 +33,14 @@ def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
-    add("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
+    add("--models", nargs="*", type=path, help="ONNX files of tcae (default: all of models/)")
     add("--groups", default=GROUPS, help="groups of cases (default: %(default)s)")
     add("--no-checks", action="store_true", help="leave out long runs, determinism and flowgraph")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=600.0, sampled=False)
     return parser
 
 
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the cases and checks; returns 0, 1 where something did not pass, 2 after one line about what does not fit."""
     parser = _parser()
@@ -40,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = options_of(args, parser, command=command_of(args, parser))
 
     from gnuradio.radalt.core.mitigation import METHODS as KNOWN
+    from gnuradio.radalt.core.parsing import check_file
     from gnuradio.radalt.core.paths import model_path
     from gnuradio.radalt.evaluation.engine.command import main as run
     from gnuradio.radalt.evaluation.results.folder import read_report
@@ -49,8 +58,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value, known in (("--methods", methods, KNOWN), ("--groups", groups, GROUPS.split(","))):
         stray = [v for v in value if v not in known]
         if stray:
-            parser.error(f"{name} names {stray[0]!r}; known: {', '.join(known)}")
+            parser.error(f"{name} names {stray[0][:40]!r}; known: {', '.join(known)}")
     models = args.models or sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
+    for model in models:  # before an hour of cases of the other methods
+        check_file(model, most_bytes=2 << 30, what="tcae model")
 
     def study() -> StabilityStudy:
         return StabilityStudy(compared_chains(methods, models), groups, () if args.no_checks else methods)

@@ -20,6 +20,10 @@ LAZY_CIRCLES = {
         "core.mitigation.own_process",
         "core.mitigation",
     ): "the process beside builds any registered method by its name",
+    (
+        "core.mitigation.rehearsal",
+        "core.mitigation",
+    ): "the process that tries a file of others builds its method by its name",
 }
 
 

@@ -165,12 +165,12 @@ def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--jobs", "100000"], "--jobs is 100000; it has to be within 1..256"),
-        (["--jobs", "0"], "--jobs is 0"),
-        (["--time-limit-s", "-1"], "--time-limit-s is -1"),
-        (["--precision", "7"], "--precision is 7"),
-        (["--precision", "nan"], "--precision is nan"),
-        (["--out", ""], "names no folder"),
+        (["--jobs", "100000"], "--jobs: it is '100000'; it has to be a whole number within 1..256"),
+        (["--jobs", "0"], "--jobs: it is '0'"),
+        (["--time-limit-s", "-1"], "--time-limit-s: it is '-1'"),
+        (["--precision", "7"], "--precision: it is '7'"),
+        (["--precision", "nan"], "--precision: it is 'nan'"),
+        (["--out", ""], "it is empty"),
         (["--resume"], "--resume needs --out"),
     ],
 )

@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
 DESCRIPTIONS = sorted((ROOT / "grc").glob("*.block.yml"))
 UHD = {"radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"}
+GATES = {"radar_gate", "jammer_gate"}
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +55,15 @@ def platform():
 # -- the rewrite ------------------------------------------------------------------------------------------------------
 
 
-def test_only_the_uhd_blocks_differ(b210):
+def test_only_the_uhd_blocks_and_their_gates_differ(b210):
     """Every other block, its parameters, its place and state: equal. Every other connection: equal."""
     simulated = simulate(b210)
     before = {block["name"]: block for block in b210["blocks"]}
     after = {block["name"]: block for block in simulated["blocks"]}
-    assert before.keys() - after.keys() == UHD
+    assert before.keys() - after.keys() == UHD | GATES
     assert after.keys() - before.keys() == {"simulated_channel"}
-    assert all(after[name] == block for name, block in before.items() if name not in UHD)
-    kept = [c for c in b210["connections"] if not UHD & set(c)]
+    assert all(after[name] == block for name, block in before.items() if name not in UHD | GATES)
+    kept = [c for c in b210["connections"] if not (UHD | GATES) & set(c)]
     assert [c for c in simulated["connections"] if "simulated_channel" not in c] == kept
     assert sorted(c for c in simulated["connections"] if "simulated_channel" in c) == [
         ["chirp_source", "0", "simulated_channel", "0"],
@@ -85,6 +86,28 @@ def test_rewrite_leaves_the_original_alone_and_needs_no_more_than_the_file(b210)
 def test_shipped_simulation_is_the_rewrite_of_the_shipped_radios(b210):
     """Run `make flowgraphs` after a change of ota_b210.grc."""
     assert load_grc(ROOT / "flowgraphs/ota_sim.grc") == simulate(b210)
+
+
+@pytest.mark.parametrize("name", ["ota_b210", "ota_live", "ota_embedded"])
+def test_nothing_but_a_gate_feeds_a_transmitter(name):
+    data = load_grc(ROOT / f"flowgraphs/{name}.grc")
+    sinks = {block["name"] for block in data["blocks"] if block["id"] == "uhd_usrp_sink"}
+    assert sinks == {"radar_usrp_sink", "jammer_usrp_sink"}
+    fed = {sink: source for source, _, sink, _ in data["connections"] if sink in sinks}
+    assert fed == {"radar_usrp_sink": "radar_gate", "jammer_usrp_sink": "jammer_gate"}
+    gates = {b["name"]: b["parameters"] for b in data["blocks"] if b["name"] in GATES}
+    assert {g["transmit"] for g in gates.values()} == {"bool(transmit)"}
+    if name != "ota_embedded":  # where every block of ours is one of GRC's own
+        assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
+
+
+def test_no_shipped_flowgraph_has_a_transmitter_but_those():
+    with_sinks = {
+        path.stem
+        for path in FLOWGRAPHS
+        if any("sink" in b["id"] and "uhd" in b["id"] for b in load_grc(path)["blocks"])
+    }
+    assert with_sinks == {"ota_b210", "ota_live", "ota_embedded"}
 
 
 def test_three_radio_blocks_share_two_devices(b210):
@@ -225,6 +248,8 @@ def test_description_makes_the_block_for_every_option_of_its_choices(path, platf
         holder.it = eval(make, {"radalt": radalt, "scene": scene, "self": holder})  # noqa: S307 - what the compiler writes
         for callback in callbacks:
             eval(callback, {"self": holder})  # noqa: S307
+        if hasattr(holder.it, "close"):  # an endpoint is for one at a time
+            holder.it.close()
 
 
 # -- running ----------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import signal
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from gnuradio.radalt.core.radio.calibration import (
 )
 from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
 from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm
-from gnuradio.radalt.core.scene import parse_scene
+from gnuradio.radalt.core.radio.transmit_gate import TransmitGate
+from gnuradio.radalt.core.scene import SceneError, parse_scene
 from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
 from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
 from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
@@ -305,15 +307,17 @@ def generated(tmp_path_factory):
     """Top-block class by flowgraph, and by the blocks that a person has disabled in the companion."""
     made = {}
 
-    def get(name: str, *disabled: str) -> type:
-        if (name, disabled) not in made:
+    def get(name: str, *disabled: str, bypassed: str = "") -> type:
+        if (name, disabled, bypassed) not in made:
             data = load_grc(ROOT / f"flowgraphs/{name}.grc")
             for block in data["blocks"]:
                 if block["name"] in disabled:
                     block["states"]["state"] = "disabled"
+                if block["name"] == bypassed:
+                    block["states"]["state"] = "bypassed"
             module = generate(data, tmp_path_factory.mktemp(name))
-            made[name, disabled] = load_class(Prepared(module, name, (), ()))
-        return made[name, disabled]
+            made[name, disabled, bypassed] = load_class(Prepared(module, name, (), ()))
+        return made[name, disabled, bypassed]
 
     return get
 
@@ -384,7 +388,10 @@ def test_run_button_transmits_nothing_with_the_interlock_disabled(generated, pre
 
 @pytest.mark.parametrize(
     ("disabled", "jammer", "message"),
-    [((), False, "has no jammer.*disable it"), (("jammer_source", "jammer_usrp_sink"), True, "enable it")],
+    [
+        ((), False, "has no jammer.*disable it"),
+        (("jammer_source", "jammer_gate", "jammer_usrp_sink"), True, "enable it"),
+    ],
 )
 def test_run_button_wants_the_jammer_of_the_scene(generated, press_run, disabled, jammer, message):
     with pytest.raises(FlowgraphError, match=message):
@@ -393,7 +400,9 @@ def test_run_button_wants_the_jammer_of_the_scene(generated, press_run, disabled
 
 
 def test_run_button_needs_one_b210_with_the_jammer_disabled(generated, press_run, capsys):
-    air = press_run(generated("ota_b210", "jammer_source", "jammer_usrp_sink"), a_scene(jammer=False))
+    air = press_run(
+        generated("ota_b210", "jammer_source", "jammer_gate", "jammer_usrp_sink"), a_scene(jammer=False)
+    )
     assert {call[0] for call in air.calls} == {"radar Sink", "radar Source"}
     assert "12 of 12" in capsys.readouterr().out
 
@@ -402,3 +411,162 @@ def test_run_button_starts_nothing_without_a_lock(generated, press_run):
     with pytest.raises(FlowgraphError, match="lo_locked is false"):
         press_run(generated("ota_b210"), a_scene(), locks=False)
     assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+# -- the gate: nothing reaches a transmitter past it -------------------------------------------------------------------
+
+
+def sent(air) -> bool:
+    """Whether any sample that is not zero has reached a transmitter; that samples have is asserted."""
+    assert air.sent["radar"].size > 0
+    return any(samples.any() for samples in air.sent.values())
+
+
+def run_bare(cls, scene, tmp_path, transmit, air, monkeypatch, seconds=0.5):
+    """The generated class as another program would use it: no main(), no snippets, just start and stop."""
+    uhd_double.install(monkeypatch, air)
+    top = cls(scene_file=str(write_scene(scene, tmp_path / "bare.yaml")), transmit=transmit)
+    for name in ("radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"):
+        if hasattr(top, name):
+            getattr(top, name).state["set_start_time"] = ("time", 1.0)
+    top.start()
+    time.sleep(seconds)
+    top.stop()
+    top.wait()
+    return top
+
+
+@pytest.mark.parametrize("name", ["ota_b210", "ota_embedded"])
+@pytest.mark.parametrize(
+    ("radio", "transmit"),
+    [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 10.0}, 1), ({"jammer_serial": "R"}, 1)],
+    ids=["no --transmit", "no enclosure", "too little attenuation", "both sinks on one device"],
+)
+def test_class_without_main_and_without_snippets_sends_zeros(
+    generated, monkeypatch, tmp_path, name, radio, transmit, capfd
+):
+    """The interlock's snippet is disabled and the set-up's never run: samples reach the sinks, all of them zero."""
+    cls = generated(name, "transmit_interlock", "set_up_radios")
+    air = uhd_double.Air()
+    run_bare(cls, a_scene(**radio), tmp_path, transmit, air, monkeypatch)
+    assert not sent(air)
+    assert "zeros only: transmit" in capfd.readouterr().err
+
+
+def test_class_without_main_transmits_what_the_scene_and_the_caller_allow(generated, monkeypatch, tmp_path):
+    air = uhd_double.Air()
+    run_bare(
+        generated("ota_b210", "transmit_interlock", "set_up_radios"), a_scene(), tmp_path, 1, air, monkeypatch
+    )
+    assert sent(air)
+
+
+@pytest.mark.parametrize("gate", ["radar_gate", "jammer_gate"])
+def test_set_up_refuses_a_flowgraph_whose_gate_was_bypassed(generated, press_run, gate):
+    cls = generated("ota_b210", bypassed=gate)
+    with pytest.raises(FlowgraphError, match=f"no block {gate} before"):
+        press_run(cls, a_scene())
+    assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def passed(gate, samples=None) -> bool:
+    given = np.ones(8, np.complex64) if samples is None else samples
+    out = np.full(8, np.nan, np.complex64)
+    gate.pass_into(given, out)
+    assert np.array_equal(out, given) or not out.any()
+    return bool(out.any())
+
+
+def test_gate_closes_for_good_when_control_is_silent_for_a_second():
+    clock = Clock()
+    gate = TransmitGate(a_scene(), True, controlled=True, clock=clock)
+    assert not passed(gate) and "waits for remote control" in gate.why_closed
+    for clock.now in (0.0, 0.9, 1.8):
+        gate.beat()
+        assert passed(gate)
+    clock.now = 2.7
+    assert passed(gate)
+    clock.now = 2.9
+    assert not passed(gate) and "silent for more than 1 s" in gate.why_closed
+    gate.beat()
+    assert not passed(gate)
+    assert gate.zeroed_samples == 24
+
+
+def test_gate_does_not_open_for_a_beat_that_comes_too_late():
+    """Nobody looked meanwhile: the beat itself notices that it is late."""
+    clock = Clock()
+    gate = TransmitGate(a_scene(), True, controlled=True, clock=clock)
+    gate.beat()
+    clock.now = 5.0
+    gate.beat()
+    assert not passed(gate)
+
+
+@pytest.mark.parametrize("transmit", [False, None, "True", 1])
+def test_gate_opens_for_true_alone(transmit):
+    assert not passed(TransmitGate(a_scene(), transmit))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_gate_closes_at_a_sample_that_is_not_finite(value):
+    gate = TransmitGate(a_scene(), True)
+    assert passed(gate)
+    assert not passed(gate, np.full(8, value, np.complex64))
+    assert not passed(gate)
+    assert "not finite" in gate.why_closed
+
+
+@pytest.mark.parametrize(
+    ("radio", "message"),
+    [
+        ({"attenuation_db": 180.0}, "attenuation_db is 180; it has to be within 0..150"),
+        ({"attenuation_db": 6000.0}, "attenuation_db is 6000.0; expected a number within"),
+        ({"attenuation_db": 1e308}, "attenuation_db is 1e\\+308; expected a number within"),
+        ({"radar_serial": "a,type=x300"}, "radar_serial is 'a,type=x300'; a serial is"),
+        ({"jammer_serial": "J" * 33}, "at most 32 letters and digits"),
+        ({"master_clock_hz": 0.0}, "master_clock_hz is 0"),
+        ({"master_clock_hz": -1.0}, "master_clock_hz is -1"),
+        ({"lo_offset_hz": 1e308}, "lo_offset_hz is 1e\\+308"),
+        ({"lo_offset_hz": 40e6}, "within -3.072e\\+07..3.072e\\+07"),
+    ],
+)
+def test_scene_refuses_what_no_radio_can_do(radio, message):
+    with pytest.raises(SceneError, match=message):
+        a_scene(**radio)
+
+
+@pytest.mark.parametrize(
+    ("radio", "message"),
+    [
+        ({"radar_serial": "", "jammer_serial": ""}, "have to name two devices"),
+        ({"jammer_serial": ""}, "have to name two devices"),
+        ({"jammer_serial": "R"}, "have to name two devices"),
+        ({"master_clock_hz": 32e6}, "not a whole multiple of the rate"),
+        ({"lo_offset_hz": 20e6}, "at most 1.125e\\+07 either way"),
+    ],
+)
+def test_interlock_refuses_what_only_the_whole_scene_shows(radio, message):
+    with pytest.raises(InterlockError, match=message):
+        require_enclosure(a_scene(**radio), True)
+
+
+def test_one_radio_needs_no_serial():
+    require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
+
+
+def test_a_gain_above_the_one_asked_for_is_refused(air, monkeypatch):
+    """The level at the receiver was computed from the gains: more of it may damage."""
+    monkeypatch.setattr(
+        uhd_double.Sink, "get_gain", lambda self, chan=0: self.state["set_gain"] + 3.0, raising=False
+    )
+    with pytest.raises(FlowgraphError, match="gain dB is 43, asked was 40"):
+        fly(air, a_scene())
+    assert not [c for c in air.calls if c[1] == "start"]

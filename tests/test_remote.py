@@ -3,13 +3,17 @@
 import json
 import threading
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import control_client
 import pytest
 import zmq
+from gnuradio import radalt
 
-from gnuradio.radalt.core.radio.control import RequestError, parse_request
+from gnuradio.radalt.core.radio.control import RequestError, check_endpoint, parse_request
 from gnuradio.radalt.core.scene import parse_scene
+from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
 pytestmark = pytest.mark.timeout(60)
@@ -22,7 +26,8 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
     [
         (b"\xff\xfe", "not JSON"),
         (b"{", "not JSON"),
-        (b"[" * 100_000, "not JSON"),
+        (b"[" * 60_000, "not JSON"),
+        (b" " * 100_000, "100000 bytes; a request has at most 65536"),
         (b"[1]", "expected an object"),
         (b'{"command": "get"}', "version is None"),
         (b'{"version": 2, "command": "get"}', "speaks 1"),
@@ -31,7 +36,16 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
         (b'{"version": 1, "command": "set"}', "changes nothing"),
         (b'{"version": 1, "command": "set", "altitude": 1}', "unknown key 'altitude'"),
         (b'{"version": 1, "command": "set", "altitude_m": 1501}', "within 0..1500"),
-        (b'{"version": 1, "command": "set", "altitude_m": NaN}', "within 0..1500"),
+        (b'{"version": 1, "command": "set", "altitude_m": NaN}', "NaN is no JSON number"),
+        (b'{"version": 1, "command": "set", "altitude_m": 1e400}', "altitude_m is inf"),
+        (b'{"version": 1, "command": "set", "altitude_m": 18446744073709551616}', "within 0..1500"),
+        (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 400), "within 0..1500"),
+        (b'{"version": 1, "command": "set", "altitude_m": %s}' % (b"9" * 5000), "not JSON"),
+        (b'{"version": 1, "command": "set", "altitude_m": 1, "altitude_m": 2}', "a key is there twice"),
+        (b'{"version": true, "command": "get"}', "version is True"),
+        (b'{"version": 1, "command": ["get"]}', "command is"),
+        (b'{"version": 1, "command": "set", "methods": ["%s"]}' % (b"x" * 9000), "not in the flowgraph"),
+        (b'{"version": 1, "command": "set", "%s": 1}' % (b"k" * 9000), "unknown key"),
         (b'{"version": 1, "command": "set", "altitude_m": true}', "within 0..1500"),
         (b'{"version": 1, "command": "set", "overlap": "1"}', "within 0..1"),
         (b'{"version": 1, "command": "set", "methods": []}', "list of names"),
@@ -39,8 +53,34 @@ LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": 
     ],
 )
 def test_a_malformed_request_is_named(text, message):
-    with pytest.raises(RequestError, match=message):
+    with pytest.raises(RequestError, match=message) as caught:
         parse_request(text, **LIMITS)
+    assert len(str(caught.value)) <= 300 and str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp://*:6557", "tcp://0.0.0.0:6557", "tcp://[::]:6557", "tcp://192.168.1.7:6557", "tcp://bench:6557"],
+)
+def test_an_endpoint_that_other_machines_reach_needs_a_second_flag(endpoint):
+    with pytest.raises(ValueError, match="other machines reach it.*--network"):
+        check_endpoint("control", endpoint, network=False)
+    check_endpoint("control", endpoint, network=True)
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc:///tmp/x", "tcp://[::1]:7"]
+)
+def test_an_endpoint_of_this_machine_needs_none(endpoint):
+    check_endpoint("control", endpoint, network=False)
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["6557", "udp://127.0.0.1:1", "tcp://127.0.0.1", "tcp://127.0.0.1:1/x", "ipc://" + "x" * 999]
+)
+def test_what_is_no_endpoint_is_named(endpoint):
+    with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
+        check_endpoint("control", endpoint, network=True)
 
 
 def test_a_request_is_read():
@@ -127,20 +167,25 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
     with zmq.Context.instance().socket(zmq.REQ) as socket:
         socket.setsockopt(zmq.LINGER, 0)
         socket.connect(endpoints["control"])
-        for text in (
-            b"",
-            b"{",
-            b"\x00" * 1000,
-            b'{"version": 1, "command": "set", "altitude_m": 5, "overlap": 9}',
+        for parts in (
+            [b""],
+            [b"{"],
+            [b"\x00" * 1000],
+            [b'{"version": 1, "command": "set", "altitude_m": 5, "overlap": 9}'],
+            [b'{"version": 1, "command": "set", "altitude_m": 18446744073709551616}'],
+            [b'{"version": 1, "command": "get"}', b"and more"],
+            [b""] * 100,
         ):
-            socket.send(text)
+            socket.send_multipart(parts)
             assert socket.poll(2000)
             reply = json.loads(socket.recv())
             assert reply["ok"] is False
             assert reply["version"] == 1
             assert "\n" not in reply["error"]
+            assert len(reply["error"]) <= 300
     after = client.request("get")
     assert (after["altitude_m"], after["overlap"]) == (before["altitude_m"], before["overlap"])
+    assert (after["errors"], after["transmit"]) == (0, "none")
 
 
 def test_a_subscriber_that_never_reads_slows_nothing(loop):
@@ -156,3 +201,103 @@ def test_a_subscriber_that_never_reads_slows_nothing(loop):
     assert last["frames"]["none"] > first["frames"]["none"]
     assert len(heard) > 100
     assert last["published"] > first["published"]
+
+
+# -- control is lost while transmitting --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bench(tmp_path, capfd):
+    """Two open gates of a flowgraph that is made, but hears nothing; its control, and a way to ask it."""
+    radio = {"radar_serial": "R", "enclosure": "cabled", "attenuation_db": 60.0}
+    scene = parse_scene({"radio": radio})
+    top = SimpleNamespace(stopped=0)
+    top.stop = lambda: setattr(top, "stopped", top.stopped + 1)
+    top.radar_gate = radalt.transmit_gate(scene, True, True)
+    top.jammer_gate = radalt.transmit_gate(scene, True, True)
+    made = []
+
+    def start(**options):
+        made.append(radalt.remote_control(top, scene, "", f"ipc://{tmp_path}/control{len(made)}", **options))
+        return made[-1]
+
+    def ask(*parts: bytes) -> dict:
+        with zmq.Context.instance().socket(zmq.REQ) as socket:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.connect(f"ipc://{tmp_path}/control{len(made) - 1}")
+            socket.send_multipart(parts)
+            assert socket.poll(5000)
+            return json.loads(socket.recv())
+
+    yield SimpleNamespace(top=top, gates=(top.radar_gate.gate, top.jammer_gate.gate), start=start, ask=ask)
+    for control in made:
+        control.close()
+
+
+def wait(condition):
+    end = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_gates_open_with_control_and_close_when_it_ends(bench):
+    assert [gate.why_closed for gate in bench.gates] == ["transmit waits for remote control to come up"] * 2
+    control = bench.start()
+    wait(lambda: all(gate.why_closed is None for gate in bench.gates))
+    control.close()
+    wait(lambda: all("silent for more than 1 s" in (gate.why_closed or "") for gate in bench.gates))
+
+
+def test_gates_close_when_the_serving_thread_hangs(bench, monkeypatch):
+    control = bench.start()
+    wait(lambda: all(gate.why_closed is None for gate in bench.gates))
+    hung = threading.Event()
+    monkeypatch.setattr(control, "_answer", lambda parts: hung.wait(20) and "")
+    with zmq.Context.instance().socket(zmq.REQ) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(control._control)
+        socket.send(b"{}")
+        wait(lambda: all(gate.why_closed for gate in bench.gates))
+        hung.set()
+
+
+def test_the_thread_survives_every_exception_and_counts_it(bench, monkeypatch):
+    control = bench.start()
+    wait(lambda: all(gate.why_closed is None for gate in bench.gates))
+    monkeypatch.setattr(control, "_carry_out", lambda request: 1 / 0)
+    monkeypatch.setattr(control, "_running", lambda: True)
+    reply = bench.ask(b'{"version": 1, "command": "get"}')
+    assert reply["ok"] is False and "ZeroDivisionError" in reply["error"]
+    monkeypatch.setattr(control, "_answer", lambda parts: 1 / 0)  # not even an answer: the socket is replaced
+    with zmq.Context.instance().socket(zmq.REQ) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(control._control)
+        socket.send(b"{}")
+        wait(lambda: control.errors == 2)
+    monkeypatch.undo()
+    assert bench.ask(b'{"version": 1, "command": "get"}')["error"].startswith("the flowgraph has not started")
+    assert control._thread.is_alive() and control.errors == 2
+    assert all(gate.why_closed is None for gate in bench.gates)
+
+
+def test_stop_is_carried_out_before_the_first_sample(bench):
+    """The receiver may never hear anything while the transmitters send."""
+    bench.start()
+    wait(lambda: all(gate.why_closed is None for gate in bench.gates))
+    assert bench.ask(b'{"version": 1, "command": "stop"}')["ok"] is True
+    assert bench.top.stopped == 1
+    assert {gate.why_closed for gate in bench.gates} == {"transmit stopped: by request"}
+
+
+def test_gates_close_when_nobody_asks_for_as_long_as_agreed(bench):
+    bench.start(keep_alive_s=0.5)
+    wait(lambda: all("no request for more than 0.5 s" in (gate.why_closed or "") for gate in bench.gates))
+
+
+@pytest.mark.parametrize("jammer", [True, False])
+def test_the_remote_flowgraph_for_the_air_is_controlled(jammer):
+    data = prune(load_grc(Path(__file__).parent.parent / "flowgraphs/ota_b210.grc"), ["none"], jammer)
+    blocks = {block["name"]: block for block in remote(data, "it")["blocks"]}
+    assert blocks["radar_gate"]["parameters"]["controlled"] == "bool(control)"
+    assert blocks["jammer_gate"]["parameters"]["controlled"] == "bool(control)"

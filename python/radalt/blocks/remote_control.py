@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
+import time
 from typing import Any
 
 import numpy as np
 
-from ..core.radio.control import CONTROL_VERSION, MAX_REQUEST_BYTES, Request, RequestError, parse_request
+from ..core.radio.control import (
+    CONTROL_VERSION,
+    MAX_REQUEST_BYTES,
+    Request,
+    RequestError,
+    check_endpoint,
+    parse_request,
+)
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason
 from ..core.scene import Scene, burst_db
+from .transmit_gate import transmit_gate
 
 __all__ = ["remote_control"]
 
 _POLL_MS = 20
 _STATE_EVERY = 50  # polls between state messages: one second
+_WAIT_S = 0.1  # after an error, before the thread tries again
 _QUEUED = 10_000  # messages a slow subscriber may lag behind before it loses some
 
 
@@ -28,7 +39,11 @@ class remote_control:
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object a message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
     `gnuradio.radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
-    ``{"version": 1, "ok": false, "error": "..."}``.
+    ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` is carried
+    out before the first sample, too. What goes wrong in the thread is counted in ``errors`` and does not end it.
+
+    While control can be answered the thread beats the flowgraph's transmit gates, every 20 ms; without a beat for a
+    second they pass zeros from then on (`TransmitGate`).
 
     Parameters
     ----------
@@ -39,6 +54,16 @@ class remote_control:
         Limits of what may be set.
     telemetry, control : str
         ZMQ endpoints; loopback by default, since there is no authentication. Empty for none.
+    network : bool
+        Allow endpoints that other machines reach.
+    keep_alive_s : float
+        Longest silence of whoever controls, in seconds: without any request for this long transmission stops for good.
+        0: a silent client is as good as any.
+
+    Raises
+    ------
+    ValueError
+        If an endpoint is none, is not of this machine, or is taken; one line.
 
     Example
     -------
@@ -51,11 +76,20 @@ class remote_control:
         scene: Scene,
         telemetry: str = "tcp://127.0.0.1:5556",
         control: str = "tcp://127.0.0.1:5557",
+        network: bool = False,
+        keep_alive_s: float = 0.0,
     ) -> None:
+        check_endpoint("telemetry", telemetry, network=network)
+        check_endpoint("control", control, network=network)
+        if not 0 <= keep_alive_s <= 86_400:
+            raise ValueError(f"keep_alive_s is {keep_alive_s:g}; it has to be within 0..86400 seconds")
         self._top, self._scene = top, scene
+        self._control, self._keep_alive_s = control, keep_alive_s
+        self._asked_s = time.monotonic()
         self._read: dict[str, int] = {}
         self.published = 0
         self.requests = 0
+        self.errors = 0
         self._sir_db = self._overlap = None
         self._closing = threading.Event()
         self._publisher = self._bind("PUB", telemetry) if telemetry else None
@@ -95,15 +129,55 @@ class remote_control:
     def _serve(self) -> None:
         polls = 0
         while not self._closing.is_set():
-            if self._replier is None:
-                self._closing.wait(_POLL_MS / 1000)
-            elif self._replier.poll(_POLL_MS):
-                self._replier.send_string(self._answer(self._replier.recv()))
-            if self._publisher is not None and self._running():
-                self._publish_results()
-                if polls % _STATE_EVERY == 0:
-                    self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
+            # whatever happens here, the thread that answers 'stop' has to outlive it
+            try:
+                self._serve_once(polls)
+            except Exception as error:
+                self._count_error("telemetry" if self._replier else "control", error)
+                self._closing.wait(_WAIT_S)
             polls += 1
+
+    def _serve_once(self, polls: int) -> None:
+        if self._replier is None and self._control:
+            self._replier = self._bind("REP", self._control)  # given up after an error
+        if self._replier is None:
+            self._closing.wait(_POLL_MS / 1000)
+        elif self._replier.poll(_POLL_MS):
+            self._reply()
+        self._beat()
+        if self._publisher is not None and self._running():
+            self._publish_results()
+            if polls % _STATE_EVERY == 0:
+                self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
+
+    def _reply(self) -> None:
+        """Take one message and answer it; a socket that cannot is replaced."""
+        try:
+            parts = self._replier.recv_multipart()
+            self._replier.send_string(self._answer(parts))
+        except Exception:
+            self._replier.close()
+            self._replier = None
+            raise
+
+    def _count_error(self, where: str, error: Exception) -> None:
+        self.errors += 1
+        if self.errors == 1:  # once: the count tells of the rest
+            text = " ".join(str(error).split())[:200]
+            print(f"remote_control: {where}: {type(error).__name__}: {text}", file=sys.stderr, flush=True)
+
+    def _gates(self) -> list[Any]:
+        return [b.gate for b in list(vars(self._top).values()) if isinstance(b, transmit_gate)]
+
+    def _beat(self) -> None:
+        """Tell the transmit gates that control is alive."""
+        silent_s = time.monotonic() - self._asked_s
+        for gate in self._gates():
+            if self._keep_alive_s and silent_s > self._keep_alive_s:
+                gate.close(
+                    f"transmit stopped: no request for more than {self._keep_alive_s:g} s (keep_alive_s); start again"
+                )
+            gate.beat()
 
     def _publish(self, message: dict[str, Any]) -> None:
         self._publisher.send_string(json.dumps(_finite(message)))
@@ -119,29 +193,41 @@ class remote_control:
                 head = {"type": "result", "version": CONTROL_VERSION, "method": method}
                 self._publish(head | fields | {"truth_m": float(true)})
 
-    def _answer(self, text: bytes) -> str:
-        """Reply to one request; whatever is wrong with it goes into the reply."""
+    def _answer(self, parts: list[bytes]) -> str:
+        """Reply to one message; whatever is wrong with it goes into the reply."""
         self.requests += 1
+        self._asked_s = time.monotonic()
         try:
-            if not self._running():
-                raise RequestError("the flowgraph has not started yet; ask again")
+            if len(parts) != 1:
+                raise RequestError(f"a message of {len(parts)} parts; a request has one")
             request = parse_request(
-                text,
+                parts[0],
                 max_altitude_m=self._scene.altimeter_settings.max_altitude_m,
                 methods=tuple(self._altimeters()),
                 jammer=hasattr(self._top, "jammer_source"),
             )
+            if request.command == "stop":  # before the first sample, too: a receiver may never hear one
+                return self._stop()
+            if not self._running():
+                raise RequestError("the flowgraph has not started yet; ask again")
             self._carry_out(request)
+            return _reply(state=self.state())
         except RequestError as error:
-            return json.dumps({"version": CONTROL_VERSION, "ok": False, "error": str(error)})
-        return json.dumps(_finite({"version": CONTROL_VERSION, "ok": True, "state": self.state()}))
+            return _reply(error=str(error))
+        except Exception as error:  # nobody waits in vain for an answer
+            self._count_error("control", error)
+            return _reply(error=f"not carried out ({type(error).__name__}); the flowgraph may be ending")
+
+    def _stop(self) -> str:
+        for gate in self._gates():
+            gate.close("transmit stopped: by request")
+        self._top.stop()
+        return _reply(state=self.state() if self._running() else {})
 
     def _carry_out(self, request: Request) -> None:
         top, changes = self._top, request.changes
         if request.command == "reacquire":
             top.frame_segmenter.reacquire()
-        if request.command == "stop":
-            top.stop()
         self._check_drive(changes)
         if "altitude_m" in changes:
             top.chirp_source.set_altitude(changes["altitude_m"])
@@ -206,7 +292,22 @@ class remote_control:
             "frames": {m: sink.count for m, sink in altimeters.items()},
             "segmenter": self._top.frame_segmenter.status(),
             "published": self.published,
+            "requests": self.requests,
+            "errors": self.errors,
+            "transmit": self._transmit_state(),
         }
+
+    def _transmit_state(self) -> str:
+        """What comes out of the transmit gates: ``none`` where there is none."""
+        why = [gate.why_closed for gate in self._gates()]
+        return next((w for w in why if w), "on") if why else "none"
+
+
+def _reply(*, state: dict[str, Any] | None = None, error: str = "") -> str:
+    """JSON of a reply: a state, or an error."""
+    if error:
+        return json.dumps({"version": CONTROL_VERSION, "ok": False, "error": error[:300]})
+    return json.dumps(_finite({"version": CONTROL_VERSION, "ok": True, "state": state}))
 
 
 def _finite(value: Any) -> Any:

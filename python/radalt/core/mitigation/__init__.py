@@ -14,6 +14,7 @@ import importlib
 import pkgutil
 
 from ..cores import allowed_cores
+from ..parsing import arguments
 from ..plugins import load_plugins
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
@@ -93,9 +94,14 @@ def create(
     if own_process and len(allowed_cores()) > 1:
         return OwnProcess(name, waveform, batch=batch, **parameters)
     try:
+        if isinstance(method, type):
+            parameters = arguments(method.__init__, parameters, name)
         return method(waveform, **parameters)
-    except TypeError as error:
-        raise MitigationError(f"mitigation {name!r}: {error}") from None
+    except MitigationError:
+        raise
+    except (TypeError, ValueError) as error:
+        text = str(error)
+        raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None
 
 
 # whatever else lies in this folder, and what stands outside, registers itself

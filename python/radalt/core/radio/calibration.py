@@ -14,6 +14,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..parsing import InputError, load_yaml
+
 __all__ = [
     "CalibrationError",
     "CalibrationKey",
@@ -21,6 +23,9 @@ __all__ = [
     "load_latency_samples",
     "store_latency_samples",
 ]
+
+
+_MOST_SAMPLES = 1e9
 
 
 class CalibrationError(ValueError):
@@ -60,20 +65,20 @@ def calibration_path() -> Path:
     return Path(base) / "gr-radalt" / "calibration.yaml"
 
 
-def _read(path: Path) -> dict[str, float]:
-    import yaml
+def _latency(value: object) -> bool:
+    """Whether it can be a latency: a finite number of samples, within seconds."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _MOST_SAMPLES
 
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except FileNotFoundError:
+
+def _read(path: Path) -> dict[str, float]:
+    if not path.exists():
         return {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise CalibrationError(
-            f"calibration {path}: cannot be read ({reason}); repair it or calibrate anew"
-        ) from None
+    try:
+        data = load_yaml(path, what="calibration") or {}
+    except InputError as error:
+        raise CalibrationError(f"{error}; repair it or calibrate anew") from None
     table = data.get("latency_samples") if isinstance(data, dict) else None
-    if not isinstance(table, dict) or not all(isinstance(v, (int, float)) for v in table.values()):
+    if not isinstance(table, dict) or not all(_latency(v) for v in table.values()):
         raise CalibrationError(
             f"calibration {path}: expected 'latency_samples' with numbers by '<type>/<serial>/<master clock>/<rate>'; "
             "calibrate anew"

@@ -9,18 +9,30 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
-import numpy as np
+from ..parsing import shown
 
-__all__ = ["COMMANDS", "CONTROL_VERSION", "MAX_REQUEST_BYTES", "Request", "RequestError", "parse_request"]
+__all__ = [
+    "COMMANDS",
+    "CONTROL_VERSION",
+    "MAX_REQUEST_BYTES",
+    "Request",
+    "RequestError",
+    "check_endpoint",
+    "parse_request",
+]
 
 CONTROL_VERSION = 1
 COMMANDS = ("get", "set", "reacquire", "stop")
 MAX_REQUEST_BYTES = 65_536
 SIR_LIMIT_DB = 100.0
+# of this machine alone: a file or the loopback interface
+_LOCAL = re.compile(r"(ipc|inproc)://.+|tcp://(127(\.\d{1,3}){3}|localhost|lo|\[::1\]):(\d{1,5}|\*)")
+_ENDPOINT = re.compile(r"(ipc|inproc)://.+|tcp://[^\s/]+:(\d{1,5}|\*)")
 
 
 class RequestError(ValueError):
@@ -35,13 +47,32 @@ class Request:
     changes: dict[str, Any] = field(default_factory=dict)
 
 
+def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
+    """Refuse a ZMQ endpoint that other machines reach, unless ``network`` says that this is meant.
+
+    Raises
+    ------
+    ValueError
+        One line: there is no authentication, so whoever reaches a control endpoint drives the transmitters.
+    """
+    if not endpoint:
+        return
+    if not _ENDPOINT.fullmatch(endpoint) or len(endpoint) > 200:
+        raise ValueError(f"{name} is {shown(endpoint)}; expected tcp://ADDRESS:PORT or ipc://FILE")
+    if not network and not _LOCAL.fullmatch(endpoint):
+        raise ValueError(
+            f"{name} is {shown(endpoint)}: other machines reach it, and there is no authentication; use "
+            "tcp://127.0.0.1:PORT, or add --network (the block's parameter network) if that is meant"
+        )
+
+
 def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str], jammer: bool) -> Request:
     """Check one request.
 
     Parameters
     ----------
     text : bytes
-        UTF-8 JSON object.
+        UTF-8 JSON object, each key once.
     max_altitude_m : float
         Highest altitude the altimeter looks for.
     methods : sequence of str
@@ -52,24 +83,22 @@ def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str],
     Raises
     ------
     RequestError
-        Names the key, the value and what is allowed.
+        Names the key, the value (cut where it is long) and what is allowed.
     """
-    try:
-        data = json.loads(text.decode("utf-8"))
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise RequestError(f"not JSON: {error}") from None
-    if not isinstance(data, dict):
-        raise RequestError("expected an object like {'version': 1, 'command': 'get'}")
-    if data.get("version") != CONTROL_VERSION:
-        raise RequestError(f"version is {data.get('version')!r}; this program speaks {CONTROL_VERSION}")
+    data = _object(text)
+    version = data.get("version")
+    if type(version) is not int or version != CONTROL_VERSION:
+        raise RequestError(f"version is {shown(version)}; this program speaks {CONTROL_VERSION}")
     command = data.get("command")
-    if command not in COMMANDS:
-        raise RequestError(f"command is {command!r}; allowed: {', '.join(COMMANDS)}")
+    if not isinstance(command, str) or command not in COMMANDS:
+        raise RequestError(f"command is {shown(command)}; allowed: {', '.join(COMMANDS)}")
     changes = {k: v for k, v in data.items() if k not in ("version", "command")}
     allowed = ("altitude_m", "overlap", "sir_db", "methods") if command == "set" else ()
     stray = [k for k in changes if k not in allowed]
     if stray:
-        raise RequestError(f"unknown key {stray[0]!r} for {command}; allowed: {', '.join(allowed) or 'none'}")
+        raise RequestError(
+            f"unknown key {shown(stray[0])} for {command}; allowed: {', '.join(allowed) or 'none'}"
+        )
     if command == "set" and not changes:
         raise RequestError(f"set changes nothing; give one of: {', '.join(allowed)}")
     if not jammer and {"overlap", "sir_db"} & changes.keys():
@@ -87,17 +116,42 @@ def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str],
     return Request(command, changes)
 
 
+def _object(text: bytes) -> dict[str, Any]:
+    """The JSON object of a request, each key once and every number finite."""
+    if len(text) > MAX_REQUEST_BYTES:
+        raise RequestError(f"{len(text)} bytes; a request has at most {MAX_REQUEST_BYTES}")
+
+    def refuse(constant: str) -> NoReturn:
+        raise ValueError(f"{constant} is no JSON number")
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise ValueError("a key is there twice")
+        return found
+
+    try:
+        data = json.loads(text.decode("utf-8"), parse_constant=refuse, object_pairs_hook=once)
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise RequestError(f"not JSON: {str(error)[:120]}") from None
+    if not isinstance(data, dict):
+        raise RequestError("expected an object like {'version': 1, 'command': 'get'}")
+    return data
+
+
 def _number(key: str, value: Any, low: float, high: float) -> float:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not np.isfinite(value) or not low <= value <= high:
-        raise RequestError(f"{key} is {value!r}; it has to be a number within {low:g}..{high:g}")
+    # compared as it came: an integer of hundreds of digits is no float
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not low <= value <= high:
+        raise RequestError(f"{key} is {shown(value)}; it has to be a number within {low:g}..{high:g}")
     return float(value)
 
 
 def _methods(value: Any, known: Sequence[str]) -> tuple[str, ...]:
     if not isinstance(value, list) or not value or not all(isinstance(m, str) for m in value):
-        raise RequestError(f"methods is {value!r}; it has to be a list of names out of: {', '.join(known)}")
+        raise RequestError(
+            f"methods is {shown(value)}; it has to be a list of names out of: {', '.join(known)}"
+        )
     unknown = [m for m in value if m not in known]
     if unknown:
-        raise RequestError(f"method {unknown[0]!r} is not in the flowgraph; it has: {', '.join(known)}")
+        raise RequestError(f"method {shown(unknown[0])} is not in the flowgraph; it has: {', '.join(known)}")
     return tuple(dict.fromkeys(value))

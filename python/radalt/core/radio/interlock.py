@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..scene import Scene
 from .levels import rx_level_dbm
 
-__all__ = ["InterlockError", "check_levels", "require_enclosure"]
+__all__ = ["InterlockError", "check_levels", "check_radio", "require_enclosure"]
 
 _ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)
 _MIN_CABLED_ATTENUATION_DB = 30.0  # whatever the gains: one mistyped gain must not reach the receiver's limit
@@ -30,8 +30,8 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
     Raises
     ------
     InterlockError
-        Without an enclosure, outside the radio's band or rates, with too little attenuation for the gains, or without
-        ``transmit``.
+        Without an enclosure, with numbers that the radios cannot carry out, with too little attenuation for the gains,
+        or without ``transmit``.
     """
     if not radios:
         return
@@ -49,14 +49,17 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
 
 
 def check_radio(scene: Scene) -> None:
-    """Refuse a sweep that the scene's radios cannot play.
+    """Refuse numbers of ``radio`` and ``waveform`` that the scene's radios cannot carry out together.
+
+    Each number's own range is `RadioSpec`'s; here is what only the whole scene shows.
 
     Raises
     ------
     InterlockError
-        If the sweep leaves what they tune to, or its rate their rates.
+        If the sweep leaves what the radios tune to, or its rate their rates; if both transmitters may be one device,
+        or the master clock does not divide to the rate or has no room for the LO offset.
     """
-    w, limits = scene.waveform, scene.radio.limits
+    radio, w, limits = scene.radio, scene.waveform, scene.radio.limits
     for name, low, high, (bottom, top) in (
         ("rate_hz", w.rate_hz, w.rate_hz, limits.rate_hz),
         ("carrier_hz", w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2, limits.tuning_hz),
@@ -66,6 +69,25 @@ def check_radio(scene: Scene) -> None:
                 f"transmit refused: waveform.{name} is {getattr(w, name):g}, and a {limits.title} has "
                 f"{bottom:g}..{top:g}; change the waveform or name another radio.device"
             )
+    if scene.has_jammer and (
+        not radio.radar_serial or not radio.jammer_serial or radio.radar_serial == radio.jammer_serial
+    ):
+        raise InterlockError(
+            f"transmit refused: with a jammer radio.radar_serial {radio.radar_serial!r} and jammer_serial "
+            f"{radio.jammer_serial!r} have to name two devices; uhd_find_devices lists serials"
+        )
+    divider = radio.master_clock_hz / w.rate_hz
+    if divider < 1 or abs(divider - round(divider)) > 1e-9 * divider:
+        raise InterlockError(
+            f"transmit refused: radio.master_clock_hz {radio.master_clock_hz:g} is not a whole multiple of the rate "
+            f"{w.rate_hz:g} S/s; choose one that is, 30e6 for 7.5e6"
+        )
+    room = 0.5 * (radio.master_clock_hz - w.rate_hz)
+    if abs(radio.lo_offset_hz) > room:
+        raise InterlockError(
+            f"transmit refused: radio.lo_offset_hz is {radio.lo_offset_hz:g}; the sweep has to stay within the master "
+            f"clock's band: at most {room:g} either way"
+        )
 
 
 def check_levels(scene: Scene) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import typing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ from ..channel.simulated import ChannelSettings
 from ..interference.emitters import emitter_class, emitter_names
 from ..interference.multipath import faded, unfaded
 from ..interference.placement import Interferer
-from ..parsing import build, convert, plain
+from ..parsing import InputError, build, convert, load_yaml, plain, shown
 from ..paths import scene_path
 from ..programme import Programme
 from ..radio.device import Device, device
@@ -38,6 +39,8 @@ __all__ = [
     "scene_to_mapping",
 ]
 
+_SERIAL = re.compile("[A-Za-z0-9]{0,32}")
+_MOST_ATTENUATION_DB = 150.0  # of a bench: beyond it nothing is left above the noise
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
 
@@ -79,8 +82,10 @@ class AltitudeSpec:
     landing_frames: int = 200
 
     def __post_init__(self) -> None:
-        if self.landing_frames < 2:
-            raise ValueError(f"altitude.landing_frames is {self.landing_frames}; it has to be at least 2")
+        if not 2 <= self.landing_frames <= 100_000:
+            raise ValueError(
+                f"altitude.landing_frames is {self.landing_frames}; it has to be within 2..100000"
+            )
         if self.mode not in ("synthetic", "true_delay"):
             raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
@@ -127,17 +132,18 @@ class RadioSpec:
     device : str
         Type of both: a name in `radalt.core.radio.device.DEVICES`.
     radar_serial, jammer_serial : str
-        USB serial numbers (``uhd_find_devices``); empty takes the first device found.
+        USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
+        interlock allows without a jammer only.
     master_clock_hz : float
-        Within the device's range; 30 MHz divides to 7.5 MS/s by four.
+        Within the device's range, for the air a multiple of the rate: 30 MHz divides to 7.5 MS/s by four.
     lo_offset_hz : float
-        LO offset out of the band, so that its leakage falls outside.
+        LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
         Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
     enclosure : str
         ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
     attenuation_db : float
-        Attenuation in the cables between TX and RX.
+        Attenuation in the cables between TX and RX, 0..150 dB.
     clock_source : str
         ``"internal"``, ``"external"`` or ``"gpsdo"``.
     """
@@ -161,18 +167,29 @@ class RadioSpec:
             raise ValueError(
                 f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
             )
-        for name, (low, high) in (
-            ("radar_tx_gain_db", self.limits.tx_gain_db),
-            ("jammer_tx_gain_db", self.limits.tx_gain_db),
-            ("radar_rx_gain_db", self.limits.rx_gain_db),
-            ("master_clock_hz", self.limits.master_clock_hz),
-        ):
+        for name, (low, high) in self._ranges().items():
             if not low <= getattr(self, name) <= high:
                 raise ValueError(
                     f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
                 )
-        if self.attenuation_db < 0:
-            raise ValueError(f"radio.attenuation_db is {self.attenuation_db:g}; it has to be 0 or above")
+        for name in ("radar_serial", "jammer_serial"):
+            if not _SERIAL.fullmatch(getattr(self, name)):
+                # it becomes part of a device address, in which a comma would begin another argument
+                raise ValueError(
+                    f"radio.{name} is {shown(getattr(self, name))}; a serial is at most 32 letters and digits"
+                )
+
+    def _ranges(self) -> dict[str, tuple[float, float]]:
+        limits = self.limits
+        most_offset_hz = limits.master_clock_hz[1] / 2
+        return {
+            "radar_tx_gain_db": limits.tx_gain_db,
+            "jammer_tx_gain_db": limits.tx_gain_db,
+            "radar_rx_gain_db": limits.rx_gain_db,
+            "attenuation_db": (0.0, _MOST_ATTENUATION_DB),
+            "master_clock_hz": limits.master_clock_hz,
+            "lo_offset_hz": (-most_offset_hz, most_offset_hz),
+        }
 
     @property
     def limits(self) -> Device:
@@ -207,8 +224,8 @@ class Scene:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}; it has to be 0 or above")
+        if not 0 <= self.seed < 2**63:
+            raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
         top = self.altimeter_settings.max_altitude_m
         highest = max(self.altitude.programme_m, default=0.0)
@@ -239,7 +256,16 @@ class Scene:
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
-                raise ValueError(f"{key} names {unknown[0]!r}; allowed: {', '.join(known)}")
+                raise ValueError(f"{key} names {shown(unknown[0])}; allowed: {', '.join(known)}")
+
+        for name, options in self.method_options.items():
+            if options is not None and not isinstance(options, dict):
+                raise ValueError(
+                    f"method_options.{name} is {shown(options)}; expected a mapping of its options"
+                )
+            stray = [key for key in options or {} if not isinstance(key, str)]
+            if stray:
+                raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
@@ -326,22 +352,12 @@ def load_scene(name: str | Path) -> Scene:
     SceneError
         One line: file, key, value, what is allowed.
     """
-    import yaml
-
-    path = scene_path(name)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise SceneError(
-            f"scene {path}: cannot be read ({reason}); give a YAML file or a shipped scene's name"
-        ) from None
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise SceneError(f"scene {path}: not valid YAML{where}: {getattr(error, 'problem', error)}") from None
+        path = scene_path(name)
+        data = load_yaml(path, what="scene", remedy="give a YAML file or a shipped scene's name")
+    except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
+        text = str(error) if isinstance(error, InputError) else f"scene {shown(str(name))}: {error}"
+        raise SceneError(text) from None
     return parse_scene(data if data is not None else {}, source=str(path))
 
 
@@ -372,21 +388,21 @@ def interference_from_yaml(value: Any, where: str) -> tuple[Interferer, ...]:
     if isinstance(value, dict):
         value = [{kind: params} for kind, params in value.items()]
     if not isinstance(value, list):
-        raise ValueError(f"{where} is {value!r}; expected a mapping 'kind: {{...}}' or a list of them")
+        raise ValueError(f"{where} is {shown(value)}; expected a mapping 'kind: {{...}}' or a list of them")
     return tuple(_interferer(item, where) for item in value)
 
 
 def _interferer(item: Any, where: str) -> Interferer:
     """One ``{kind: {emitter and placement keys}}``."""
     if not (isinstance(item, dict) and len(item) == 1):
-        raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
+        raise ValueError(f"{where} holds {shown(item)}; expected one 'kind: {{...}}' an entry")
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
     if kind not in emitter_names():
         raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(emitter_names())}")
     params = {} if params is None else params
     if not isinstance(params, dict):
-        raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
+        raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
     own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..results.folder import FolderError
-from .options import Options, duration, expected_errors
+from .options import Options, complain, duration, expected_errors
 from .precision import check_precision, most_batches
 from .publish import publish
 from .run import Progress, estimate, run
@@ -82,7 +82,7 @@ def main(
         status = after(options.out)
     except expected_errors() as error:
         bar.close()
-        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
+        complain(program, error)
         return 2
     except KeyboardInterrupt:
         bar.close()

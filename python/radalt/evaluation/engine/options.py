@@ -1,23 +1,103 @@
-"""Options that every study's command line has; nothing here needs NumPy, so that a wrong Python gets one line."""
+"""What every command line of the package has, and how each ends: with a result, or with status 2 and one line.
+
+Nothing here needs NumPy, so that a wrong Python gets one line, too.
+"""
 
 from __future__ import annotations
 
 import argparse
+import functools
+import os
 import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 __all__ = [
+    "MAX_JOBS",
+    "MAX_SEED",
     "Options",
     "Parser",
     "add_options",
+    "command",
     "command_of",
+    "complain",
     "duration",
     "expected_errors",
+    "number",
     "options_of",
-    "out_folder",
+    "path",
 ]
+
+MAX_JOBS = 256
+MAX_SEED = 2**63 - 1
+_MOST = 300  # characters of the one line
+_TRACEBACK = "RADALT_TRACEBACK"
+
+
+def complain(program: str, error: object) -> None:
+    """One line of at most 300 characters to stderr; of a longer one the middle goes: the remedy stands last.
+
+    With ``RADALT_TRACEBACK`` in the environment an exception is raised again instead.
+    """
+    if isinstance(error, BaseException) and _TRACEBACK in os.environ:
+        raise error
+    text = f"{program}: {' '.join(str(error).split()) or type(error).__name__}"
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    if len(text) > _MOST:
+        half = (_MOST - 5) // 2
+        text = f"{text[:half]} ... {text[-half:]}"
+    print(text, file=sys.stderr)
+
+
+def number(kind: type, low: float, high: float) -> Callable[[str], float]:
+    """For ``type=``: an int or float within ``low..high``, both allowed; anything else is one line."""
+
+    def parse(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = None
+        if value is None or not low <= value <= high:
+            shown = text if len(text) <= 40 else f"{text[:37]}..."
+            what = "a whole number" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"it is {shown!r}; it has to be {what} within {low:g}..{high:g}")
+        return value
+
+    return parse
+
+
+def path(text: str) -> Path:
+    """For ``type=``: a file or folder name that a system can have; an empty one would be the working directory."""
+    if not text.strip() or "\0" in text or len(os.fsencode(text)) > 4000:
+        raise argparse.ArgumentTypeError("it is empty, too long or holds a NUL; name a file or folder")
+    return Path(text)
+
+
+def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """A ``main`` whose refusals are one line and status 2, and Ctrl-C 130, imports included.
+
+    Caught is what this package and what it stands on raise for wrong input and failing machines; others keep their
+    traceback. With ``RADALT_TRACEBACK`` in the environment all do.
+    """
+
+    def decorate(main: Callable[..., int]) -> Callable[..., int]:
+        @functools.wraps(main)
+        def guarded(*args: object, **options: object) -> int:
+            try:
+                return main(*args, **options)
+            except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
+                complain(program, error)
+                return 2
+            except KeyboardInterrupt:
+                complain(program, "stopped")
+                return 130
+
+        return guarded
+
+    return decorate
 
 
 @dataclass(frozen=True)
@@ -54,9 +134,6 @@ class Options:
     publish: Path | None = None
 
 
-MAX_JOBS = 256
-
-
 class Parser(argparse.ArgumentParser):
     """Description from a module's docstring; errors in one line, without the usage text."""
 
@@ -71,15 +148,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
-        text = " ".join(message.split())
-        self.exit(2, f"{self.prog}: {text if len(text) <= 280 else text[:277] + '...'}\n")
-
-
-def out_folder(text: str) -> Path:
-    """A result folder from the command line; an empty name would be the working directory."""
-    if not text.strip() or "\0" in text:
-        raise argparse.ArgumentTypeError(f"{text!r} names no folder; give one, such as results/mine")
-    return Path(text)
+        complain(self.prog, f"{message}; --help lists the options")
+        sys.exit(2)
 
 
 def add_options(
@@ -95,15 +165,20 @@ def add_options(
     """
     add = parser.add_argument
     default = f" (default: {out})" if out else ""
-    add("--out", type=out_folder, default=out and Path(out), help=f"result folder{default}")
+    add("--out", type=path, default=out and Path(out), help=f"result folder{default}")
     add("--resume", action="store_true", help="complete the run that --out holds")
     add(
         "--publish",
-        type=out_folder,
+        type=path,
         metavar="DIR",
         help="at the end, copy page, figures and data into DIR under the names that the documentation links to",
     )
-    add("--jobs", type=int, default=2, help="local worker processes (default: %(default)s); changes no row")
+    add(
+        "--jobs",
+        type=number(int, 1, MAX_JOBS),
+        default=2,
+        help="local worker processes (default: %(default)s); changes no row",
+    )
     add(
         "--scheduler",
         default="",
@@ -112,14 +187,14 @@ def add_options(
     )
     add(
         "--time-limit-s",
-        type=float,
+        type=number(float, 1e-3, 1e7),
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
     if sampled:
         add(
             "--precision",
-            type=float,
+            type=number(float, 0.001, 0.5),
             metavar="W",
             help="measure each point until the 95 %% half width of Pd is at most W, such as 0.02",
         )
@@ -132,13 +207,6 @@ def add_options(
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:
     """What `add_options` asked for; ends the program with one line where a value does not fit."""
-    if not 1 <= args.jobs <= MAX_JOBS:
-        parser.error(f"--jobs is {args.jobs}; it has to be within 1..{MAX_JOBS}")
-    if not 0 < args.time_limit_s < 1e7:
-        parser.error(f"--time-limit-s is {args.time_limit_s:g}; it has to be above 0 and below 1e7")
-    precision = getattr(args, "precision", None)
-    if precision is not None and not 0.001 <= precision <= 0.5:
-        parser.error(f"--precision is {precision:g}; it is half the width of an interval of Pd, 0.001..0.5")
     if args.resume and args.out is None:
         parser.error("--resume needs --out with the folder of the run to complete")
     return Options(
@@ -147,7 +215,7 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
         jobs=args.jobs,
         scheduler=args.scheduler,
         time_limit_s=args.time_limit_s,
-        precision=precision,
+        precision=getattr(args, "precision", None),
         command=command,
         publish=args.publish,
     )
@@ -178,8 +246,9 @@ def _word(value: object) -> str:
 
 
 def expected_errors() -> tuple[type[Exception], ...]:
-    """What a user can mend: every error class of this package, and what the system says of files."""
+    """What a user can mend: every error class of this package, and what the system says of files and memory."""
     from ...core.mitigation import MitigationError
+    from ...core.parsing import InputError
     from ...core.radio.calibration import CalibrationError
     from ...core.radio.interlock import InterlockError
     from ...core.radio.recording import RecordingError
@@ -191,7 +260,15 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from .pool import WorkerError
     from .precision import PrecisionError
 
-    own = (SceneError, MitigationError, CalibrationError, InterlockError, RecordingError, TerrainError)
+    own = (
+        InputError,
+        SceneError,
+        MitigationError,
+        CalibrationError,
+        InterlockError,
+        RecordingError,
+        TerrainError,
+    )
     return (
         *own,
         TrajectoryError,
@@ -201,6 +278,7 @@ def expected_errors() -> tuple[type[Exception], ...]:
         WorkerError,
         PrecisionError,
         OSError,
+        MemoryError,
     )
 
 

@@ -26,11 +26,12 @@ class WorkerError(RuntimeError):
 def answered(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
     """(failed, value or message): an error that is meant for the user comes back as its one line.
 
-    `ValueError` and `RuntimeError` are meant for the user, as all of the package's errors are.
+    `ValueError` and `RuntimeError` are meant for the user, as all of the package's errors are; so are a full disk and
+    a full memory.
     """
     try:
         return False, function(*arguments)
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, OSError, MemoryError) as error:
         return True, str(error) or type(error).__name__
 
 
@@ -70,7 +71,7 @@ def run_tasks(
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
     context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(tasks))
-    with ProcessPool(workers, context=context, initializer=enter) as pool:
+    with ProcessPool(workers, context=context, initializer=_enter_pool) as pool:
         todo = iter(enumerate(tasks))
         running: dict[Future, int] = {}
 
@@ -130,6 +131,16 @@ def enter() -> None:
             if _claim(core):
                 os.sched_setaffinity(0, {core})
                 break
+
+
+def _enter_pool() -> None:
+    """`enter`, and a method of the user's that calls ``os._exit(0)`` ends as a failure.
+
+    pebble takes a worker with status 0 for one that has nothing left to do, and its task would wait for the time limit.
+    """
+    enter()
+    leave = os._exit
+    os._exit = lambda status: leave(status or 1)
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
 """The companion's flowgraph as data: ``ota_b210.grc`` is the one flowgraph, all others are mechanical changes of it.
 
-For simulation its three UHD blocks are replaced by one simulated channel; blocks that the scene does not need are
-disabled. Nothing else is touched.
+For simulation its three UHD blocks, and the gates before its transmitters, are replaced by one simulated channel;
+blocks that the scene does not need are disabled. Nothing else is touched.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from ...core.mitigation import CUSTOM, METHODS
+from ...core.parsing import load_yaml
 from . import FlowgraphError
 
 __all__ = [
     "CHANNEL",
+    "JAMMER_GATE",
     "JAMMER_SINK",
+    "RADAR_GATE",
     "RADAR_SINK",
     "RADAR_SOURCE",
     "from_recording",
@@ -30,14 +33,13 @@ __all__ = [
 
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
+RADAR_GATE, JAMMER_GATE = "radar_gate", "jammer_gate"
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
 
 
 def load_grc(path: Path) -> dict[str, Any]:
     """A .grc file as nested mappings."""
-    import yaml
-
-    return yaml.safe_load(path.read_text(encoding="utf-8"))
+    return load_yaml(path, what="flowgraph")
 
 
 def save_grc(data: dict[str, Any], path: Path) -> None:
@@ -49,6 +51,8 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
     """The same flowgraph with its UHD blocks replaced by one simulated channel; nothing else differs.
+
+    The transmit gates, which stand for nothing without a radio, go with them: what fed a gate feeds the channel.
 
     Parameters
     ----------
@@ -73,9 +77,23 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
         "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
         "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
     }
+    data = _without_gates(data)
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in _UHD_BLOCKS] + [channel]
     data["connections"] = [_rewired(connection) for connection in data["connections"]]
     return data
+
+
+def _without_gates(data: dict[str, Any]) -> dict[str, Any]:
+    """The flowgraph with what feeds a transmit gate connected to what the gate feeds."""
+    gates = {block["name"] for block in data["blocks"] if block["id"] == "radalt_transmit_gate"}
+    fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
+    connections = [
+        [*fed_by.get(source, (source, source_port)), sink, sink_port]
+        for source, source_port, sink, sink_port in data["connections"]
+        if sink not in gates
+    ]
+    blocks = [block for block in data["blocks"] if block["name"] not in gates]
+    return data | {"blocks": blocks, "connections": connections}
 
 
 def _rewired(connection: list[str]) -> list[str]:
@@ -120,7 +138,7 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
     data["options"]["parameters"]["id"] = name
-    gone = {RADAR_SINK, JAMMER_SINK, "chirp_source", "jammer_source"}
+    gone = {RADAR_SINK, JAMMER_SINK, RADAR_GATE, JAMMER_GATE, "chirp_source", "jammer_source"}
     receiver = blocks[RADAR_SOURCE]
     receiver["id"] = "radalt_sigmf_source"
     receiver["parameters"] = {"scene": "scene", "file": "capture_file"}
@@ -163,7 +181,7 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
             have.add(method)
     unneeded = {f"{kind}_{m}" for m in have - set(methods) for kind in ("mitigation", "altimeter")}
     if not jammer:
-        unneeded |= {"jammer_source", JAMMER_SINK}
+        unneeded |= {"jammer_source", JAMMER_GATE, JAMMER_SINK}
     for block in data["blocks"]:
         if block["name"] in unneeded:
             block["states"]["state"] = "disabled"
@@ -180,6 +198,9 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     blocks["frames"]["parameters"]["value"] = "0"
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
     blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
+    for gate in (RADAR_GATE, JAMMER_GATE):  # a simulated flowgraph has none
+        if gate in blocks:
+            blocks[gate]["parameters"]["controlled"] = "bool(control)"
     value = blocks["scene"]["parameters"]["value"]
     blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
     states = blocks["scene"]["states"]
@@ -187,7 +208,13 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     added = [("import_by_hand", "import", imports)]
     for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
         added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
+    for key, label, kind in (
+        ("network", "Other machines", "intx"),
+        ("keep_alive_s", "Keep alive (s)", "eng_float"),
+    ):
+        added.append((key, "parameter", {"label": label, "type": kind, "value": "0"}))
     ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
+    ports |= {"network": "bool(network)", "keep_alive_s": "keep_alive_s"}
     added.append(("remote_control", "radalt_remote_control", ports))
     data["blocks"] += [
         {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added

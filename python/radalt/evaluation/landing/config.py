@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, interference_frames
-from ...core.parsing import build, plain
+from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.landing import (
     AntennaSpec,
@@ -236,18 +236,11 @@ def check_config(config: LandingConfig) -> None:
 
 def load_config(path: Path | str) -> LandingConfig:
     """Read a study; relative file names in it are looked up beside it."""
-    import yaml
-
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise StudyError(f"study {path}: cannot be read ({reason}); name a YAML file") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise StudyError(f"study {path}: not valid YAML{where}: {getattr(error, 'problem', error)}") from None
+        data = load_yaml(path, what="study") or {}
+    except InputError as error:
+        raise StudyError(str(error)) from None
     if not isinstance(data, dict):
         raise StudyError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
     return parse_config(data, source=str(path), folder=str(path.resolve().parent))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.paths import share_dir
+from ...core.radio.control import check_endpoint
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
@@ -38,6 +39,8 @@ def drive_remotely(
     *,
     telemetry: str,
     control: str,
+    network: bool = False,
+    keep_alive_s: float = 0.0,
     sim: bool = True,
     transmit: bool = False,
     stop: threading.Event | None = None,
@@ -52,6 +55,8 @@ def drive_remotely(
     methods : sequence of str
     telemetry, control : str
         ZMQ endpoints, empty for none.
+    network, keep_alive_s
+        See `remote_control`.
     sim : bool
         Simulated channel in the place of the radios.
     transmit : bool
@@ -67,12 +72,14 @@ def drive_remotely(
         One line.
     """
     scene = by_hand(scene)
+    for name, endpoint in (("telemetry", telemetry), ("control", control)):
+        check_endpoint(name, endpoint, network=network)
     if not sim:
         require_enclosure(scene, transmit)
     _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
-    top = make_top(
-        prepared, scene, telemetry=telemetry, control=control, drop_when_slow=1, transmit=int(transmit)
-    )
+    options = {"telemetry": telemetry, "control": control, "transmit": int(transmit)}
+    options |= {"network": int(network), "keep_alive_s": keep_alive_s, "drop_when_slow": 1}
+    top = make_top(prepared, scene, **options)
     try:
         if not sim:
             from gnuradio import uhd

@@ -22,7 +22,7 @@ from ...core.radio.interlock import InterlockError, require_enclosure
 from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
-from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
+from ..flowgraph.rewrite import JAMMER_GATE, JAMMER_SINK, RADAR_GATE, RADAR_SINK, RADAR_SOURCE
 
 __all__ = [
     "FULL_SCALE",
@@ -43,6 +43,7 @@ _LOCK_S = 2.0  # how long an LO or reference may take to lock
 _PPS_S = 1.5  # a pulse comes every second
 _CATCH_UP_S = 1.0  # of signal
 _POLL_S = 0.02  # between looks at how far a programme has got
+_GAIN_DB = 1.0  # a radio's steps are finer
 _ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
 
 
@@ -242,17 +243,23 @@ def _check_radios(top: Any, scene: Scene) -> CalibrationKey:
 
 
 def _check_blocks(top: Any, scene: Scene) -> None:
-    """Refuse a flowgraph whose jammer is not the scene's: an unset radio would start by itself, at any time."""
+    """Refuse a flowgraph without its gates, or with another jammer than the scene's: an unset radio just starts."""
+    for sink, gate in ((RADAR_SINK, RADAR_GATE), (JAMMER_SINK, JAMMER_GATE)):
+        if hasattr(top, sink) and not hasattr(top, gate):
+            raise FlowgraphError(
+                f"the flowgraph has no block {gate} before {sink}; put a Transmit Gate "
+                "of that name between source and sink"
+            )
     if hasattr(top, JAMMER_SINK) == scene.has_jammer:
         return
     if scene.has_jammer:
         raise FlowgraphError(
-            f"the scene has a jammer and the flowgraph has no block {JAMMER_SINK}; enable it and its source, or name a "
-            "scene without interference"
+            f"the scene has a jammer and the flowgraph has no block {JAMMER_SINK}; enable it, its gate and its source, "
+            "or name a scene without interference"
         )
     raise FlowgraphError(
-        f"the scene has no jammer and the flowgraph has the block {JAMMER_SINK}; disable it and its source in the "
-        "companion, or run ota_eval.py, which leaves them out"
+        f"the scene has no jammer and the flowgraph has the block {JAMMER_SINK}; disable it, its gate and its source "
+        "in the companion, or run ota_eval.py, which leaves them out"
     )
 
 
@@ -324,6 +331,11 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
             raise FlowgraphError(
                 f"{entry.block}: {entry.what} is {entry.got:.9g}, asked was {entry.asked:.9g}; "
                 "choose a master clock that divides to the rate by a whole number"
+            )
+        if entry.what == "gain dB" and entry.got > entry.asked + _GAIN_DB:
+            raise FlowgraphError(
+                f"{entry.block}: {entry.what} is {entry.got:g}, asked was {entry.asked:g}; the level at the receiver "
+                "was computed for what was asked: choose a gain that the radio has"
             )
     _wait_for_locks(top, scene, sleep)
     _align_time(top, scene, uhd, sleep)

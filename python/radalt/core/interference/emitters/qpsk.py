@@ -69,8 +69,8 @@ class QpskEmitter(NamedEmitter):
     rolloff: float = 0.25
 
     def __post_init__(self) -> None:
-        if not self.bandwidth_hz > 0:
-            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be above 0")
+        if not self.bandwidth_hz >= 1.0:
+            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
             raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
         if not 0 <= self.rolloff <= 1:

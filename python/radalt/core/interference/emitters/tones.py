@@ -21,7 +21,7 @@ class ToneEmitter(NamedEmitter):
     Parameters
     ----------
     count : int
-        Number of tones ``K`` >= 1, drawn uniformly over ``span_hz`` unless ``frequencies_hz`` is given.
+        Number of tones ``K``, 1..256, drawn uniformly over ``span_hz`` unless ``frequencies_hz`` is given.
     frequencies_hz : tuple of float
         Fixed frequencies relative to the radar's centre, in hertz.
     span_hz : float
@@ -35,8 +35,10 @@ class ToneEmitter(NamedEmitter):
     span_hz: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.frequencies_hz and self.count < 1:
-            raise ValueError(f"tones.count is {self.count}; it has to be at least 1")
+        number = len(self.frequencies_hz) or self.count
+        if not 1 <= number <= 256:
+            # all of them are summed at once: count x samples of a frame
+            raise ValueError(f"tones.count is {number}; it has to be within 1..256")
         if self.span_hz < 0:
             raise ValueError(f"tones.span_hz is {self.span_hz:g}; it has to be 0 (the whole band) or more")
 

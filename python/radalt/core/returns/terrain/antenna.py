@@ -9,7 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from ...parsing import InputError, read_text
+
 __all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
+
+_MOST_BYTES = 16 << 20  # of a pattern file
 
 
 class Antenna(Protocol):
@@ -99,11 +103,10 @@ class TabulatedAntenna:
         """
         path = Path(path)
         try:
-            lines = [
-                line for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")
-            ]
-        except OSError as error:
-            raise ValueError(f"antenna file {path}: {error.strerror or error}") from error
+            text = read_text(path, most_bytes=_MOST_BYTES, what="antenna file")
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
         rows = list(csv.DictReader(lines))
         names = set(rows[0]) if rows else set()
         if not {"angle_deg", "gain_dbi"} <= names:

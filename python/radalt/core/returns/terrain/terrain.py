@@ -10,11 +10,14 @@ from typing import Protocol
 
 import numpy as np
 
+from ...parsing import InputError, check_file
 from .dted_write import VOID_M
 from .errors import TerrainError
 from .geodesy import curvature_radii_m
 
 __all__ = ["DtedCell", "FlatTerrain", "Terrain", "TerrainModel"]
+
+_MOST_BYTES = 64 << 20  # of a DTED file; level 2 has 26 MB
 
 
 class TerrainModel(Protocol):
@@ -107,7 +110,10 @@ class DtedCell:
 
         if void not in ("error", "fill"):
             raise TerrainError(f"void policy is {void!r}; allowed: error, fill")
-        path = Path(path)
+        try:
+            path = check_file(path, most_bytes=_MOST_BYTES, what="terrain file")
+        except InputError as error:
+            raise TerrainError(str(error)) from None
         try:
             tile = dted.Tile(path, warn=False)
         except OSError as error:

@@ -11,10 +11,13 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from ...parsing import InputError, read_text
 from .errors import TrajectoryError
 from .geodesy import curvature_radii_m
 
 __all__ = ["AircraftState", "Trajectory"]
+
+_MOST_BYTES = 64 << 20  # of a CSV file
 
 STANDARD_GRAVITY = 9.80665
 FOOT_M = 0.3048
@@ -267,17 +270,18 @@ class Trajectory:
 
 def _read_rows(path: Path) -> tuple[list[dict[str, str]], set[str]]:
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in file if line.strip() and not line.startswith("#")]
-    except OSError as error:
-        raise TrajectoryError(
-            f"trajectory file {path}: {error.strerror or error}; name a CSV file"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise TrajectoryError(f"trajectory file {path} is not text; name a CSV file") from error
+        text = read_text(
+            path, most_bytes=_MOST_BYTES, what="trajectory file", remedy="name a CSV file"
+        ).removeprefix("\ufeff")
+    except InputError as error:
+        raise TrajectoryError(str(error)) from None
+    lines = [line for line in text.splitlines(keepends=True) if line.strip() and not line.startswith("#")]
     reader = csv.DictReader(lines, restval="")
-    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
-    return list(reader), set(reader.fieldnames)
+    try:
+        reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or []]
+        return list(reader), set(reader.fieldnames)
+    except csv.Error as error:
+        raise TrajectoryError(f"trajectory file {path}: {error}; name a CSV file") from None
 
 
 def _one_aircraft(

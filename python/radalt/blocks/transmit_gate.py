@@ -1,0 +1,54 @@
+"""Transmit gate: the last block before a radio's sink."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from gnuradio import gr
+
+from ..core.radio.transmit_gate import TransmitGate
+from ..core.scene import Scene
+from ._guard import guarded
+
+__all__ = ["transmit_gate"]
+
+
+class transmit_gate(gr.sync_block):
+    """Zeros instead of samples, unless transmission is allowed; see `TransmitGate`.
+
+    ``y = x`` while the scene states an enclosure, its numbers are plausible, ``transmit`` is set and control is alive,
+    else ``y = 0``. It goes directly before every transmitting sink; the radios' set-up refuses a flowgraph without it.
+
+    Category: [RadAlt]/Radio. Ports: ``in: complex > out: complex``.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``radio`` states the enclosure, attenuation and gains.
+    transmit : bool
+        What the command line or the flowgraph's parameter says.
+    controlled : bool
+        Whether the flowgraph holds a remote control: its thread then has to beat at least once a second.
+
+    Example
+    -------
+    ``gate = radalt.transmit_gate(scene, transmit=True)``
+    """
+
+    def __init__(self, scene: Scene, transmit: bool = False, controlled: bool = False) -> None:
+        gr.sync_block.__init__(self, "radalt_transmit_gate", [np.complex64], [np.complex64])
+        self.gate = TransmitGate(scene, transmit, controlled=controlled)
+
+    def start(self) -> bool:
+        """Say once, at the start, why nothing will be transmitted."""
+        why = self.gate.why_closed
+        if why is not None:
+            print(f"{self.alias()}: zeros only: {why}", file=sys.stderr, flush=True)
+        return True
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        """Pass samples, or zeros."""
+        self.gate.pass_into(input_items[0], output_items[0])
+        return len(output_items[0])

@@ -1,0 +1,106 @@
+"""What stands in the stream before a transmitter: zeros, until everything that allows transmission holds.
+
+The interlock at the start of a flowgraph (`require_enclosure`) can be disabled with its snippet, or never run where the
+generated class is used by another program. The gate cannot: samples reach the radio through it or not at all.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ..scene import Scene
+from .interlock import InterlockError, require_enclosure
+
+__all__ = ["WATCHDOG_S", "TransmitGate"]
+
+WATCHDOG_S = 1.0  # a controlled gate that hears nothing for this long passes zeros from then on
+
+
+class TransmitGate:
+    """Samples pass unchanged while transmission is allowed; zeros come out otherwise.
+
+    It is allowed while all of this holds:
+
+    - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked once)
+    - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
+    - nobody has called `close`, and every sample so far was finite.
+
+    A gate that has closed for want of a beat, by `close` or for a sample that is not finite stays closed for good: who
+    has lost control starts again.
+
+    Parameters
+    ----------
+    scene : Scene
+    transmit : bool
+        What the command line (``--transmit``), or the flowgraph's parameter, says.
+    controlled : bool
+        Whether the flowgraph has a remote control, which has to beat.
+    watchdog_s : float
+        Longest time between two beats, seconds.
+    clock : callable
+        Monotonic seconds.
+
+    Examples
+    --------
+    >>> gate = TransmitGate(Scene(), True)
+    >>> out = np.ones(3, np.complex64)
+    >>> gate.pass_into(np.ones(3, np.complex64), out)
+    >>> out.any(), gate.why_closed.startswith("transmit refused")
+    (False, True)
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        transmit: bool,
+        *,
+        controlled: bool = False,
+        watchdog_s: float = WATCHDOG_S,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._watchdog_s, self._clock = watchdog_s, clock
+        self._controlled = bool(controlled)
+        self._beat_s: float | None = None
+        self._closed: str | None = None
+        self.zeroed_samples = 0
+        try:
+            require_enclosure(scene, transmit is True)
+        except InterlockError as error:
+            self._closed = str(error)
+
+    def beat(self) -> None:
+        """Control is alive; from the first beat on the next has to come within ``watchdog_s``."""
+        self._lapse()  # a beat that comes too late opens nothing
+        self._beat_s, self._controlled = self._clock(), True
+
+    def close(self, why: str) -> None:
+        """Zeros from now on, for good; the first reason is kept."""
+        self._closed = self._closed or why
+
+    @property
+    def why_closed(self) -> str | None:
+        """One line on why zeros come out; None while samples pass."""
+        self._lapse()
+        if self._closed is None and self._controlled and self._beat_s is None:
+            return "transmit waits for remote control to come up"
+        return self._closed
+
+    def _lapse(self) -> None:
+        if self._beat_s is not None and self._clock() - self._beat_s > self._watchdog_s:
+            self.close(
+                f"transmit stopped: remote control was silent for more than {self._watchdog_s:g} s; start again"
+            )
+
+    def pass_into(self, samples: np.ndarray, out: np.ndarray) -> None:
+        """(n,) complex64 ``samples``, or zeros, into ``out`` of the same shape."""
+        if self.why_closed is None and not np.isfinite(samples.view(np.float32)).all():
+            # UHD's conversion of NaN to the converter's integers is undefined
+            self.close("transmit stopped: a sample that is not finite; start again")
+        if self.why_closed is None:
+            out[:] = samples
+        else:
+            out[:] = 0
+            self.zeroed_samples += len(out)
