@@ -105,6 +105,20 @@ def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, t
     assert not measuring(dask)  # nothing of either run is left on the workers
 
 
+def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path):
+    study, ended = Coins((0.1, 0.2, 0.3, 0.4, 0.5, 0.6), pause_s=1.0), []
+
+    def end_one(progress):
+        if progress.rows and not ended:  # both are measuring: five of six are not there yet
+            ended.append(dask.workers[1].pid)
+            os.killpg(ended[0], signal.SIGKILL)
+            dask.add_worker("--no-nanny")  # joins while it runs
+
+    run(study, on(dask, tmp_path / "there"), end_one)
+    run(study, Options(tmp_path / "here", jobs=2))
+    assert rows_of(tmp_path / "there") == rows_of(tmp_path / "here")
+
+
 def measuring(dask) -> list[int]:
     """Processes that measure beside the workers."""
     found = []
@@ -198,7 +212,7 @@ def mitigate(frames, waveform):
 @pytest.mark.parametrize("copied", [False, True])
 def test_files_that_lie_elsewhere_change_no_method(tmp_path, copied):
     """The shipped network goes without a check that a copy of it gets: on a worker every file is a copy."""
-    scene = dataclasses.replace(load_scene("paper_qpsk"), methods=("none", "tcae"))
+    scene = dataclasses.replace(load_scene("clear"), methods=("none", "tcae"))
     if copied:
         shutil.copy(model_path("tcae.onnx"), tmp_path / "mine.onnx")
         options = {"tcae": {"model": str(tmp_path / "mine.onnx")}}
@@ -225,11 +239,10 @@ def sweep(tmp_path_factory):
 
 def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     options, whole = sweep
-    dask.add_worker()  # joins while it runs, or before
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.address)
     journal = tmp_path / "run" / "points.jsonl"
     wait_for(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
-    os.killpg(dask.workers[1].pid, signal.SIGKILL)
+    os.killpg(dask.workers[2].pid, signal.SIGKILL)
     out, err = process.communicate(timeout=100)
     assert (process.returncode, err) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)

@@ -37,7 +37,7 @@ __all__ = ["Cluster", "Measurer"]
 CONNECT_S = 10.0
 WORKERS_S = 60.0  # how long a cluster may be without any worker
 _LOOK_S = 2.0
-_AHEAD = 1000  # tasks the scheduler has at once; it keeps every worker busy from these
+_AHEAD = 4000  # tasks the scheduler has at once; it keeps every worker busy from these
 _GO_ON = "go on with --resume, there or without --scheduler"
 
 
