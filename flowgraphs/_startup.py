@@ -6,10 +6,22 @@ log to warnings, since it tells of every buffer size that is asked for. In the s
 path; installed, Python finds that itself, and a Python that does not gets one line.
 """
 
-import importlib.util
-import os
 import sys
-from pathlib import Path
+
+
+def _interrupted(kind: type, error: BaseException, trace: object) -> None:
+    """Ctrl-C while something is imported: one line, as afterwards."""
+    if issubclass(kind, KeyboardInterrupt):
+        print(f"{sys.argv[0]}: stopped", file=sys.stderr)
+        sys.exit(130)
+    sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _interrupted
+
+import importlib.util  # noqa: E402 - after the hook
+import os  # noqa: E402
+from pathlib import Path  # noqa: E402
 
 for _name, _value in (
     ("OMP_NUM_THREADS", "1"),
