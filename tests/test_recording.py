@@ -1,6 +1,8 @@
 """SigMF capture and replay: to the bit what was live, gaps included; foreign recordings; files that do not fit."""
 
+import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -280,3 +282,75 @@ def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys
     assert "--out" in capsys.readouterr().err
     assert ota_eval.main(["--replay", str(tmp_path / "absent"), "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A short recording of ours."""
+    folder = tmp_path_factory.mktemp("short")
+    scene = a_scene(altitude={"programme_m": [60.0], "frames": 6}, channel={"snr_db": 10.0})
+    run_point(prepare(scene, ("none",), folder), scene, time_limit_s=50, capture=folder / "short")
+    return folder
+
+
+def replayed(folder: Path, target: Path, capsys, changes: dict, samples=None) -> tuple[int, str]:
+    """Status and error of the command on a copy of the short recording with other metadata or samples."""
+    import ota_eval
+
+    meta = json.loads((folder / "short.sigmf-meta").read_text())
+    meta["global"] |= changes
+    data = np.fromfile(folder / "short.sigmf-data", "<c8")
+    if samples is not None:
+        data[:] = samples
+    meta["global"]["core:sha512"] = hashlib.sha512(data.tobytes()).hexdigest()
+    data.tofile(target / "copy.sigmf-data")
+    (target / "copy.sigmf-meta").write_text(json.dumps(meta))
+    status = ota_eval.main(
+        ["--replay", str(target / "copy.sigmf-meta"), "--methods", "none", "--out", str(target / "out")]
+    )
+    return status, capsys.readouterr().err
+
+
+def test_the_copy_as_it_is_replays(short, tmp_path, capsys):
+    assert replayed(short, tmp_path, capsys, {}) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "samples", "message"),
+    [
+        *(
+            ({"core:datatype": kind}, None, f"datatype is '{kind}'")
+            for kind in ("ci8", "cu8", "cf32_be", "ci16_le")
+        ),
+        *(({"core:sample_rate": rate}, None, "was recorded at 7.5e+06") for rate in (30e6, 3.75e6, 1831.0)),
+        ({"core:sample_rate": 10**400}, None, "core:sample_rate is"),
+        ({}, np.nan, "no sample in it is a finite number"),
+        ({}, 0.0, "nothing but zeros is in it"),
+        ({"radalt:full_scale": 0}, None, "radalt:full_scale is 0"),
+        ({"radalt:full_scale": -1}, None, "radalt:full_scale is -1"),
+        ({"radalt:calibration_samples": 1e300}, None, "radalt:calibration_samples is 1e+300"),
+        ({"radalt:scene": {"seed": 10**30}}, None, "seed is 1000"),
+    ],
+)
+def test_a_recording_of_ours_that_was_changed_gets_one_line(
+    short, tmp_path, capsys, changes, samples, message
+):
+    status, error = replayed(short, tmp_path, capsys, changes, samples)
+    assert status == 2
+    assert error.count("\n") == 1 and message in error and len(error) <= 301
+    assert not (tmp_path / "out" / "rows.csv").exists()
+
+
+def test_a_rate_far_below_the_sweeps_is_refused_before_anything_is_made(tmp_path):
+    path = write_foreign(tmp_path, np.ones(8000, complex), 375e3, "cf32_le")
+    with pytest.raises(RecordingError, match=r"1\.6e\+05 samples \(0\.00128 GB\)"):
+        open_capture(path).blocks(7.5e6)
+
+
+@pytest.mark.parametrize("ending", ["sigmf-meta", "sigmf-data"])
+def test_a_recording_that_is_a_pipe_is_refused(tmp_path, ending):
+    path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
+    path.with_suffix(f".{ending}").unlink()
+    os.mkfifo(path.with_suffix(f".{ending}"))
+    with pytest.raises(RecordingError):
+        open_capture(path)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
+from ..parsing import LARGEST, InputError, check_file, read_text, shown
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
 
 __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
@@ -26,6 +27,10 @@ __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture",
 _BLOCK = 1 << 18  # samples read at a time
 _COMPLEX = re.compile(r"c([fi](32|64)|[iu](8|16|32))(_le|_be)?")
 _MAX_TERM = 4096  # of the resampling ratio
+_MAX_RAISE = 16  # of the rate; what was recorded slower does not hold the sweep
+_META_BYTES, _DATA_BYTES = 64 << 20, 1 << 40
+_MOST_INDEX = 1 << 60
+_RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
 # a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
 RADIO_KEYS = ("calibration_samples", "full_scale")
 
@@ -173,7 +178,12 @@ class Capture:
                     f"{self.path}: capture {k} starts at sample {start}, the data hold {self.sample_count}; "
                     "the data file is truncated or belongs to another recording"
                 )
-            out.append(Stretch(start, int(capture.get("core:global_index", start)), end - start))
+            index = int(capture.get("core:global_index", start))
+            if not 0 <= index <= _MOST_INDEX:
+                raise RecordingError(
+                    f"{self.path}: capture {k} has core:global_index {shown(index)}; a sample counter is 0 or above"
+                )
+            out.append(Stretch(start, index, end - start))
         return tuple(out)
 
     def blocks(self, rate_hz: float) -> Iterator[tuple[int, np.ndarray]]:
@@ -193,6 +203,12 @@ class Capture:
                 f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of "
                 f"whole numbers up to {_MAX_TERM}; resample it first"
             )
+        if ratio > _MAX_RAISE:
+            raise RecordingError(
+                f"{self.path}: recorded at {self.rate_hz:g} S/s; at the scene's {rate_hz:g} S/s that would be "
+                f"{float(ratio * self.sample_count):.3g} samples ({float(ratio * self.sample_count) * 8 / 1e9:.3g} GB) "
+                "without the sweep in them: record faster, or name the right scene with --scene"
+            )
         return self._blocks(ratio)
 
     def _blocks(self, ratio: Fraction) -> Iterator[tuple[int, np.ndarray]]:
@@ -211,7 +227,7 @@ class Capture:
             return
         # whole periods of the polyphase filter, with its reach (scipy: 10 max(up, down) taps) on either side
         reach = -(-(10 * max(up, down)) // (up * down)) + 1
-        step = max(1, _BLOCK // down) * down
+        step = max(1, _BLOCK // max(up, down)) * down
         for at in range(stretch.file_start, end, step):
             low = max(stretch.file_start, at - reach * down)
             high = min(end, at + step + reach * down)
@@ -219,6 +235,19 @@ class Capture:
             skip = (at - low) // down * up
             count = -(-(min(at + step, end) - at) * up // down)
             yield block[skip : skip + count].astype(np.complex64)
+
+    def what_is_missing(self) -> str:
+        """Why nothing can be found in the samples, in words; empty where there are samples to look at."""
+        finite = False
+        for stretch in self.stretches:
+            end = stretch.file_start + stretch.count
+            for at in range(stretch.file_start, end, _BLOCK):
+                samples = self._read(at, min(_BLOCK, end - at))
+                good = samples[np.isfinite(samples)]
+                finite = finite or good.size > 0
+                if good.any():
+                    return ""
+        return "nothing but zeros is in it" if finite else "no sample in it is a finite number"
 
     def _read(self, start: int, count: int) -> np.ndarray:
         return np.ascontiguousarray(self._recording.read_samples(start, count), dtype=np.complex64)
@@ -248,6 +277,12 @@ def open_capture(path: Path | str) -> Capture:
     if not meta.is_file():
         raise RecordingError(f"{meta}: no such recording; give the .sigmf-meta file")
     _check_header(meta)
+    data = meta.with_suffix(".sigmf-data")
+    try:
+        if data.exists():  # else the metadata may name another
+            check_file(data, most_bytes=_DATA_BYTES, what="recording")
+    except InputError as error:
+        raise RecordingError(str(error)) from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
@@ -255,6 +290,7 @@ def open_capture(path: Path | str) -> Capture:
             recording.validate()
     except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
         reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = reason if len(reason) <= 120 else f"{reason[:50]} ... {reason[-60:]}"
         raise RecordingError(
             f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
         ) from None
@@ -264,21 +300,25 @@ def open_capture(path: Path | str) -> Capture:
 def _check_header(meta: Path) -> None:
     """What a replay needs of the metadata, in terms of the file: sigmf's own words name its internals."""
     try:
-        data = json.loads(meta.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RecordingError(f"{meta}: not readable as JSON ({str(error).splitlines()[0]})") from None
+        data = json.loads(read_text(meta, most_bytes=_META_BYTES, what="recording"))
+    except InputError as error:
+        raise RecordingError(str(error)) from None
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{meta}: not readable as JSON ({str(error)[:100]})") from None
     head = data.get("global") if isinstance(data, dict) else None
     if not isinstance(head, dict):
         raise RecordingError(f"{meta}: not SigMF metadata, an object 'global' is missing")
     datatype, rate, channels = (head.get(f"core:{k}") for k in ("datatype", "sample_rate", "num_channels"))
     if not isinstance(datatype, str) or not _COMPLEX.fullmatch(datatype):
         raise RecordingError(
-            f"{meta}: core:datatype is {datatype!r}; complex samples are needed (cf32_le, ci16_le, ...)"
+            f"{meta}: core:datatype is {shown(datatype)}; complex samples are needed (cf32_le, ci16_le, ...)"
         )
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate < np.inf:
-        raise RecordingError(f"{meta}: core:sample_rate is {rate!r}; state the rate in samples per second")
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate <= LARGEST:
+        raise RecordingError(
+            f"{meta}: core:sample_rate is {shown(rate)}; state the rate in samples per second"
+        )
     if channels not in (None, 1):
-        raise RecordingError(f"{meta}: {channels} channels; recordings of one channel are read")
+        raise RecordingError(f"{meta}: {shown(channels)} channels; recordings of one channel are read")
 
 
 def _checked(meta: Path, recording: Any) -> Capture:
@@ -290,12 +330,32 @@ def _checked(meta: Path, recording: Any) -> Capture:
         scene = parse_scene(mapping, source=str(meta)) if mapping is not None else None
     except SceneError as error:
         raise RecordingError(f"{error}; the recording's scene is of another version, give --scene") from None
+    if scene is not None:
+        _check_ours(meta, recording, scene, rate)
     radio = {}
     for key in RADIO_KEYS:
         value = recording.get_global_field(f"radalt:{key}")
         if value is None:
             continue
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise RecordingError(f"{meta}: radalt:{key} is {value!r}; it has to be a finite number")
+        low, high = _RADIO_RANGES[key]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise RecordingError(
+                f"{meta}: radalt:{key} is {shown(value)}; it has to be a finite number within {low:g}..{high:g}"
+            )
         radio[key] = float(value)
     return Capture(meta, recording, float(rate), scene, radio)
+
+
+def _check_ours(meta: Path, recording: Any, scene: Scene, rate_hz: float) -> None:
+    """A recording with our scene is as we write it, or its metadata were changed: then it says what is not so."""
+    datatype = recording.get_global_field("core:datatype")
+    if datatype != "cf32_le":
+        raise RecordingError(
+            f"{meta}: core:datatype is {datatype!r}, but a recording with radalt:scene holds cf32_le; if it was "
+            "converted, remove radalt:scene and name the sweep with --scene"
+        )
+    if abs(rate_hz / scene.waveform.rate_hz - 1) > 1e-9:
+        raise RecordingError(
+            f"{meta}: core:sample_rate is {rate_hz:g}, but its radalt:scene was recorded at "
+            f"{scene.waveform.rate_hz:g} S/s; if it was resampled, remove radalt:scene and name the sweep with --scene"
+        )

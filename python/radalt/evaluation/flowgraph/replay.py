@@ -70,8 +70,11 @@ def score_recording(
         raise SceneError(f"{out} holds results already; name another folder with --out")
     prepared = prepare_replay(placed.methods, out / "flowgraph")
     result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
-    if not known and not any(frames.size for frames in result.results.values()):
+    if not any(frames.size for frames in result.results.values()):
         w = placed.waveform
+        missing = open_capture(path).what_is_missing()
+        if missing:
+            raise RecordingError(f"{path}: {missing}; record it again")
         raise RecordingError(
             f"{path}: no sweep of {w.bandwidth_hz / 1e6:g} MHz in {w.sweep_s * 1e3:g} ms was found in it; "
             "check the scene's waveform against the recording, and the recording's core:datatype, core:sample_rate "
