@@ -12,6 +12,7 @@ import scipy.linalg.blas  # noqa: F401 - SciPy brings a BLAS of its own, which h
 from threadpoolctl import threadpool_limits
 
 from ..core.cores import join_home
+from ..core.mitigation.base import MitigationError
 
 __all__ = ["WORK_DONE", "guarded", "raise_stored", "raised"]
 
@@ -44,7 +45,8 @@ def guarded(work: Callable) -> Callable:
         except Exception as error:
             self.error = error
             raised.append(error)
-            traceback.print_exc()
+            if not isinstance(error, MitigationError):  # whose one line says it all
+                traceback.print_exc()
             return WORK_DONE
 
     return wrapper

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..cores import allowed_cores
+from ..parsing import arguments
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 from .blanking import Blanking
@@ -68,7 +69,13 @@ def create(
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
         return OwnProcess(name, waveform, batch=batch, **parameters)
+    made = (METHODS | {CUSTOM: Custom})[name]
     try:
-        return (METHODS | {CUSTOM: Custom})[name](waveform, **parameters)
-    except TypeError as error:
-        raise MitigationError(f"mitigation {name!r}: {error}") from None
+        if isinstance(made, type):
+            parameters = arguments(made.__init__, parameters, name)
+        return made(waveform, **parameters)
+    except MitigationError:
+        raise
+    except (TypeError, ValueError) as error:
+        text = str(error)
+        raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None

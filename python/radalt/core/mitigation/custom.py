@@ -11,8 +11,10 @@ from types import ModuleType
 
 import numpy as np
 
+from ..parsing import InputError, read_text
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
+from .rehearsal import MOST_BYTES, rehearse
 
 __all__ = ["Custom"]
 
@@ -57,19 +59,22 @@ class Custom(Mitigation):
         if not file:
             raise MitigationError(f"method custom has no file; name one with --method-file: {_CONTRACT}")
         self.file = Path(file)
+        rehearse("method file", self.name, self.file, waveform)
         module = self._load()
         self._mitigate = self._method(module, waveform)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()
         super().__init__(waveform)
-        self._clean(waveform.reference[None].copy())
+        if not np.isfinite(self._clean(waveform.reference[None].copy()).view(np.float32)).all():
+            raise MitigationError(
+                f"method file {self.file}: its cleaned frame of a clean sweep is not finite; look for a division by 0"
+            )
         self.reset()
 
     def _load(self) -> ModuleType:
         try:
-            source = self.file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "not a text file"
-            raise MitigationError(f"method file {self.file}: cannot be read ({reason})") from None
+            source = read_text(self.file, most_bytes=MOST_BYTES["method file"], what="method file")
+        except InputError as error:
+            raise MitigationError(str(error)) from None
         module = ModuleType(self.file.stem)
         module.__file__ = str(self.file)
         self._guarded(lambda: exec(compile(source, str(self.file), "exec"), module.__dict__))
@@ -93,7 +98,7 @@ class Custom(Mitigation):
         """Whatever the user's code raises, as one line with its place in the file."""
         try:
             return call()
-        except Exception as error:  # somebody else's code: anything can come
+        except (Exception, SystemExit) as error:  # somebody else's code: anything can come
             if isinstance(error, SyntaxError):
                 line = error.lineno
             else:
@@ -104,7 +109,7 @@ class Custom(Mitigation):
                 ]
                 line = lines[-1] if lines else None
             where = f", line {line}" if line else ""
-            text = " ".join(str(error).split())
+            text = " ".join(str(error).split())[:150]
             raise MitigationError(
                 f"method file {self.file}{where}: {type(error).__name__}: {text}"
             ) from error

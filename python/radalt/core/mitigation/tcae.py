@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..parsing import shown
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError
 from .interference_detector import InterferenceDetector
 from .onnx_network import OnnxNetwork
+from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
 __all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
@@ -25,6 +27,7 @@ CONTRACT_KEYS = (
     "radalt_rate_hz",
     "radalt_centered",
 )
+_MOST_THREADS = 64
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
@@ -45,6 +48,22 @@ def _is_default(model: Path) -> bool:
         return model.samefile(default_model_path())
     except FileNotFoundError:  # nothing is shipped here
         return False
+
+
+def _is_shipped(model: Path) -> bool:
+    """Whether a model lies where ours do; any other is a program of somebody else."""
+    try:
+        return model.resolve().parent == default_model_path().resolve().parent
+    except OSError:
+        return False
+
+
+def _number(text: str) -> float:
+    """A number of the metadata; NaN, which equals nothing, for what is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 class Tcae(Mitigation):
@@ -99,7 +118,11 @@ class Tcae(Mitigation):
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
         self.model = Path(model) if model else default_model_path()
-        self.threads = int(threads)
+        if not 1 <= threads <= _MOST_THREADS:
+            raise MitigationError(f"tcae.threads is {threads!r}; it has to be within 1..{_MOST_THREADS}")
+        self.threads = threads
+        if self.model.is_file() and not _is_shipped(self.model):
+            rehearse("tcae model", self.name, self.model, waveform)
         self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads)
         self._dither = None if dither_db is None else _dither(waveform.samples_per_frame, dither_db)
         self.metadata = self._network.metadata
@@ -130,11 +153,11 @@ class Tcae(Mitigation):
         }
         for key, wanted in expected.items():
             have = self.metadata[key]
-            same = float(have) == float(wanted) if key == "radalt_rate_hz" else have == wanted
+            same = _number(have) == float(wanted) if key == "radalt_rate_hz" else have == wanted
             if not same:
                 raise MitigationError(
-                    f"tcae model {self.model} does not fit the scene: {key} is {have}, the scene needs {wanted}; "
-                    "use a model trained for this waveform"
+                    f"tcae model {self.model} does not fit the scene: {key} is {shown(have)}, the scene needs "
+                    f"{wanted}; use a model trained for this waveform"
                 )
         if self.metadata["radalt_normalisation"] not in NORMALISATIONS:
             raise MitigationError(

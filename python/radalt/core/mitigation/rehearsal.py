@@ -1,0 +1,113 @@
+"""Code of others, tried in a process of its own before it is let into ours: it may never end, or end everything.
+
+A method file is a program and an ONNX file is one too. A loop without end while it is loaded, or ``os._exit(0)``, would
+hang our command or end it with status 0 and without a word. In the rehearsal only the rehearsal's process is lost.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import multiprocessing
+import os
+import secrets
+import subprocess
+import sys
+from pathlib import Path
+
+from ..parsing import InputError, check_file
+from ..waveform import Waveform
+from .base import MitigationError
+
+__all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
+
+LIMIT_S = 60.0  # for loading and one frame; a network takes a second or two
+MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
+_FLAG = "RADALT_REHEARSAL"
+# by the name that the parent knows the package by, since a file may name the package, too
+_PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
+
+
+def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
+    """Build a method of a foreign file once elsewhere, and clean a frame; returns at once for a file already tried.
+
+    Worker processes skip it: what they do has a time limit, and the program that started them has rehearsed.
+
+    Parameters
+    ----------
+    what : str
+        "method file" or "tcae model".
+    method : str
+        Registry name.
+    file : Path
+    waveform : Waveform
+
+    Raises
+    ------
+    MitigationError
+        One line: the file cannot be read, does not end within `LIMIT_S`, ends its process, or what the method itself
+        refuses.
+    """
+    try:
+        check_file(file, most_bytes=MOST_BYTES[what], what=what)
+    except InputError as error:
+        raise MitigationError(str(error)) from None
+    if _FLAG in os.environ or multiprocessing.parent_process() is not None:
+        return
+    status = file.stat()
+    problem = _rehearsed(what, method, file.resolve(), status.st_mtime_ns, status.st_size, waveform)
+    if problem:
+        raise MitigationError(problem)
+
+
+@functools.lru_cache(maxsize=64)
+def _rehearsed(what: str, method: str, file: Path, changed_ns: int, size: int, waveform: Waveform) -> str:
+    """What is wrong with a file, by its name, time and size; empty for nothing."""
+    read, write = os.pipe()
+    program = _PROGRAM.format(path=sys.path, module=__name__, link=write)
+    word = secrets.token_hex(8)  # that it got to the end: foreign code may exit with any status
+    key = {"tcae": "model", "custom": "file"}[method]
+    request = {
+        "method": method,
+        "options": {key: str(file)},
+        "waveform": dataclasses.asdict(waveform),
+        "word": word,
+    }
+    with os.fdopen(read, "rb") as answer:
+        process = subprocess.Popen(
+            [sys.executable, "-c", program],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=(write,),
+            env=os.environ | {_FLAG: "1"},
+        )
+        os.close(write)
+        try:
+            process.communicate(json.dumps(request).encode(), timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            return f"{what} {file}: did not load and clean a frame within {LIMIT_S:g} s; is there a loop without end?"
+        text = answer.read(4096).decode("utf-8", "replace")
+    if text == word:
+        return ""
+    if text.startswith("E "):
+        return text[2:]
+    return f"{what} {file}: it ended its process (status {process.returncode}) instead of giving frames; leave out exit"
+
+
+def perform(link: int) -> None:
+    """What the rehearsal's process does: build the method, clean one frame, say so."""
+    from . import create
+
+    request = json.load(sys.stdin)
+    with os.fdopen(link, "w", encoding="utf-8") as answer:
+        try:
+            waveform = Waveform(**request["waveform"])
+            method = create(request["method"], waveform, **request["options"])
+            method.process(waveform.reference[None].copy())
+            answer.write(request["word"])
+        except MitigationError as error:
+            answer.write(f"E {error}")
