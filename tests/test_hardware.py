@@ -494,7 +494,8 @@ def test_gate_closes_at_a_sample_that_is_not_finite(value):
 @pytest.mark.parametrize(
     ("radio", "message"),
     [
-        ({"attenuation_db": 6000.0}, "attenuation_db is 6000; it has to be within 0..150"),
+        ({"attenuation_db": 180.0}, "attenuation_db is 180; it has to be within 0..150"),
+        ({"attenuation_db": 6000.0}, "attenuation_db is 6000.0; expected a number within"),
         ({"attenuation_db": 1e308}, "attenuation_db is 1e\\+308; expected a number within"),
         ({"radar_serial": "a,type=x300"}, "radar_serial is 'a,type=x300'; a serial is"),
         ({"jammer_serial": "J" * 33}, "at most 32 letters and digits"),

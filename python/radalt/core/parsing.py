@@ -25,11 +25,13 @@ import numpy as np
 __all__ = [
     "LARGEST",
     "InputError",
+    "arguments",
     "build",
     "check_file",
     "convert",
     "load_yaml",
     "plain",
+    "quantity",
     "read_bytes",
     "read_text",
     "shown",
@@ -37,6 +39,21 @@ __all__ = [
 ]
 
 LARGEST = 1e12  # no quantity of a scene or an option is larger, whatever its unit
+# what a quantity can be at most, either way, by the unit its name ends in; wider than any use, so that powers of ten,
+# squares and tables made from it stay numbers
+_UNITS = {
+    "_db": 200.0,
+    "_dbi": 200.0,
+    "_dbm": 200.0,
+    "_deg": 3600.0,
+    "_ppm": 1e6,
+    "_m": 1e7,
+    "_s": 1e5,
+    "_w": 1e9,
+    "_samples": 1e9,
+    "_m_per_s": 1e5,
+}
+_UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
 _WHOLE = 2**63 - 1
 _DIGITS = 19  # of an integer in YAML
 _MEGA = 1 << 20
@@ -206,7 +223,7 @@ def _loader() -> type:
             value = loader.construct_scalar(node)
             if ":" in value:
                 return value
-            if kind == "int" and len(value) > _DIGITS + 1:
+            if kind == "int" and sum(c.isalnum() for c in value) > _DIGITS:
                 refuse(node, f"the number {shown(value)} has more than {_DIGITS} digits")
             try:
                 return construct(loader, node)
@@ -283,7 +300,7 @@ def build(
             close = difflib.get_close_matches(name, fields, 1)
             hint = f"did you mean {close[0]!r}? " if close else ""
             path = f"{where}.{name}" if where else name
-            raise ValueError(f"unknown key {path!r}; {hint}allowed: {', '.join(sorted(fields))}")
+            raise ValueError(f"unknown key {path!r}; {hint}allowed: {_listed(sorted(fields))}")
         path = f"{where}.{key}" if where else key
         convert_field = (special or {}).get(key)
         values[key] = convert_field(value, path) if convert_field else convert(hints[key], value, path)
@@ -294,6 +311,12 @@ def build(
     except ValueError as error:
         text = str(error)
         raise ValueError(text if not where or where.split(".")[-1] in text else f"{where}: {text}") from None
+
+
+def _listed(names: list[str]) -> str:
+    """Names with commas, as many as fit a line."""
+    text = ", ".join(names)
+    return text if len(text) <= 140 else text[:140].rpartition(",")[0] + ", ..."
 
 
 def convert(hint: Any, value: Any, where: str) -> Any:
@@ -343,15 +366,7 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
                 ) from None
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise ValueError(f"{where} is {shown(value)}; expected a number, in the unit its name states")
-        # an integer of hundreds of digits is no float: compared before it becomes one
-        if not -LARGEST <= value <= LARGEST:
-            allowed = (
-                f"a number within {-LARGEST:g}..{LARGEST:g}"
-                if np.isfinite(_float(value))
-                else "a finite number"
-            )
-            raise ValueError(f"{where} is {shown(value)}; expected {allowed}")
-        return float(value)
+        return quantity(value, where)
     if hint is int:
         if isinstance(value, str):
             try:
@@ -377,6 +392,41 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
             raise ValueError(f"{where} is {shown(value)}; expected text without control characters")
         return value
     return value
+
+
+def quantity(value: Any, where: str) -> float:
+    """A number as a float within what its unit allows; ``where`` ends in the unit: ``sir_db``, ``sweep_s[2]``.
+
+    Raises
+    ------
+    ValueError
+        One line, also for what is not finite.
+    """
+    unit = _UNIT.search(where)
+    most = _UNITS.get(unit[1], LARGEST) if unit else LARGEST
+    # an integer of hundreds of digits is no float: compared before it becomes one
+    if not -most <= value <= most:
+        finite = math.isfinite(_float(value))
+        allowed = f"a number within {-most:g}..{most:g}" if finite else "a finite number"
+        raise ValueError(f"{where} is {shown(value)}; expected {allowed}")
+    return float(value)
+
+
+def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -> dict[str, Any]:
+    """Keyword arguments as the function's annotations have them; what it does not know stays, for it to refuse.
+
+    Raises
+    ------
+    ValueError
+        One line with key, value and what is allowed.
+    """
+    hints = typing.get_type_hints(function)
+    return {
+        key: convert(hints[key], value, f"{where}.{key}")
+        if key in hints and not isinstance(value, Path)
+        else value
+        for key, value in given.items()
+    }
 
 
 def _float(value: Any) -> float:

@@ -12,6 +12,9 @@ import numpy as np
 
 __all__ = ["Programme"]
 
+_MOST_FRAMES = 2_000_000  # of a run; more trials are more points
+_FRAME_BYTES = 80  # of a method's result, and of the table
+
 
 @dataclass(frozen=True)
 class Programme:
@@ -56,10 +59,28 @@ class Programme:
                 f"altitude.frames {self.frames_per_step} has to be at least 1 and preamble_frames "
                 f"{self.preamble_frames} at least 6"
             )
+        if max(self.preamble_frames, self.sync_frames, self.sync_every_frames) > _MOST_FRAMES:
+            raise ValueError(
+                f"altitude.preamble_frames {self.preamble_frames}, sync_every_frames {self.sync_every_frames} and "
+                f"sync_frames {self.sync_frames} have to be at most {_MOST_FRAMES}"
+            )
         if self.sync_every_frames < 0 or (self.sync_every_frames and self.sync_frames < 8):
             raise ValueError(
                 f"altitude.sync_every_frames {self.sync_every_frames} has to be 0 or above, sync_frames "
                 f"{self.sync_frames} at least 8"
+            )
+
+        self._check_length()
+
+    def _check_length(self) -> None:
+        """Refuse what no machine holds, before anything is allocated."""
+        sections = (self.trial_frames - 1) // self.sync_every_frames if self.sync_every_frames else 0
+        total = self.preamble_frames + self.trial_frames + sections * self.sync_frames
+        if total > _MOST_FRAMES:
+            raise ValueError(
+                f"altitude: {len(self.altitudes_m)} altitudes of frames {self.frames_per_step} make {total:.4g}, "
+                f"{total / 3.6e6:.3g} h of sweeps of 1 ms and {total * _FRAME_BYTES / 1e9:.3g} GB of results a method; "
+                f"at most {_MOST_FRAMES} frames: lower altitude.frames (--frames)"
             )
 
     @cached_property

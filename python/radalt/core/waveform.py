@@ -16,6 +16,10 @@ from scipy.constants import speed_of_light as C_M_PER_S
 __all__ = ["C_M_PER_S", "Waveform", "altitude_to_delay_s", "delay_to_altitude_m", "exp_cycles"]
 
 
+_MOST_SAMPLES = 1 << 20  # of a frame
+_FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
+
+
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
     """``exp(j 2 pi phase)`` of float64 phases in cycles, any shape, reduced modulo one cycle first."""
     angle = 2.0 * np.pi * (phase_cycles - np.rint(phase_cycles))
@@ -81,6 +85,11 @@ class Waveform:
                 "lower the bandwidth or raise rate_hz"
             )
         samples = self.rate_hz * self.sweep_s
+        if samples > _MOST_SAMPLES:
+            raise ValueError(
+                f"waveform.sweep_s {self.sweep_s:g} at rate_hz {self.rate_hz:g} makes frames of {samples:.4g} samples, "
+                f"{samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most {_MOST_SAMPLES} samples"
+            )
         whole = round(samples)
         if abs(samples - whole) > 1e-6 * max(1.0, samples) or whole % 2 or whole < 16:
             raise ValueError(

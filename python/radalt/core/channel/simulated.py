@@ -20,6 +20,9 @@ from .noise import ReceiverNoise
 __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
 
 
+_MOST_DELAY = 1e6  # samples, which a delay line has to hold
+
+
 @dataclass(frozen=True)
 class DropSettings:
     """Samples lost between the radio and the host.
@@ -40,10 +43,10 @@ class DropSettings:
     tagged: bool = True
 
     def __post_init__(self) -> None:
-        if self.count < 0 or not 1 <= self.min_samples <= self.max_samples:
+        if not 0 <= self.count <= 100_000 or not 1 <= self.min_samples <= self.max_samples <= 10**9:
             raise ValueError(
-                f"drops: count {self.count} has to be 0 or above and 1 <= min_samples {self.min_samples} <= "
-                f"max_samples {self.max_samples}"
+                f"drops: count {self.count} has to be 0 or above, at most 100000, and 1 <= min_samples "
+                f"{self.min_samples} <= max_samples {self.max_samples} <= 1e9"
             )
 
 
@@ -97,17 +100,19 @@ class ChannelSettings:
     def __post_init__(self) -> None:
         if self.adc_bits and not 1 <= self.adc_bits <= 16:
             raise ValueError(f"channel.adc_bits is {self.adc_bits}; 0 for none, else 1..16")
-        if not self.full_scale > 0:
-            raise ValueError(f"channel.full_scale is {self.full_scale:g}; it has to be above 0")
-        if self.start_offset_samples is not None and self.start_offset_samples < 0:
+        if not 1e-6 <= self.full_scale <= 1e6:
+            raise ValueError(f"channel.full_scale is {self.full_scale:g}; it has to be within 1e-6..1e6")
+        if not abs(self.dc_offset) <= 1e6:
+            raise ValueError(f"channel.dc_offset is {self.dc_offset:g}; it has to be within -1e6..1e6")
+        if self.start_offset_samples is not None and not 0 <= self.start_offset_samples <= _MOST_DELAY:
             raise ValueError(
-                f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be 0 or above"
+                f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be within 0..{_MOST_DELAY:g}"
             )
         if abs(self.jammer_clock_ppm) > 100:
             raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
-        if self.jammer_delay_samples < 0:
+        if not 0 <= self.jammer_delay_samples <= _MOST_DELAY:
             raise ValueError(
-                f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be 0 or above"
+                f"channel.jammer_delay_samples is {self.jammer_delay_samples:g}; it has to be within 0..{_MOST_DELAY:g}"
             )
 
 

@@ -56,8 +56,10 @@ class ToneEmitter:
     span_hz: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.frequencies_hz and self.count < 1:
-            raise ValueError(f"tones.count is {self.count}; it has to be at least 1")
+        number = len(self.frequencies_hz) or self.count
+        if not 1 <= number <= 256:
+            # all of them are summed at once: count x samples of a frame
+            raise ValueError(f"tones.count is {number}; it has to be within 1..256")
         if self.span_hz < 0:
             raise ValueError(f"tones.span_hz is {self.span_hz:g}; it has to be 0 (the whole band) or more")
 
@@ -127,8 +129,8 @@ class QpskEmitter:
     rolloff: float = 0.25
 
     def __post_init__(self) -> None:
-        if not self.bandwidth_hz > 0:
-            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be above 0")
+        if not self.bandwidth_hz >= 1.0:
+            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
             raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
         if not 0 <= self.rolloff <= 1:

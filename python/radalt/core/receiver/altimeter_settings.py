@@ -92,10 +92,11 @@ class AltimeterSettings:
             raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
         # here, where a scene is read, and not only where the detector is built
         Cfar(pfa=self.pfa, kind=self.cfar)
-        if not (self.train_cells >= 1 and self.guard_cells >= 0):
+        if not (1 <= self.train_cells <= 256 and 0 <= self.guard_cells <= 256):
+            # the scale factor is solved from the covariance of all training cells
             raise ValueError(
-                f"altimeter.train_cells {self.train_cells:g} has to be at least 1, guard_cells {self.guard_cells:g} "
-                "at least 0"
+                f"altimeter.train_cells {self.train_cells:g} has to be within 1..256, guard_cells "
+                f"{self.guard_cells:g} within 0..256"
             )
         if self.max_vertical_speed_m_per_s is not None and self.max_vertical_speed_m_per_s < 0:
             raise ValueError(

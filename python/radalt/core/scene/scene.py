@@ -88,8 +88,10 @@ class AltitudeSpec:
     landing_frames: int = 200
 
     def __post_init__(self) -> None:
-        if self.landing_frames < 2:
-            raise ValueError(f"altitude.landing_frames is {self.landing_frames}; it has to be at least 2")
+        if not 2 <= self.landing_frames <= 100_000:
+            raise ValueError(
+                f"altitude.landing_frames is {self.landing_frames}; it has to be within 2..100000"
+            )
         if self.mode not in ("synthetic", "true_delay"):
             raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
         if self.vertical_speed_m_per_s and self.mode == "synthetic":
@@ -208,8 +210,8 @@ class Scene:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}; it has to be 0 or above")
+        if not 0 <= self.seed < 2**63:
+            raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
         top = self.altimeter_settings.max_altitude_m
         highest = max(self.altitude.programme_m, default=0.0)
@@ -241,6 +243,15 @@ class Scene:
             unknown = [m for m in getattr(self, key) if m not in known]
             if unknown:
                 raise ValueError(f"{key} names {shown(unknown[0])}; allowed: {', '.join(known)}")
+
+        for name, options in self.method_options.items():
+            if options is not None and not isinstance(options, dict):
+                raise ValueError(
+                    f"method_options.{name} is {shown(options)}; expected a mapping of its options"
+                )
+            stray = [key for key in options or {} if not isinstance(key, str)]
+            if stray:
+                raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:

@@ -58,8 +58,8 @@ def run_tasks(
     Raises
     ------
     WorkerError
-        If a worker dies, a task exceeds its time or reports an error that is meant for the user (`ValueError`
-        or `RuntimeError`, as all of the package's errors are). The other workers are stopped.
+        If a worker dies, a task exceeds its time or reports an error that is meant for the user (`ValueError`,
+        `RuntimeError`, as all of the package's errors are, a full disk or memory). The other workers are stopped.
     """
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
     context = multiprocessing.get_context("spawn")
@@ -160,7 +160,7 @@ def _serve(pipe: Connection, function: Callable[[Any], Any], number: int) -> Non
             return
         try:
             answer = (False, function(task))
-        except (ValueError, RuntimeError) as error:
+        except (ValueError, RuntimeError, OSError, MemoryError) as error:
             answer = (True, str(error) or type(error).__name__)
         try:
             pipe.send(answer)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.parsing import quantity, shown
 from ...core.scene import Scene
 
 __all__ = ["Point", "parse_axis", "point_seed", "scene_at", "sweep_points"]
@@ -56,6 +57,8 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
     (0.0, 0.1, 0.2, 0.3, 1.0)
     """
     values: list[float] = []
+    if text.count(",") > _MAX_VALUES:
+        raise ValueError(f"{what} holds {text.count(',') + 1} parts; at most {_MAX_VALUES}")
     for part in text.split(","):
         try:
             numbers = [float(n) for n in part.split(":")]
@@ -63,8 +66,10 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
             numbers = []
         if len(numbers) not in (1, 3) or not np.all(np.isfinite(numbers)):
             raise ValueError(
-                f"{what} holds {part.strip()!r}; expected numbers like 0,0.3,1 or start:stop:step"
+                f"{what} holds {shown(part.strip())}; expected numbers like 0,0.3,1 or start:stop:step"
             )
+        for number in numbers:
+            quantity(number, f"{what} {shown(part.strip())}: {what.lstrip('-').replace('-', '_')}")
         values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
     return tuple(dict.fromkeys(values))
 
@@ -73,7 +78,10 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
     if step == 0 or (stop - start) / step < 0:
         raise ValueError(f"{what}: a step of {step:g} never gets from {start:g} to {stop:g}")
     # half a millionth of a step of grace, so that 0:1:0.1 ends at 1 in spite of binary fractions
-    count = int(np.floor((stop - start) / step + 5e-7)) + 1
+    steps = (stop - start) / step
+    if steps > _MAX_VALUES:
+        raise ValueError(f"{what}: {steps:.4g} values; at most {_MAX_VALUES}: take a larger step")
+    count = int(np.floor(steps + 5e-7)) + 1
     if count > _MAX_VALUES:
         raise ValueError(f"{what}: {count} values; at most {_MAX_VALUES}: take a larger step")
     return [round(start + k * step, 9) for k in range(count)]
