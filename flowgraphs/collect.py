@@ -10,14 +10,13 @@ occurs twice counts once. Needs no GNU Radio.
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 _NO_PACKAGE = (
     f"collect: {sys.executable} cannot run gr-radalt ({{}}); use .venv/bin/python, as 'make eval' does"
@@ -31,17 +30,11 @@ except ImportError as _error:
     raise SystemExit(2) from None
 
 
-class _Parser(argparse.ArgumentParser):
-    """Errors in one line, without the usage text."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
+@_startup.command("collect")
 def main(argv: Sequence[str] | None = None) -> int:
     """Pool the folders; returns 0, or 2 after one line about what does not fit."""
     summary, _, details = __doc__.partition("\n\n")
-    parser = _Parser(
+    parser = _startup.Parser(
         prog="collect",
         description=summary,
         epilog=details,
@@ -49,14 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
     parser.add_argument(
-        "--out", type=Path, help="folder of the report (default: results/collected-DATE-TIME)"
+        "--out", type=_startup.path, help="folder of the report (default: results/collected-DATE-TIME)"
     )
     args = parser.parse_args(argv)
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
     try:
         report, notes = collect(args.folders, out)
     except (SceneError, PoolError, OSError) as error:
-        print(f"collect: {error}", file=sys.stderr)
+        _startup.complain("collect", error)
         return 2
     except ImportError as error:  # matplotlib, which only figures need
         print(_NO_PACKAGE.format(error), file=sys.stderr)

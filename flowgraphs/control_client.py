@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import zmq
 
@@ -57,10 +58,10 @@ class Client:
                 raise ControlError(
                     f"no answer from {self._control} in {TIMEOUT_MS / 1000:g} s; is ota_remote.py up?"
                 )
-            reply = json.loads(socket.recv())
-        if not reply["ok"]:
-            raise ControlError(reply["error"])
-        return reply["state"]
+            reply = _message(socket.recv())
+        if not reply.get("ok"):
+            raise ControlError(str(reply.get("error", "the reply is no ota_remote's"))[:300])
+        return reply.get("state", {})
 
     def messages(self, seconds: float) -> Iterator[dict[str, Any]]:
         """Results and states of the next seconds."""
@@ -71,7 +72,18 @@ class Client:
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0:
                 if socket.poll(left * 1000):
-                    yield json.loads(socket.recv())
+                    yield _message(socket.recv())
+
+
+def _message(text: bytes) -> dict[str, Any]:
+    """A JSON object; `ControlError` for what is none."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        message = None
+    if not isinstance(message, dict):
+        raise ControlError("the answer is no JSON object; is something else listening there?")
+    return message
 
 
 def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> None:
@@ -90,9 +102,27 @@ def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> Non
             print(f"{altitude:8.1f} m  {method:12} Pd(5 m) {good / len(values):.3f} of {len(values)} frames")
 
 
+def _numbers(text: str) -> list[float]:
+    """Altitudes in metres, with commas between."""
+    try:
+        values = [float(a) for a in text.split(",")]
+    except ValueError:
+        values = [math.nan]
+    if not all(math.isfinite(v) for v in values):
+        raise ControlError(f"--altitudes is {text[:60]!r}; give numbers in metres with commas: 1200,600,300")
+    return values
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors in one line, without the usage text."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"control_client: {message[:250]}\n")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """One command; returns 0, or 2 after one line."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         description=__doc__.partition("\n")[0],
         epilog=__doc__.partition("\n\n")[2],
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -108,21 +138,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=1.0)
     parser.add_argument("--count", type=int, default=10)
     args = parser.parse_args(argv)
+    numbers = (args.seconds, *(v for v in (args.altitude, args.overlap, args.sir_db) if v is not None))
+    if not all(math.isfinite(v) for v in numbers) or not 0 < args.seconds <= 86_400 or args.count < 0:
+        parser.error("numbers have to be finite, --seconds within 0..86400, --count 0 or above")
     client = Client(args.control, args.telemetry)
     try:
         if args.command == "watch":
             for _, message in zip(range(args.count), client.messages(3600.0), strict=False):
                 print(json.dumps(message))
         elif args.command == "descend":
-            descend(client, [float(a) for a in args.altitudes.split(",")], args.seconds)
+            descend(client, _numbers(args.altitudes), args.seconds)
         else:
             changes = {"altitude_m": args.altitude, "overlap": args.overlap, "sir_db": args.sir_db}
             changes = {k: v for k, v in changes.items() if v is not None}
             if args.methods:
                 changes["methods"] = args.methods.split(",")
             print(json.dumps(client.request(args.command, **changes), indent=1))
-    except ControlError as error:
-        print(f"control_client: {error}", file=sys.stderr)
+    except (ControlError, zmq.ZMQError, UnicodeError) as error:
+        print(f"control_client: {' '.join(str(error).split())[:280]}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

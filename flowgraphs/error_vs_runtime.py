@@ -16,33 +16,52 @@ them with --models to have them in the comparison:
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
-
+@_startup.command("error_vs_runtime")
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure errors, times and memory and write the report; returns 0, or 2 after one line about what does not fit."""
-    parser = argparse.ArgumentParser(
+    parser = _startup.Parser(
         prog="error_vs_runtime", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
         "--models",
         nargs="*",
-        type=Path,
+        type=_startup.path,
         help="ONNX files of tcae, float16 and int8 variants among them (default: all of models/)",
     )
     parser.add_argument(
         "--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)"
     )
-    parser.add_argument("--frames", type=int, default=100, help="frames a point (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=20, help="rounds of timing (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of the frames (default: %(default)s)")
     parser.add_argument(
-        "--out", type=Path, default=Path("results/error_vs_runtime"), help="folder (default: %(default)s)"
+        "--frames",
+        type=_startup.number(int, 2, 2000000),
+        default=100,
+        help="frames a point (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rounds",
+        type=_startup.number(int, 2, 100000),
+        default=20,
+        help="rounds of timing (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=_startup.number(int, 0, _startup.MOST_SEED),
+        default=1,
+        help="of the frames (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=_startup.path,
+        default=Path("results/error_vs_runtime"),
+        help="folder (default: %(default)s)",
     )
     parser.add_argument("--resume", action="store_true", help="complete the run that --out holds")
     args = parser.parse_args(argv)
@@ -77,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         journal = Journal(args.out / "error_vs_runtime.partial", head, resume=args.resume)
         study = runtime.run_study(candidates, sirs, args.frames, args.rounds, args.seed, journal, progress)
     except (MitigationError, JournalError, ValueError, OSError) as error:
-        print(f"error_vs_runtime: {error}", file=sys.stderr)
+        _startup.complain("error_vs_runtime", error)
         return 2
     except KeyboardInterrupt:
         print(f"error_vs_runtime: stopped; --resume --out {args.out} goes on", file=sys.stderr)

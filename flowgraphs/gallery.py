@@ -6,11 +6,12 @@ python flowgraphs/gallery.py [--out docs/interference_gallery.png] [--seed 1]
 
 from __future__ import annotations
 
-import argparse
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 import numpy as np
 
 from radalt.core.interference.placement import interference_frames
@@ -87,17 +88,18 @@ def draw(path: Path, seed: int) -> None:
     figure.savefig(path, dpi=130)
 
 
-def main() -> int:
-    """Command line."""
+@_startup.command("gallery")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw it; returns 0, or 2 after one line about what does not fit."""
     root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=root / "docs" / "interference_gallery.png")
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    parser = _startup.Parser(prog="gallery", description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=_startup.path, default=root / "docs" / "interference_gallery.png")
+    parser.add_argument("--seed", type=_startup.number(int, 0, _startup.MOST_SEED), default=1)
+    options = parser.parse_args(argv)
     try:
         draw(options.out, options.seed)
     except SceneError as error:
-        print(f"gallery: {error}", file=sys.stderr)
+        _startup.complain("gallery", error)
         return 2
     print(options.out)
     return 0

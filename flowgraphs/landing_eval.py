@@ -11,14 +11,14 @@ stopped run goes on. No GNU Radio and no hardware is needed.
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import dataclasses
 import os
 import sys
 import time
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 HERE = Path(__file__).resolve().parent
 
@@ -50,25 +50,49 @@ POINT_LIMIT_S = 1800.0  # a point takes seconds; on a slow machine with a slow n
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = _startup.Parser(prog="landing_eval", description=__doc__.splitlines()[0])
     add = parser.add_argument
-    add("study", nargs="?", type=Path, default=HERE / "landing" / "study.yaml", help="YAML file")
-    add("--out", type=Path, default=Path("results/landing"), help="folder (default: %(default)s)")
+    add("study", nargs="?", type=_startup.path, default=HERE / "landing" / "study.yaml", help="YAML file")
+    add("--out", type=_startup.path, default=Path("results/landing"), help="folder (default: %(default)s)")
     add("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
     add("--resume", action="store_true", help="go on with the run that --out holds a part of")
-    add("--trajectory", type=Path, help="CSV: a track, or ADS-B state vectors")
+    add("--trajectory", type=_startup.path, help="CSV: a track, or ADS-B state vectors")
     add("--aircraft", help="icao24 or callsign to take from the trajectory file")
-    add("--altitude-offset-m", type=float, help="added to the trajectory's altitudes (datum)")
-    add("--max-gap-s", type=float, help="longest gap in the trajectory that is interpolated")
-    add("--terrain", type=Path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
+    add(
+        "--altitude-offset-m",
+        type=_startup.number(float, -100000.0, 100000.0),
+        help="added to the trajectory's altitudes (datum)",
+    )
+    add(
+        "--max-gap-s",
+        type=_startup.number(float, 0, 1000000.0),
+        help="longest gap in the trajectory that is interpolated",
+    )
+    add("--terrain", type=_startup.path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
     add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
-    add("--flat-m", type=float, help="elevation of the flat earth")
-    add("--sir-db", type=float, help="SIR of the approach and the sensitivity table")
+    add("--flat-m", type=_startup.number(float, -10000.0, 10000.0), help="elevation of the flat earth")
+    add(
+        "--sir-db",
+        type=_startup.number(float, -200, 200),
+        help="SIR of the approach and the sensitivity table",
+    )
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
-    add("--frames", type=int, help="frames of the approach; 0 leaves it out")
-    add("--trials", type=int, help="frames a point of the curves; 0 leaves them out")
-    add("--sensitivity-trials", type=int, help="frames a row of the sensitivity table; 0: no table")
-    add("--seed", type=int, help="of scatterers, noise and interference (default: the study's)")
+    add("--frames", type=_startup.number(int, 0, 2000000), help="frames of the approach; 0 leaves it out")
+    add(
+        "--trials",
+        type=_startup.number(int, 0, 1000000),
+        help="frames a point of the curves; 0 leaves them out",
+    )
+    add(
+        "--sensitivity-trials",
+        type=_startup.number(int, 0, 1000000),
+        help="frames a row of the sensitivity table; 0: no table",
+    )
+    add(
+        "--seed",
+        type=_startup.number(int, 0, _startup.MOST_SEED),
+        help="of scatterers, noise and interference (default: the study's)",
+    )
     return parser
 
 
@@ -120,12 +144,13 @@ def _run(
         rows.append(measured)
 
 
+@_startup.command("landing_eval")
 def main(argv: list[str] | None = None) -> int:
     """Run the study; returns 0, or 2 after one line about what does not fit."""
     parser = _parser()
     args = parser.parse_args(argv)
-    if args.jobs < 1:
-        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
+    if not 1 <= args.jobs <= _startup.MOST_JOBS:
+        parser.error(f"--jobs is {args.jobs}; it has to be at least 1 and at most {_startup.MOST_JOBS}")
     started = time.monotonic()
     try:
         study = _study(args)
@@ -141,7 +166,7 @@ def main(argv: list[str] | None = None) -> int:
         run["wall_s"] = time.monotonic() - started
         landing_report.write_report(study, rows.rows, args.out, figures, head=head, run=run)
     except (*landing.EXPECTED_ERRORS, workers.WorkerError, OSError) as error:
-        print(f"landing_eval: {error}", file=sys.stderr)
+        _startup.complain("landing_eval", error)
         return 2
     except KeyboardInterrupt:
         print(

@@ -7,26 +7,34 @@ python flowgraphs/leaving_out.py --out docs         # docs/leaving_out.md
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
-
+@_startup.command("leaving_out")
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure every scene of the table; returns 0, 1 if leaving out changed a result, 2 after one line."""
-    parser = argparse.ArgumentParser(
+    parser = _startup.Parser(
         prog="leaving_out", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--frames", type=int, default=100, help="frames at each altitude (default: %(default)s)"
+        "--frames",
+        type=_startup.number(int, 1, 2000000),
+        default=100,
+        help="frames at each altitude (default: %(default)s)",
     )
-    parser.add_argument("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
     parser.add_argument(
-        "--out", type=Path, default=Path("results/leaving_out"), help="folder (default: %(default)s)"
+        "--repeats",
+        type=_startup.number(int, 1, 10000),
+        default=3,
+        help="runs of each (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=_startup.path, default=Path("results/leaving_out"), help="folder (default: %(default)s)"
     )
     args = parser.parse_args(argv)
     if args.frames < 1 or args.repeats < 1:
@@ -51,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             flush=True,
         )
     except FlowgraphError as error:
-        print(f"leaving_out: {error}", file=sys.stderr)
+        _startup.complain("leaving_out", error)
         return 2
     args.out.mkdir(parents=True, exist_ok=True)
     page = markdown(rows, shared, "python flowgraphs/leaving_out.py", args.repeats)

@@ -10,10 +10,12 @@ Run it after every change of ota_b210.grc, ota_live.grc or of a block's descript
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 HERE = Path(__file__).resolve().parent
 
@@ -31,8 +33,12 @@ def made() -> dict[str, dict[str, Any]]:
     }
 
 
-def main() -> int:
+@_startup.command("make_flowgraphs")
+def main(argv: Sequence[str] | None = None) -> int:
     """Write the files beside this one."""
+    _startup.Parser(
+        prog="make_flowgraphs", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args(argv)
     from gnuradio.radalt.evaluation.flowgraph.run import save_grc
 
     for name, data in made().items():

@@ -10,11 +10,9 @@ levels are made the same way where they are wanted (level 1: 2.9 MB a cell, leve
 
 from __future__ import annotations
 
-import argparse
-import sys
-from pathlib import Path
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 
@@ -38,10 +36,13 @@ def approach_csv(approach: terrain.Approach, step_s: float) -> str:
     return "\n".join(lines) + "\n"
 
 
+@_startup.command("make_landing_data")
 def main(argv: list[str] | None = None) -> int:
     """Write the files; returns 0, or 2 after a line about what does not fit."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=HERE / "landing", help="folder (default: %(default)s)")
+    parser = _startup.Parser(prog="make_landing_data", description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--out", type=_startup.path, default=HERE / "landing", help="folder (default: %(default)s)"
+    )
     parser.add_argument("--level", type=int, default=0, choices=(0, 1, 2), help="DTED level (default: 0)")
     parser.add_argument("--terrain", choices=("flat", "hilly", "both"), default="both")
     parser.add_argument(
@@ -84,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
                     )
                 )
     except OSError as error:
-        print(f"make_landing_data: {error}", file=sys.stderr)
+        _startup.complain("make_landing_data", error)
         return 2
     return 0
 

@@ -13,6 +13,8 @@ lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --si
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import dataclasses
 import importlib.util
@@ -20,24 +22,15 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from typing import Any
 
 PROGRAM = "ota_eval"
 DEFAULT_SCENE = "paper_qpsk"
 
 
-class _Parser(argparse.ArgumentParser):
-    """Errors in one line, without the usage text."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
 def _parser() -> argparse.ArgumentParser:
     summary, _, details = __doc__.partition("\n\n")
-    parser = _Parser(
+    parser = _startup.Parser(
         prog=PROGRAM,
         description=summary,
         epilog=details,
@@ -53,11 +46,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
     add("--frames", type=int, help="frames at each altitude")
     add("--seed", type=int, help="everything random follows from it")
-    add("--model", type=Path, metavar="FILE.onnx", help="network of the method tcae")
+    add("--model", type=_startup.path, metavar="FILE.onnx", help="network of the method tcae")
     add(
-        "--method-file", type=Path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
+        "--method-file",
+        type=_startup.path,
+        metavar="FILE.py",
+        help="a method of your own: mitigate(frames, waveform)",
     )
-    add("--out", type=Path, help="result folder (default: results/SCENE-DATE-TIME)")
+    add("--out", type=_startup.path, help="result folder (default: results/SCENE-DATE-TIME)")
     add(
         "--plan",
         action="store_true",
@@ -70,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
     add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
-    add("--replay", type=Path, metavar="FILE", help="score every method on a SigMF recording")
+    add("--replay", type=_startup.path, metavar="FILE", help="score every method on a SigMF recording")
     return parser
 
 
@@ -99,7 +95,7 @@ def _scene(args: argparse.Namespace) -> Any:
     from gnuradio.radalt.core.scene import SceneError, load_scene
     from gnuradio.radalt.evaluation.overlap.points import parse_axis
 
-    scene = load_scene(args.scene or DEFAULT_SCENE)
+    scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
 
     def change(option: str, where: str, value: Callable[[], dict[str, Any]]) -> None:
         nonlocal scene
@@ -124,8 +120,6 @@ def _scene(args: argparse.Namespace) -> Any:
     if args.frames is not None:
         change("--frames", "altitude", lambda: {"frames": args.frames})
     if args.seed is not None:
-        if args.seed < 0:
-            raise SceneError(f"--seed is {args.seed}; it has to be 0 or above")
         change("--seed", "", lambda: {"seed": args.seed})
     if args.methods is not None:
         change("--methods", "", lambda: {"methods": tuple(m.strip() for m in args.methods.split(","))})
@@ -293,19 +287,20 @@ def _run(args: argparse.Namespace, progress: _Progress) -> Path:
     return report
 
 
+@_startup.command("ota_eval")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = _parser()
     args = parser.parse_args(argv)
-    if args.jobs < 1:
-        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
-    if not args.time_limit_s > 0:
-        parser.error(f"--time-limit-s is {args.time_limit_s:g}; it has to be above 0")
+    if not 1 <= args.jobs <= _startup.MOST_JOBS:
+        parser.error(f"--jobs is {args.jobs}; it has to be at least 1 and at most {_startup.MOST_JOBS}")
+    if not 0 < args.time_limit_s <= 1e7:
+        parser.error(f"--time-limit-s is {args.time_limit_s:g}; it has to be above 0 and at most 1e7")
     if args.resume and args.out is None:
         parser.error("--resume needs --out with the folder of the run to complete")
     problem = _check_python()
     if problem:
-        print(f"{PROGRAM}: {problem}", file=sys.stderr)
+        _startup.complain(PROGRAM, problem)
         return 2
     from gnuradio.radalt.core.mitigation import MitigationError
     from gnuradio.radalt.core.radio.calibration import CalibrationError
@@ -330,7 +325,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         report = _run(args, progress)
     except (*known, FlowgraphError, WorkerError, OSError) as error:
         progress.close()
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        _startup.complain(PROGRAM, error)
         return 2
     except KeyboardInterrupt:
         progress.close()

@@ -10,19 +10,19 @@ Runs at real time and without end. Endpoints are on loopback unless you say othe
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+import argparse
+from collections.abc import Sequence
 
 PROGRAM = "ota_remote"
 
 
+@_startup.command("ota_remote")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until stopped; returns 0, or 2 after one line about what does not fit."""
     summary, _, details = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
+    parser = _startup.Parser(
         prog=PROGRAM,
         description=summary,
         epilog=details,
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
     parser.add_argument(
         "--keep-alive-s",
-        type=float,
+        type=_startup.number(float, 0, 86400),
         default=0.0,
         help="on the air: stop transmitting after this long without a request; 0 (default): never",
     )
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
         )
     except (ValueError, FlowgraphError, OSError) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        _startup.complain(PROGRAM, error)
         return 2
     print(f"{PROGRAM}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
     return 0

@@ -11,21 +11,20 @@ drop policy of the air (latency, drops). The simulated transmitters and channel 
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 PROGRAM = "realtime_benchmark"
 
 
 def _parser() -> argparse.ArgumentParser:
     summary, _, details = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
+    parser = _startup.Parser(
         prog=PROGRAM,
         description=summary,
         epilog=details,
@@ -34,16 +33,27 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
     add("--methods", default="none,tcae", help="with commas (%(default)s)")
-    add("--seconds", type=float, default=60.0, help="of signal, each run (%(default)g)")
-    add("--overlap", type=float, default=1.0, help="of the interference (%(default)g)")
-    add("--batch", type=int, default=8, help="frames a run of the network takes at most (%(default)s)")
+    add(
+        "--seconds",
+        type=_startup.number(float, 0.01, 86400),
+        default=60.0,
+        help="of signal, each run (%(default)g)",
+    )
+    add("--overlap", type=_startup.number(float, 0, 1), default=1.0, help="of the interference (%(default)g)")
+    add(
+        "--batch",
+        type=_startup.number(int, 1, 4096),
+        default=8,
+        help="frames a run of the network takes at most (%(default)s)",
+    )
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
     add("--free-only", action="store_true", help="leave out the run held to real time")
-    add("--json", type=Path, metavar="FILE", help="write the numbers, too")
+    add("--json", type=_startup.path, metavar="FILE", help="write the numbers, too")
     return parser
 
 
+@_startup.command("realtime_benchmark")
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
     args = _parser().parse_args(argv)
@@ -72,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 numbers["held to real time" if realtime else "as fast as it goes"] = result
                 _print(result, realtime)
     except (ValueError, FlowgraphError, OSError) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        _startup.complain(PROGRAM, error)
         return 2
     if args.json:
         args.json.write_text(json.dumps({k: _numbers(r) for k, r in numbers.items()}, indent=1))

@@ -9,15 +9,16 @@ what the window shows at the end. Needs no display.
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import os
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -29,23 +30,51 @@ SIZE = (1680, 1000)
 FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
 
 
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = _startup.Parser(
         prog="screenshot", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--out", type=Path, default=Path("docs/live_view.png"), help="PNG file (default: %(default)s)")
+    add(
+        "--out",
+        type=_startup.path,
+        default=Path("docs/live_view.png"),
+        help="PNG file (default: %(default)s)",
+    )
     add(
         "--scene",
         default="paper_qpsk",
         help="YAML file, or the name of a shipped scene (default: %(default)s)",
     )
-    add("--sir-db", type=float, default=-32.0, help="signal-to-interference ratio (default: %(default)g)")
-    add("--overlap", type=float, default=1.0, help="active fraction of the sweep (default: %(default)g)")
+    add(
+        "--sir-db",
+        type=_startup.number(float, -200, 200),
+        default=-32.0,
+        help="signal-to-interference ratio (default: %(default)g)",
+    )
+    add(
+        "--overlap",
+        type=_startup.number(float, 0, 1),
+        default=1.0,
+        help="active fraction of the sweep (default: %(default)g)",
+    )
     add("--method", default="whitening", help="the method that is chosen (default: %(default)s)")
-    add("--frames", type=int, default=FRAMES_A_STEP, help="frames at each altitude (default: %(default)s)")
-    add("--time-limit-s", type=float, default=600.0, help="give up after this long (default: %(default)g)")
-    return parser.parse_args()
+    add(
+        "--frames",
+        type=_startup.number(int, 0, 2000000),
+        default=FRAMES_A_STEP,
+        help="frames at each altitude (default: %(default)s)",
+    )
+    add(
+        "--time-limit-s",
+        type=_startup.number(float, 0, 10000000.0),
+        default=600.0,
+        help="give up after this long (default: %(default)g)",
+    )
+    args = parser.parse_args(argv)
+    if not args.method.isidentifier():  # it is written into the flowgraph as source
+        parser.error(f"--method is {args.method!r}; name one of the chooser's methods")
+    return args
 
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
@@ -64,9 +93,10 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     return top
 
 
-def main() -> int:
+@_startup.command("screenshot")
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the view, save its picture; returns 0, or 2 after one line about what went wrong."""
-    args = _arguments()
+    args = _arguments(argv)
     from PyQt5 import Qt
 
     app = Qt.QApplication(sys.argv[:1])

@@ -10,34 +10,37 @@ Exits with 1 if a case did not pass, after naming it.
 
 from __future__ import annotations
 
+import _startup  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 METHODS = "none,whitening,blanking,nlms,lms_reference_input,lms,tcae"
 GROUPS = ("stiff", "scene", "waveform", "numbers")
 
 
+@_startup.command("stability")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the cases and checks; returns 0, 1 where something did not pass, 2 after one line about what does not fit."""
-    parser = argparse.ArgumentParser(
+    parser = _startup.Parser(
         prog="stability", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
-    parser.add_argument("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
+    parser.add_argument(
+        "--models", nargs="*", type=_startup.path, help="ONNX files of tcae (default: all of models/)"
+    )
     parser.add_argument("--groups", default=",".join(GROUPS), help="groups of cases (default: %(default)s)")
     parser.add_argument(
         "--no-checks", action="store_true", help="leave out long runs, determinism and flowgraph"
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("results/stability"), help="folder (default: %(default)s)"
+        "--out", type=_startup.path, default=Path("results/stability"), help="folder (default: %(default)s)"
     )
     args = parser.parse_args(argv)
 
     from gnuradio.radalt.core.mitigation import METHODS as KNOWN
+    from gnuradio.radalt.core.parsing import check_file
     from gnuradio.radalt.core.paths import model_path
     from gnuradio.radalt.evaluation.stability import checks as stability_checks
     from gnuradio.radalt.evaluation.stability.cases import all_cases
@@ -49,9 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value, known in (("--methods", methods, KNOWN), ("--groups", groups, GROUPS)):
         stray = [v for v in value if v not in known]
         if stray:
-            print(f"stability: {name} names {stray[0]!r}; known: {', '.join(known)}", file=sys.stderr)
-            return 2
+            parser.error(f"{name} names {stray[0][:40]!r}; known: {', '.join(known)}")
     models = args.models or sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
+    for model in models:  # before an hour of cases of the other methods
+        check_file(model, most_bytes=2 << 30, what="tcae model")
     rows = []
     for row in run_cases((c for c in all_cases() if c.group in groups), subjects(methods, models)):
         rows.append(row)

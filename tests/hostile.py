@@ -1,0 +1,28 @@
+"""What tests of hostile input share: run a command in this process, and the two ends that are allowed."""
+
+import contextlib
+import io
+
+MOST = 300  # characters of the one line
+
+
+def ended(main, *arguments: object) -> tuple[int, str]:
+    """Status and stderr of a command; anything that it lets out comes out here, too."""
+    err = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(err):
+        try:
+            status = main([str(a) for a in arguments])
+        except SystemExit as end:
+            status = end.code
+    return status, err.getvalue()
+
+
+def assert_refused(status: int, error: str) -> None:
+    """Status 2 and one printable line of at most 300 characters."""
+    assert status == 2, (status, error)
+    assert_line(error.removesuffix("\n"))
+
+
+def assert_line(text: str) -> None:
+    assert 0 < len(text) <= MOST, text
+    assert text.isprintable(), repr(text)
