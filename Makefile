@@ -16,7 +16,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
+.PHONY: help eval test fuzz lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -27,6 +27,9 @@ eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated ch
 
 test: lint ## format, lint and every test
 	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+
+fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3600); prints how many and how they ended
+	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)
 
 lint: $(VENV)/.test ## ruff's checks alone
 	@$(PYTHON) -m ruff check --quiet .
