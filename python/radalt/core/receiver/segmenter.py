@@ -28,6 +28,9 @@ __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
 _MOST_LOST_FRAMES = 16  # whole frames that may have gone missing at once without a tag
 _DOUBT_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
+_FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
+_TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a sweep is and where it is seen: matched filter, correlation
+_FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
 _MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
 
 
@@ -43,21 +46,34 @@ class _Doubt:
         Whole frames lost, by slip.
     samples : (h,) float array
         Samples by which timing is then off.
+    tolerance : float
+        How far, in samples, the delay may lie from where the sweep was seen.
     """
 
     index: int
     frames: np.ndarray
     samples: np.ndarray
+    tolerance: float
 
     def keep(self, which: np.ndarray) -> bool:
         """Drop all slips but some; whether any is left."""
         self.frames, self.samples = self.frames[which], self.samples[which]
         return bool(self.frames.size)
 
+    def possible(self) -> bool:
+        """Whether any slip explains it: samples are lost whole."""
+        whole = np.rint(self.samples)
+        return self.keep((np.abs(self.samples - whole) <= self.tolerance) & ((whole != 0) | (self.frames > 0)))
+
     @property
     def in_time(self) -> bool:
         """Whether a slip of whole frames alone explains it: timing is right, the index is not."""
-        return bool(np.any((np.abs(self.samples) < 0.75) & (self.frames > 0)))
+        return bool(np.any(self.whole_frames))
+
+    @property
+    def whole_frames(self) -> np.ndarray:
+        """(h,) bool: slips of no fraction of a frame."""
+        return (np.abs(self.samples) <= self.tolerance) & (self.frames > 0)
 
 
 @dataclass
@@ -330,10 +346,10 @@ class FrameSegmenter:
         if not self.settings.monitor:
             out.append(frame)
             return True
-        verdict, seen = self._check(frame)
+        verdict, seen, tolerance = self._check(frame)
         self.unverified_frames = 0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
         held = self._held
-        if verdict == "contradicted" and self._slipped(frame.index, seen):
+        if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
             self._lose_lock(1 + len(held))
             return True
         held.append((frame, verdict))
@@ -370,16 +386,18 @@ class FrameSegmenter:
         sent = [self._sent(index + q) or (0.0, 0.0) for q in range(_MOST_LOST_FRAMES + 1)]
         return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
 
-    def _slipped(self, index: int, seen: float) -> bool:
+    def _slipped(self, index: int, seen: float, tolerance: float) -> bool:
         """Note a frame that was seen at another delay; whether enough frames agree on one slip."""
         frames = np.arange(_MOST_LOST_FRAMES + 1)
-        doubt = _Doubt(index, frames, seen - self._sent_delays(index))
-        agreeing = np.ones(frames.size, dtype=int)
+        doubt = _Doubt(index, frames, seen - self._sent_delays(index), tolerance)
+        if self._sent(index) is not None and not doubt.possible():
+            return False
+        agreeing = np.ones(doubt.frames.size, dtype=int)
         for other in self._doubts:
             rest = np.full(frames.size, np.inf)
             rest[other.frames] = other.samples
-            agreeing += np.abs(rest - doubt.samples) <= 1.0
-        self._doubts = [d for d in self._doubts if index - d.index < _DOUBT_FRAMES or d.keep(np.abs(d.samples) < 0.75)]
+            agreeing += np.abs(rest[doubt.frames] - doubt.samples) <= max(tolerance, other.tolerance)
+        self._doubts = [d for d in self._doubts if index - d.index < _DOUBT_FRAMES or d.keep(d.whole_frames)]
         self._doubts.append(doubt)
         return bool(agreeing.max() >= self.settings.confirm_frames)
 
@@ -388,30 +406,30 @@ class FrameSegmenter:
         if self._doubts:
             delays = self._sent_delays(index)
             self._doubts = [
-                d for d in self._doubts if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= 1.0)
+                d for d in self._doubts if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= d.tolerance)
             ]
 
-    def _check(self, frame: Frame) -> tuple[str, float]:
-        """``verified``, ``contradicted`` or ``undetermined``, and the delay in samples at which the sweep is seen."""
-        sent = self._sent(frame.index)
-        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self.waveform.rate_hz
+    def _check(self, frame: Frame) -> tuple[str, float, float]:
+        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; tolerance, in samples."""
+        sent, rate = self._sent(frame.index), self.waveform.rate_hz
+        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
         if sent is not None:
             shift = self._shift_from_expected(frame, sent)
             if shift is not None:
-                return ("verified" if shift == 0 else "contradicted"), expected + shift
+                return ("verified" if shift == 0 else "contradicted"), expected + shift, _TOLERANCE
         peak, significance = self._correlate(frame.samples)
         if significance < 0.6 * self.settings.lock_threshold:
-            return "undetermined", 0.0
+            return "undetermined", 0.0, _COARSE
         self.quality_db = 10.0 * np.log10(significance)
-        delay = peak if peak < self._n // 2 else peak - self._n
-        if sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5:
-            return "verified", float(delay)
-        return "contradicted", float(delay)
+        delay = (peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate
+        inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
+        return ("verified" if inside else "contradicted"), float(delay), _COARSE
 
-    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> int | None:
+    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> float | None:
         """Samples between the assumed and the true timing, -2..2; None if the sweep is not found that near.
 
-        Matched filters at the transmitted altitude, up to two samples either side.
+        Matched filters at the transmitted altitude, up to two samples either side; whole samples, unless the sweep is
+        strong enough to say a fraction of a quarter and more.
         """
         x, n = frame.samples, self._n
         # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
@@ -428,7 +446,14 @@ class FrameSegmenter:
         best = response.index(max(response))
         strength = response[best] ** 2 * self._n / energy
         self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
-        return best - 2 if strength >= self.settings.lock_threshold else None
+        if strength < self.settings.lock_threshold:
+            return None
+        if strength < _FINE_STRENGTH or not 0 < best < 4:
+            return float(best - 2)
+        # the filter's response is a sinc in samples: the neighbour's share is the fraction
+        beside = best + (1 if response[best + 1] > response[best - 1] else -1)
+        fraction = (beside - best) * response[beside] / (response[beside] + response[best])
+        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0)
 
     def _expected_frame(self, key: tuple[float, float]) -> np.ndarray:
         """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
