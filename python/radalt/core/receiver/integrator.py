@@ -87,12 +87,16 @@ class Integrator:
 
     def __init__(self, altimeter: Altimeter, frames: int, *, doppler: bool, max_speed_m_per_s: float) -> None:
         if frames < 8:
-            raise ValueError(f"tracker integrates {frames} frames; it has to be at least 8: raise tracker.output_s")
+            raise ValueError(
+                f"tracker integrates {frames} frames; it has to be at least 8: raise tracker.output_s"
+            )
         w = altimeter.waveform
         self.waveform, self.frames, self.doppler = w, frames, doppler
         self.beat_hz, self.cell_hz = altimeter.beat_hz, altimeter.cell_hz
         self.cell_m = float(w.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
-        self.speed_per_cell = float(w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0))  # of up against down
+        self.speed_per_cell = float(
+            w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0)
+        )  # of up against down
         limit = altimeter.settings.max_vertical_speed_m_per_s if doppler else np.inf
         self.max_speed = min(max_speed_m_per_s, limit)
         self.resolution_cells = w.range_resolution_m / self.cell_m
@@ -114,7 +118,11 @@ class Integrator:
 
     def _plan_pairs(self, altimeter: Altimeter) -> None:
         """Rows of the joint table: (speed under test, difference of up and down cell), and what each entry says."""
-        reach = min(altimeter.doppler_cells, int(self.max_speed / self.speed_per_cell + 1.01)) if self.doppler else 1
+        reach = (
+            min(altimeter.doppler_cells, int(self.max_speed / self.speed_per_cell + 1.01))
+            if self.doppler
+            else 1
+        )
         offsets = np.arange(-reach, reach + 1)
         if self.doppler:
             nearest = np.abs(offsets[:, None] * self.speed_per_cell - self.speeds).argmin(axis=1)
@@ -311,6 +319,27 @@ class Block:
         here = np.where(away, -np.inf, self._late).max()
         other = np.where(away, self._late, -np.inf).max()
         return bool(other - here > 4.0 * np.sqrt(2.0))
+
+    def second_return(self, found: Measurement, reach: int, above: float, below: float) -> bool:
+        """Whether another return stands within ``reach`` cells of one: what is no side lobe.
+
+        Lobes of whatever a method leaves of a sweep lie on both sides alike, since its weight is real; a return stands on
+        one. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
+        altitude, ``below`` it) and twice its mirror image by five standard deviations.
+        """
+        t = self.tables
+        power, floor, _ = self._sums(int(t.rows[found.row, 0]))
+        steps = np.arange(-reach, reach + 1)
+        cells = np.arange(power.shape[1])
+        here = [np.interp(found.cells[h] + steps, cells, power[h]) / floor[h] - 1.0 for h in range(2)]
+        over = 0.5 * (here[0] + here[1])
+        share = np.where(steps > 0, above, below)
+        noise = np.sqrt(((1.0 + over) ** 2 + 4.0 * (1.0 + over[::-1]) ** 2) / (2.0 * self.count))
+        apart = np.abs(steps) >= 1.5 * t.resolution_cells
+        both = np.minimum(*here) > 0.25 * over  # the two halves show it
+        return bool(
+            np.any(apart & both & (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise))
+        )
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
         """Votes of the peak less votes of cells ``-reach..reach`` from it: mean and its variance, (2, 2 reach + 1) each.

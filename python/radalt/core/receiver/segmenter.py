@@ -26,10 +26,13 @@ from .segmenter_settings import SegmenterSettings
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
-_MOST_LOST_FRAMES = 16  # whole frames that may have gone missing at once without a tag
+_MOST_LOST_FRAMES = 64  # whole frames that may have gone missing at once without a tag
 _DOUBT_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
 _FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
-_TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a sweep is and where it is seen: matched filter, correlation
+_TOLERANCE, _COARSE = (
+    0.4,
+    1.0,
+)  # samples between where a sweep is and where it is seen: matched filter, correlation
 _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
 _MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
 
@@ -63,7 +66,9 @@ class _Doubt:
     def possible(self) -> bool:
         """Whether any slip explains it: samples are lost whole."""
         whole = np.rint(self.samples)
-        return self.keep((np.abs(self.samples - whole) <= self.tolerance) & ((whole != 0) | (self.frames > 0)))
+        return self.keep(
+            (np.abs(self.samples - whole) <= self.tolerance) & ((whole != 0) | (self.frames > 0))
+        )
 
     @property
     def in_time(self) -> bool:
@@ -129,6 +134,7 @@ class FrameSegmenter:
     frame that is seen elsewhere than where it was sent names one ``s`` per ``q``; frames that name the same pair, with
     none between them that contradicts it, end the lock. A slip by ``s`` alone names itself in ``confirm_frames``
     consecutive frames. One by whole frames shows only where the altitude steps: such a frame is held back for good.
+    Altitudes set by hand are then counted on from the sweep that was seen.
     """
 
     def __init__(
@@ -170,7 +176,7 @@ class FrameSegmenter:
             0,
         )
         self._expected: dict[tuple[float, float], np.ndarray] = {}
-        self._sent_by_hand: Callable[[int], float] | None = None
+        self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
         self.quality_db = float("nan")
         self.reset()
@@ -186,9 +192,9 @@ class FrameSegmenter:
         self._held: deque[tuple[Frame, str]] = deque()
         self._doubts: list[_Doubt] = []
 
-    def follow(self, altitude_m: Callable[[int], float]) -> None:
-        """Altitude in metres that was sent as a sweep, by its index: checks frames where there is no programme."""
-        self._sent_by_hand = altitude_m
+    def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
+        """Altitude in metres and range rate in m/s of a sweep by its index: checks frames that have no programme."""
+        self._sent_by_hand = sent
 
     @property
     def sample_counter(self) -> int:
@@ -347,7 +353,9 @@ class FrameSegmenter:
             out.append(frame)
             return True
         verdict, seen, tolerance = self._check(frame)
-        self.unverified_frames = 0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
+        self.unverified_frames = (
+            0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
+        )
         held = self._held
         if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
             self._lose_lock(1 + len(held))
@@ -378,7 +386,7 @@ class FrameSegmenter:
     def _sent(self, index: int) -> tuple[float, float] | None:
         """Altitude and range rate of the point that a frame was sent for; None where that is not known."""
         if self.programme is None:
-            return None if self._sent_by_hand is None else (float(self._sent_by_hand(index)), 0.0)
+            return None if self._sent_by_hand is None or not self.point_target else self._sent_by_hand(index)
         return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
 
     def _sent_delays(self, index: int) -> np.ndarray:
@@ -399,14 +407,22 @@ class FrameSegmenter:
             agreeing += np.abs(rest[doubt.frames] - doubt.samples) <= max(tolerance, other.tolerance)
         self._doubts = [d for d in self._doubts if index - d.index < _DOUBT_FRAMES or d.keep(d.whole_frames)]
         self._doubts.append(doubt)
-        return bool(agreeing.max() >= self.settings.confirm_frames)
+        agreed = agreeing >= self.settings.confirm_frames
+        if self.programme is None and np.any(agreed & doubt.whole_frames):
+            # the timing is right, and altitudes set by hand have no trials that an index could put wrong
+            self._index += int(doubt.frames[agreed & doubt.whole_frames][0])
+            self._doubts.clear()
+            return False
+        return bool(agreed.any())
 
     def _rule_out(self, index: int) -> None:
         """Forget the slips under which a frame could not have been seen where it was sent."""
         if self._doubts:
             delays = self._sent_delays(index)
             self._doubts = [
-                d for d in self._doubts if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= d.tolerance)
+                d
+                for d in self._doubts
+                if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= d.tolerance)
             ]
 
     def _check(self, frame: Frame) -> tuple[str, float, float]:
@@ -519,13 +535,18 @@ class FrameSegmenter:
         self._next_frame()
         return True
 
+    @property
+    def timing_verified(self) -> bool:
+        """Whether one of the last fifty frames showed the sweep where it was sent to be."""
+        return self.state == LOCKED and self.unverified_frames <= _DOUBT_FRAMES
+
     def status(self) -> dict[str, object]:
-        """State, lock quality in dB (correlation over mean) and counters, for telemetry."""
+        """State, lock quality in dB (correlation over mean), how well timing is known, and counters, for telemetry."""
         return {
             "state": self.state,
             "locked": self.state == LOCKED,
             "quality_db": self.quality_db,
             "unverified_frames": self.unverified_frames,
-            "timing_verified": self.state == LOCKED and self.unverified_frames <= _DOUBT_FRAMES,
+            "timing_verified": self.timing_verified,
             **self.counters,
         }

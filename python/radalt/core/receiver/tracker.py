@@ -25,13 +25,20 @@ __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSetting
 
 _SYSTEMATIC_M = 0.5  # interpolation on what a method leaves of a peak, at most (tests/test_tracker.py)
 _GATE_SIGMAS = 4.0
-_LOBES = 6.0  # resolution cells within which side and grating lobes of a return lie; they are left to the evidence
-_ALTITUDE_FLOOR_M, _SPEED_FLOOR = 0.25, 1.5  # m/s; errors of one measurement that interference keeps up from block to block
+_LOBES = (
+    6.0  # resolution cells within which side and grating lobes of a return lie; they are left to the evidence
+)
+_ALTITUDE_FLOOR_M, _SPEED_FLOOR = (
+    0.25,
+    1.5,
+)  # m/s; errors of one measurement that interference keeps up from block to block
 _INDEPENDENT = 4.0  # measurements whose mean is taken for better than one: errors last longer than a block
 _FITTED = 25  # latest altitudes that say how fast the track moves
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _YIELD_S = 1.0  # a track whose rival this near has been stronger for so long gives way
-_LONGEST_GAP_S = 10.0  # of missing frames that is filled with outputs; after a longer one the tracker starts anew
+_LONGEST_GAP_S = (
+    10.0  # of missing frames that is filled with outputs; after a longer one the tracker starts anew
+)
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
 
 
@@ -142,10 +149,13 @@ class Track:
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
     confirmed: bool = False
+    seen: bool = True  # something that is no side lobe stands where the track is expected
     outdone: int = 0  # consecutive blocks in which a rival near by was stronger
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
-    history: deque = field(default_factory=lambda: deque(maxlen=_FITTED), repr=False)  # (frame index, altitude)
+    history: deque = field(
+        default_factory=lambda: deque(maxlen=_FITTED), repr=False
+    )  # (frame index, altitude)
 
     def take(self, found: Measurement, middle: float) -> None:
         """Remember a measurement."""
@@ -214,7 +224,7 @@ class AltitudeTracker:
         self.integrator = Integrator(
             altimeter,
             self.frames,
-            doppler=settings.doppler,
+            doppler=settings.doppler is not False,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
         t = self.integrator
@@ -398,13 +408,15 @@ class AltitudeTracker:
         """The block's measurement of a track, which is updated by it; None where the return is not there."""
         mask = self._gate(track)
         found = block.best(mask)
+        track.seen = False
         if found is None:
             return None
         t = self.integrator
         found = self._calibrated(found)
         track.evidence.add(*block.differences(found, self._reach))
         threshold = _threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
-        if found.strength < threshold or not self._inside(track, found) or self._is_side_lobe(block, found):
+        track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
+        if not (track.seen and self._inside(track, found)):
             return None
         track.take(found, middle)
         lowest, highest = self._open_cells(track)
@@ -452,7 +464,11 @@ class AltitudeTracker:
             strong = found is not None and found.strength >= self._search_threshold
             if strong and self._possible(found) and not self._is_side_lobe(block, found):
                 self._candidate = self._start(block, self._calibrated(found), middle)
-        elif candidate.confirmed and track is not None and (track.missed or track.outdone * self.settings.output_s >= _YIELD_S):
+        elif (
+            candidate.confirmed
+            and track is not None
+            and (not track.seen or track.outdone * self.settings.output_s >= _YIELD_S)
+        ):
             self._track = None  # the ground has stepped: the old altitude is no longer there
 
     def _start(self, block: Block, found: Measurement, middle: float) -> Track:
@@ -501,13 +517,16 @@ class AltitudeTracker:
         track.outdone = track.outdone + 1 if outdone and near else 0
         if outdone or block.contradicted(found):
             return False
+        shares = 10.0 ** (-s.rival_db / 10.0), 10.0 ** (-s.nearer_rival_db / 10.0)
+        if block.second_return(found, round(near_m / t.cell_m), *shares):
+            return False
         apart = t.altitude_m - here
-        for mask, below_db in ((apart > near_m, s.rival_db), (apart < -near_m, s.nearer_rival_db)):
+        for mask, share in ((apart > near_m, shares[0]), (apart < -near_m, shares[1])):
             rival = block.strongest(mask)
             if (
                 rival is not None
                 and rival.strength >= self._search_threshold
-                and rival.power >= found.power * 10.0 ** (-below_db / 10.0)
+                and rival.power >= found.power * share
             ):
                 return False
         return True

@@ -58,8 +58,9 @@ class TrackerSettings:
     ----------
     output_s : float
         Time between outputs, and of the integration; 40 ms is 25 outputs per second.
-    doppler : bool
-        Whether a range rate shows as Doppler. False for synthetic altitudes, whose beat shift has none.
+    doppler : bool or None
+        Whether a range rate shows as Doppler. A synthetic altitude's does not: None stands for what a scene plays
+        (`Scene.tracker_settings`), else true.
     max_vertical_speed_m_per_s : float
         Rate limit of a track, 0..1000; with ``doppler`` the altimeter's own limit holds where it is lower.
     acceleration_m_per_s2 : float
@@ -83,7 +84,7 @@ class TrackerSettings:
     """
 
     output_s: float = 0.04
-    doppler: bool = True
+    doppler: bool | None = None
     max_vertical_speed_m_per_s: float = 150.0
     acceleration_m_per_s2: float = 5.0
     search_pfa: float = 1e-4
