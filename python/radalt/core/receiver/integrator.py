@@ -20,7 +20,14 @@ __all__ = ["Block", "Entry", "Integrator", "Measurement"]
 _VARIANCE = 0.1763  # of log(1 + x), x exponential of mean 1
 _TOP = 200.0  # greatest power over noise in one frame that counts
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
+_STILL = 0.6  # cells that a return may move in a block without being followed by the evidence
 _LATEST = 4  # the last of so many parts of a block has to agree with the whole
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Upper median over the last axis; `numpy.median` takes three times as long for rows this short."""
+    middle = values.shape[-1] // 2
+    return np.partition(values, middle, axis=-1)[..., middle]
 
 
 @dataclass(frozen=True)
@@ -164,7 +171,7 @@ class Integrator:
         """(n, 2, J) float32 power over the noise level of each half sweep; at most `_TOP`, NaN in unusable frames."""
         inner = spectra.power[..., self.first : self.last]
         with np.errstate(invalid="ignore", divide="ignore"):
-            level = np.median(inner, axis=-1) * np.float32(1.0 / np.log(2.0))
+            level = _median(inner) * np.float32(1.0 / np.log(2.0))
             level = np.maximum(level, inner.max(axis=-1) / np.float32(_TOP))
             out = spectra.power / level[..., None]
         out[~((spectra.scale > 0) & np.isfinite(spectra.scale) & (level > 0).all(axis=-1))] = np.nan
@@ -174,13 +181,36 @@ class Integrator:
         """A block from normalised spectra (m, 2, J) of usable frames and their places (m,) in the block."""
         return Block(self, ratio, at)
 
-    def moved(self, values: np.ndarray, at: np.ndarray, cells_per_frame: float) -> np.ndarray:
-        """(m, 2, J) spectra moved to the block's middle, linear between cells."""
-        if cells_per_frame == 0.0:
-            return values
-        shift = (at - at.mean()) * cells_per_frame
-        whole = np.floor(shift).astype(int)
-        rest = (shift - whole).astype(np.float32)[:, None, None]
+    def shifts(self, at: np.ndarray, speed: int) -> np.ndarray:
+        """(m,) cells by which frames at these places are moved to the block's middle, for a speed under test."""
+        return (at - at.mean()) * self._cells_per_frame[speed]
+
+    def moved_sum(self, values: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """(2, J) sum of spectra (m, 2, J), each moved by a fraction of cells, linear between cells.
+
+        One matrix product per block: rows are the frames' weights for every whole shift that occurs.
+        """
+        whole = np.floor(shifts).astype(int)
+        rest = shifts - whole
+        least, most = int(whole.min()), int(whole.max()) + 1
+        weights = np.zeros((most - least + 1, len(values)), dtype=np.float32)
+        frames = np.arange(len(values))
+        weights[whole - least, frames] = 1.0 - rest
+        weights[whole - least + 1, frames] += rest
+        parts = (weights @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+        cells = values.shape[-1]
+        total = np.zeros(values.shape[1:])
+        for shift, part in zip(range(least, most + 1), parts, strict=True):
+            total[..., max(0, -shift) : cells - max(0, shift)] += part[
+                ..., max(0, shift) : cells - max(0, -shift)
+            ]
+        return total
+
+    @staticmethod
+    def moved(values: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """(m, 2, J) spectra moved by a fraction of cells each."""
+        whole = np.floor(shifts).astype(int)
+        rest = (shifts - whole).astype(np.float32)[:, None, None]
         cells = np.clip(np.arange(values.shape[-1]) + whole[:, None], 0, values.shape[-1] - 2)
         rows = np.arange(len(values))[:, None]
         # the advanced indices lead: (m, J, 2)
@@ -198,13 +228,14 @@ class Block:
         self._known: dict[int, tuple] = {}
         self.middle = float(at.mean())
         self._votes = np.log1p(ratio)
-        moved = [tables.moved(self._votes, at, step) for step in tables._cells_per_frame]
         late = -(-self.count // _LATEST)
-        sums = np.stack([m.sum(axis=0) for m in moved])  # (K, 2, J)
-        background, self._sigma = self._noise(sums)
+        shifts = [tables.shifts(at, k) for k in range(tables.speeds.size)]
+        sums = np.stack([tables.moved_sum(self._votes, s) for s in shifts])  # (K, 2, J)
+        background, self._sigma = self._noise(sums[len(sums) // 2])
         self._excess = sums - background
         self.table = self._joint(self._excess) / self._sigma
-        latest = np.stack([m[-late:].sum(axis=0) for m in moved]) - background * (late / self.count)
+        latest = np.stack([tables.moved_sum(self._votes[-late:], s[-late:]) for s in shifts])
+        latest -= background * (late / self.count)
         self._late = self._joint(latest) / np.sqrt(2 * late * _VARIANCE)
 
     def _noise(self, sums: np.ndarray) -> tuple[np.ndarray, float]:
@@ -214,13 +245,11 @@ class Block:
         independent frames have and of what the cells show: interference that repeats with the sweep does not average out.
         """
         t = self.tables
-        inner = sums[..., t.first : t.last]
-        size = (1,) * (sums.ndim - 1) + (t._background,)
-        background = ndimage.median_filter(inner, size=size, mode="reflect")
+        inner = sums[:, t.first : t.last]
+        residual = inner - ndimage.median_filter(inner, size=(1, t._background), mode="reflect")
         everywhere = np.zeros(sums.shape)
-        everywhere[..., t.first : t.last] = background
-        residual = (inner - background)[len(sums) // 2]
-        seen = 1.4826 * np.median(np.abs(residual - np.median(residual, axis=-1, keepdims=True)), axis=-1)
+        everywhere[:, t.first : t.last] = inner - residual
+        seen = 1.4826 * _median(np.abs(residual - _median(residual)[:, None]))
         expected = self.count * _VARIANCE
         return everywhere, float(np.sqrt(np.maximum(seen**2, expected).sum()))
 
@@ -288,11 +317,11 @@ class Block:
         """(2, J) power moved by speed ``k``; (2,) its level in noise; (2,) variance of its slope in noise."""
         if k not in self._known:
             t = self.tables
-            power = t.moved(self._ratio, self._at, float(t._cells_per_frame[k])).sum(axis=0, dtype=np.float64)
+            power = t.moved_sum(self._ratio, t.shifts(self._at, k))
             inner = power[:, t.first : t.last]
-            floor = np.maximum(np.median(inner, axis=-1), 1e-12)
+            floor = np.maximum(_median(inner), 1e-12)
             slopes = np.abs(inner[:, 2:] - inner[:, :-2])
-            self._known[k] = power, floor, (0.5 * 1.4826 * np.median(slopes, axis=-1)) ** 2
+            self._known[k] = power, floor, (0.5 * 1.4826 * _median(slopes)) ** 2
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
@@ -347,17 +376,16 @@ class Block:
         NaN beyond the span. The variance is the frames' own, so it holds whatever the interference is.
         """
         t = self.tables
-        votes = t.moved(self._votes, self._at, float(t._cells_per_frame[t.rows[found.row, 0]]))
-        steps = np.arange(-reach, reach + 1)
-        mean, variance = np.empty((2, steps.size)), np.empty((2, steps.size))
+        shifts = t.shifts(self._at, int(t.rows[found.row, 0]))
+        votes = self._votes if np.ptp(shifts) <= _STILL else t.moved(self._votes, shifts)
+        mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
         for half in range(2):
-            place = found.cells[half] + steps
-            whole = np.clip(np.floor(place).astype(int), 0, votes.shape[-1] - 2)
-            rest = (place - whole).astype(np.float32)
-            profile = votes[:, half, whole] * (1 - rest) + votes[:, half, whole + 1] * rest
-            apart = profile[:, reach : reach + 1] - profile
-            mean[half] = apart.mean(axis=0)
-            variance[half] = apart.var(axis=0) / max(1, self.count - 1)
-            outside = (place < t.first) | (place > t.last - 1)
-            mean[half, outside] = np.nan
+            whole = int(np.floor(found.cells[half]))
+            rest = np.float32(found.cells[half] - whole)
+            low, high = max(t.first, whole - reach), min(t.last - 1, whole + reach + 1)
+            profile = votes[:, half, low:high] * (1 - rest) + votes[:, half, low + 1 : high + 1] * rest
+            apart = profile[:, whole - low, None] - profile
+            at = slice(low - whole + reach, high - whole + reach)
+            mean[half, at] = apart.mean(axis=0)
+            variance[half, at] = apart.var(axis=0) / max(1, self.count - 1)
         return mean, variance

@@ -357,10 +357,10 @@ class FrameSegmenter:
             0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
         )
         held = self._held
-        if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
-            self._lose_lock(1 + len(held))
-            return True
         held.append((frame, verdict))
+        if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
+            self._lose_lock(len(held))
+            return True
         if verdict == "verified":
             # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
             self._rule_out(frame.index)
@@ -409,11 +409,17 @@ class FrameSegmenter:
         self._doubts.append(doubt)
         agreed = agreeing >= self.settings.confirm_frames
         if self.programme is None and np.any(agreed & doubt.whole_frames):
-            # the timing is right, and altitudes set by hand have no trials that an index could put wrong
-            self._index += int(doubt.frames[agreed & doubt.whole_frames][0])
-            self._doubts.clear()
+            self._count_on(int(doubt.frames[agreed & doubt.whole_frames][0]))
             return False
         return bool(agreed.any())
+
+    def _count_on(self, frames: int) -> None:
+        """Whole frames were lost: the timing is right, and altitudes set by hand have no trials to be put wrong."""
+        self._index += frames
+        for frame, verdict in self._held:
+            if verdict == "contradicted":
+                frame.index += frames
+        self._doubts.clear()
 
     def _rule_out(self, index: int) -> None:
         """Forget the slips under which a frame could not have been seen where it was sent."""

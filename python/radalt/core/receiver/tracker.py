@@ -436,14 +436,19 @@ class AltitudeTracker:
             speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR**2,
         )
 
-    def _is_side_lobe(self, block: Block, found: Measurement) -> bool:
-        """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare."""
+    def _is_side_lobe(self, block: Block, found: Measurement, *, ghosts: bool = False) -> bool:
+        """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
+
+        With ``ghosts`` also what shares a half with the stronger return.
+        """
         t = self.integrator
         other = block.strongest(block.away_from(found))
         if other is None or other.strength <= found.strength:
             return False
-        away = np.abs(np.array(other.cells) - found.cells).min() / t.resolution_cells
-        return bool(away >= 1.0 and found.power < other.power * 4.0 / (np.pi * away) ** 2)
+        near, far = np.sort(np.abs(np.array(other.cells) - found.cells)) / t.resolution_cells
+        if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
+            return ghosts
+        return bool(near >= 1.0 and found.power < other.power * 4.0 / (np.pi * near) ** 2)
 
     # -- initiator and deleter ------------------------------------------------------------------------------------
 
@@ -462,7 +467,7 @@ class AltitudeTracker:
         if candidate is None:
             found = block.best(allowed)
             strong = found is not None and found.strength >= self._search_threshold
-            if strong and self._possible(found) and not self._is_side_lobe(block, found):
+            if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
                 self._candidate = self._start(block, self._calibrated(found), middle)
         elif (
             candidate.confirmed
