@@ -19,14 +19,15 @@ TRACKED_VERSION = 1
 class altitude_tracker(altimeter_sink):
     """An altimeter sink that also tracks: the same spectra, summed over 40 ms; see `AltitudeTracker`.
 
-    Altitude by the joint peak of both half sweeps' summed spectra over altitude and vertical speed, then a Kalman filter;
-    ``protection level = 0.5 m + k sigma + ambiguity``.
+    Altitude by the joint peak of both half sweeps' summed spectra over altitude and vertical speed, then a Kalman
+    filter; ``protection level = 0.5 m + k sigma + ambiguity``.
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, timing: message`` (optional: the segmenter's
     ``status``; without lock there are no frames, and the status says FAILURE at once)
     ``> result: message, altitude: float`` (as in `altimeter_sink`), ``tracked: message`` (one dictionary per output:
-    version, method, frame_index, status, state, altitude_m, vertical_speed_m_per_s, protection_level_m, age_s, strength,
-    frames, timing_verified, line). Numbers are NaN unless status is ``normal``; ``line`` is the status as one line of text.
+    version, method, frame_index, status, state, altitude_m, vertical_speed_m_per_s, protection_level_m, age_s,
+    strength, frames, timing_verified, line). Altitude, speed and protection level are NaN unless status is ``normal``;
+    ``line`` is the status as one line of text.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Non-coherent integration: frames' beat spectra in, one joint spectrum of altitude and vertical speed per block out.
 
-Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In exponential
-noise that costs 0.3 dB of sensitivity against the plain sum; in return no single frame decides a block, however strong
-what it shows: what a method invents in one frame of forty is outvoted.
+Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In
+exponential noise that costs 0.3 dB of sensitivity against the plain sum; in return no single frame decides a block,
+however strong what it shows: what a method invents in one frame of forty is outvoted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ __all__ = ["Block", "Entry", "Integrator", "Measurement"]
 _VARIANCE = 0.1763  # of log(1 + x), x exponential of mean 1
 _TOP = 200.0  # greatest power over noise in one frame that counts
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
+_NEARLY = 0.8  # of the greatest strength
 _STILL = 0.6  # cells that a return may move in a block without being followed by the evidence
 _LATEST = 4  # the last of so many parts of a block has to agree with the whole
 
@@ -146,8 +147,9 @@ class Integrator:
         self.altitude_m = self.waveform.beats_to_altitude_m(beat, -beat)
         s = altimeter.settings
         half_cell = 0.5 * self.waveform.range_resolution_m
-        self._valid &= (self.altitude_m >= s.min_altitude_m - half_cell) & (
-            self.altitude_m <= s.max_altitude_m + half_cell
+        self.altitude_span_m = np.array([s.min_altitude_m - half_cell, s.max_altitude_m + half_cell])
+        self._valid &= (self.altitude_m >= self.altitude_span_m[0]) & (
+            self.altitude_m <= self.altitude_span_m[1]
         )
         by_cells = self.rows[:, 1] * self.speed_per_cell
         self.row_speed = by_cells if self.doppler else self.speeds[self.rows[:, 0]]
@@ -242,7 +244,8 @@ class Block:
         """Background around each cell, and the standard deviation of the sum of two halves in noise.
 
         The background is a median over eight resolution cells to either side. The deviation is the greater of what
-        independent frames have and of what the cells show: interference that repeats with the sweep does not average out.
+        independent frames have and of what the cells show: interference that repeats with the sweep does not average
+        out.
         """
         t = self.tables
         inner = sums[:, t.first : t.last]
@@ -282,6 +285,39 @@ class Block:
         """`strongest`, measured to a fraction of a cell; None where none is allowed or it is no peak."""
         entry = self.strongest(allowed)
         return None if entry is None else self.measure(entry)
+
+    def prominent(self, allowed: np.ndarray) -> np.ndarray:
+        """Of the allowed entries that come near the strongest, the one of most power, as a mask like `table`.
+
+        Compression makes a return and its grating lobes alike; without it one frame could decide.
+        """
+        table = np.where(allowed, self.table, -np.inf)
+        near = table >= _NEARLY * table.max()
+        rows = np.nonzero(near.any(axis=1))[0]
+        t = self.tables
+        power = np.zeros(table.shape)
+        for row in rows:
+            sums, floor, _ = self._sums(int(t.rows[row, 0]))
+            power[row] = sums[0, t._up[row]] / floor[0] + sums[1, t._down[row]] / floor[1]
+        mask = np.zeros(table.shape, dtype=bool)
+        mask.flat[np.where(near, power, -1.0).argmax()] = True
+        return mask
+
+    def at_peaks(self, allowed: np.ndarray) -> np.ndarray:
+        """Those of the allowed entries whose halves both lie beside a peak; all of them where none does.
+
+        Within a gate the strongest entry may lie on the flank of a lobe beyond it.
+        """
+        t = self.tables
+        beside = np.zeros((t.speeds.size, 2, t.beat_hz.size), dtype=bool)
+        for k in range(t.speeds.size):
+            power = self._sums(k)[0]
+            peak = (power[:, 1:-1] >= power[:, :-2]) & (power[:, 1:-1] >= power[:, 2:])
+            for shift in range(3):
+                beside[k, :, shift : shift + peak.shape[1]] |= peak
+        k = t.rows[:, :1]
+        found = allowed & beside[k, 0, t._up] & beside[k, 1, t._down]
+        return found if found.any() else allowed
 
     def measure(self, entry: Entry) -> Measurement | None:
         """Position and variance of a return; None where there is no peak."""
@@ -352,8 +388,8 @@ class Block:
     def second_return(self, found: Measurement, reach: int, above: float, below: float) -> bool:
         """Whether another return stands within ``reach`` cells of one: what is no side lobe.
 
-        Lobes of whatever a method leaves of a sweep lie on both sides alike, since its weight is real; a return stands on
-        one. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
+        Lobes of whatever a method leaves of a sweep lie on both sides alike, since its weight is real; a return stands
+        on one. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
         altitude, ``below`` it) and twice its mirror image by five standard deviations.
         """
         t = self.tables
@@ -366,24 +402,24 @@ class Block:
         noise = np.sqrt(((1.0 + over) ** 2 + 4.0 * (1.0 + over[::-1]) ** 2) / (2.0 * self.count))
         apart = np.abs(steps) >= 1.5 * t.resolution_cells
         both = np.minimum(*here) > 0.25 * over  # the two halves show it
-        return bool(
-            np.any(apart & both & (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise))
-        )
+        stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        return bool(np.any(apart & both & stands))
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
-        """Votes of the peak less votes of cells ``-reach..reach`` from it: mean and its variance, (2, 2 reach + 1) each.
+        """Power over noise of the peak less that of cells ``-reach..reach`` from it.
 
-        NaN beyond the span. The variance is the frames' own, so it holds whatever the interference is.
+        Mean and its variance, (2, 2 reach + 1) each; NaN beyond the beat band. The variance is the frames' own, so it
+        holds whatever the interference is.
         """
         t = self.tables
         shifts = t.shifts(self._at, int(t.rows[found.row, 0]))
-        votes = self._votes if np.ptp(shifts) <= _STILL else t.moved(self._votes, shifts)
+        power = self._ratio if np.ptp(shifts) <= _STILL else t.moved(self._ratio, shifts)
         mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
         for half in range(2):
             whole = int(np.floor(found.cells[half]))
             rest = np.float32(found.cells[half] - whole)
-            low, high = max(t.first, whole - reach), min(t.last - 1, whole + reach + 1)
-            profile = votes[:, half, low:high] * (1 - rest) + votes[:, half, low + 1 : high + 1] * rest
+            low, high = max(0, whole - reach), min(power.shape[-1] - 1, whole + reach + 1)
+            profile = power[:, half, low:high] * (1 - rest) + power[:, half, low + 1 : high + 1] * rest
             apart = profile[:, whole - low, None] - profile
             at = slice(low - whole + reach, high - whole + reach)
             mean[half, at] = apart.mean(axis=0)

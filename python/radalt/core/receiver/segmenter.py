@@ -432,7 +432,7 @@ class FrameSegmenter:
             ]
 
     def _check(self, frame: Frame) -> tuple[str, float, float]:
-        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; tolerance, in samples."""
+        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
         sent, rate = self._sent(frame.index), self.waveform.rate_hz
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
         if sent is not None:

@@ -1,9 +1,9 @@
-"""Altitude tracker: beat spectra in, 25 altitudes a second out, each with a status and a bound of its error.
+"""Altitude tracker: beat spectra in, 25 altitudes per second out, each with a status and a bound of its error.
 
-Its parts, in the order of a block's way: the *integrator* sums frames to a block (`integrator.py`); the *initiator* takes
-the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter* moves
-altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends a track.
-A track's life: search, confirm, track, coast, lost.
+Its parts, in the order of a block's way: the *integrator* sums frames to a block (`integrator.py`); the *initiator*
+takes the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter*
+moves altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends
+a track. A track's life: search, confirm, track, coast, lost.
 
 A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So the altitude of a block without
 a measurement is not computed, and neither is one with a rival that could as well be the ground.
@@ -17,34 +17,33 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtri
 
+from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
-from .integrator import Block, Integrator, Measurement
+from .integrator import Block, Entry, Integrator, Measurement
 from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
 
-_SYSTEMATIC_M = 0.5  # interpolation on what a method leaves of a peak, at most (tests/test_tracker.py)
+_SYSTEMATIC_M = 0.5  # interpolation on what a method leaves of a peak
 _GATE_SIGMAS = 4.0
-_LOBES = (
-    6.0  # resolution cells within which side and grating lobes of a return lie; they are left to the evidence
-)
-_ALTITUDE_FLOOR_M, _SPEED_FLOOR = (
-    0.25,
-    1.5,
-)  # m/s; errors of one measurement that interference keeps up from block to block
-_INDEPENDENT = 4.0  # measurements whose mean is taken for better than one: errors last longer than a block
+_LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
+# what interference keeps up from block to block: error of one measurement, and how many make a better one
+_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S, _INDEPENDENT = 0.25, 1.5, 4.0
 _FITTED = 25  # latest altitudes that say how fast the track moves
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
-_YIELD_S = 1.0  # a track whose rival this near has been stronger for so long gives way
-_LONGEST_GAP_S = (
-    10.0  # of missing frames that is filled with outputs; after a longer one the tracker starts anew
-)
+_YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
+_LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
 
 
 def _threshold(pfa: float, trials: float) -> float:
     """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
     return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
+
+
+def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
+    """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
+    return other.strength > found.strength + sigmas and other.power > found.power
 
 
 @dataclass
@@ -112,7 +111,9 @@ class Evidence:
         self.mean = (1.0 - share) * self.mean + share * mean
         self.variance = (1.0 - share) ** 2 * self.variance + share**2 * variance
 
-    def farthest(self, sigmas: float, apart: tuple[int, int], lobe: float) -> tuple[float, float]:
+    def farthest(
+        self, sigmas: float, apart: tuple[int, int], lobe: float, span: tuple[float, float]
+    ) -> tuple[float, float]:
         """The farthest altitude, and the farthest speed, that are not ruled out: both in cells from the track's.
 
         Parameters
@@ -123,6 +124,8 @@ class Evidence:
             Cells by which a rival's up half may lie above its down half, more than the track's: least and most.
         lobe : float
             Distance in cells, of both halves, that belongs to the same return.
+        span : (float, float)
+            Lowest and highest altitude there is, in cells from the track's.
         """
         reach = self.mean.shape[1] // 2
         steps = np.arange(-reach, reach + 1)
@@ -132,10 +135,12 @@ class Evidence:
             down = slice(max(0, -d), steps.size + min(0, -d))
             mean = self.mean[0, up] + self.mean[1, down]
             deviation = np.sqrt(self.variance[0, up] + self.variance[1, down])
+            middle = 0.5 * (steps[up] + steps[down])
             other = np.maximum(np.abs(steps[up]), np.abs(steps[down])) > lobe
-            open_ = other & (mean < sigmas * deviation)  # NaN, beyond the span, is not open
+            other &= (middle >= span[0]) & (middle <= span[1])
+            open_ = other & ~(mean >= sigmas * deviation)
             if open_.any():
-                altitude = max(altitude, 0.5 * float(np.abs(steps[up] + steps[down])[open_].max()))
+                altitude = max(altitude, float(np.abs(middle)[open_].max()))
                 speed = max(speed, float(abs(d)))
         return altitude, speed
 
@@ -191,10 +196,10 @@ class AltitudeTracker:
 
     Notes
     -----
-    **Protection level.** It is the greater of two bounds, each at half the stated risk, plus a systematic part of 0.5 m:
+    **Protection level.** The sum of a systematic part of 0.5 m and two bounds, each at half the stated risk:
 
-    - *noise*: ``k sigma`` of the filtered altitude, ``sigma`` widened by the filter's own innovations where they exceed
-      what its model expects (track consistency);
+    - *noise*: ``k sigma`` of the filtered altitude, ``sigma`` widened by the filter's own innovations where they
+      exceed what its model expects (track consistency);
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
@@ -301,6 +306,7 @@ class AltitudeTracker:
                     out.append(self._close())
         if self._block is None or number != self._block:
             self._open(number)
+            self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
         self._ratio[at], self._offset_s[at] = ratio, offset
         self._here[at] = np.where(np.isnan(ratio[:, 0, 0]), 2, 1)
@@ -318,6 +324,7 @@ class AltitudeTracker:
         last = (self._block + 1) * self.frames - 1
         output = self._judge(last)
         self._open(self._block + 1)
+        self._started_at = 0
         return output
 
     # -- one block ------------------------------------------------------------------------------------------------
@@ -333,10 +340,11 @@ class AltitudeTracker:
         if 2 * at.size < self.frames:
             self._candidate = None
             state = self._missed()
-            status = Status.FAILURE if 2 * np.sum(self._here == 1) < self.frames else Status.NO_COMPUTED_DATA
+            failed = 2 * np.sum(self._here == 1) < self.frames - self._started_at
+            status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
-        self._shift_m = 0.5 * 299_792_458.0 * float(self._offset_s[at[-1]])
+        self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
         return self._follow(block, last, middle)
@@ -407,7 +415,7 @@ class AltitudeTracker:
     def _continue(self, track: Track, block: Block, middle: float) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the return is not there."""
         mask = self._gate(track)
-        found = block.best(mask)
+        found = block.best(block.at_peaks(mask))
         track.seen = False
         if found is None:
             return None
@@ -418,11 +426,13 @@ class AltitudeTracker:
         track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found)):
             return None
+        before = track.latest, track.measured_at
         track.take(found, middle)
         lowest, highest = self._open_cells(track)
-        if lowest > highest:
+        if lowest > highest:  # its Doppler is none that its altitudes allow: a lobe's
+            track.latest, track.measured_at = before
             return None
-        _, open_speed = track.evidence.farthest(self._rival_sigmas, (lowest, highest), t.resolution_cells)
+        _, open_speed = self._farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.hits, track.missed = track.hits + 1, 0
         return found
@@ -433,7 +443,7 @@ class AltitudeTracker:
             found,
             altitude_m=found.altitude_m - self._shift_m,
             altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
-            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR**2,
+            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2,
         )
 
     def _is_side_lobe(self, block: Block, found: Measurement, *, ghosts: bool = False) -> bool:
@@ -463,9 +473,9 @@ class AltitudeTracker:
         if track is not None and track.missed == 0 and track.latest is not None:
             allowed = block.away_from(track.latest)
         else:
-            allowed = None
+            allowed = np.ones(block.table.shape, dtype=bool)
         if candidate is None:
-            found = block.best(allowed)
+            found = block.best(block.prominent(allowed))
             strong = found is not None and found.strength >= self._search_threshold
             if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
                 self._candidate = self._start(block, self._calibrated(found), middle)
@@ -514,8 +524,8 @@ class AltitudeTracker:
         away = block.away_from(found)
         same_speed = block.strongest(away & self._speeds(track)[:, None])
         any_speed = block.strongest(away)
-        outdone = same_speed is not None and same_speed.strength > found.strength
-        outdone |= any_speed is not None and any_speed.strength > found.strength + 3.0
+        outdone = same_speed is not None and _exceeds(same_speed, found, 0.0)
+        outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
         here = found.altitude_m + self._shift_m
         near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
         near = any_speed is not None and abs(any_speed.altitude_m - here) <= near_m
@@ -545,15 +555,25 @@ class AltitudeTracker:
         if not t.doppler:
             return -1, 1
         slope, sigma = track.speed_by_altitudes(self.sweep_s)
+        found = track.latest
         moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
-        spread = self._noise_sigmas * np.hypot(np.hypot(sigma, moved), _SPEED_FLOOR)
-        fastest = t.max_speed + _GATE_SIGMAS * np.sqrt(track.latest.speed_variance_m2_per_s2)
-        own = track.latest.speed_m_per_s
+        variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
+        spread = self._noise_sigmas * np.sqrt(variance)
+        fastest = t.max_speed + _GATE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        own = found.speed_m_per_s
         low = (max(slope - spread, -fastest) - own) / t.speed_per_cell
         high = (min(slope + spread, fastest) - own) / t.speed_per_cell
         if low > 0.0 or high < 0.0:
             return 1, 0
         return int(np.floor(low)), int(np.ceil(high))
+
+    def _farthest(self, track: Track) -> tuple[float, float]:
+        """`Evidence.farthest` over the altitudes and speeds that a track may have."""
+        t = self.integrator
+        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
+        return track.evidence.farthest(
+            self._rival_sigmas, self._open_cells(track), t.resolution_cells, tuple(span)
+        )
 
     def _protection_m(self, track: Track) -> float:
         """See the class: noise and ambiguity, each at half the risk."""
@@ -561,5 +581,5 @@ class AltitudeTracker:
         variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2 / _INDEPENDENT)
         variance *= max(1.0, track.filter.nis)
         noise = self._noise_sigmas * float(np.sqrt(variance))
-        cells, _ = track.evidence.farthest(self._rival_sigmas, self._open_cells(track), t.resolution_cells)
+        cells, _ = self._farthest(track)
         return _SYSTEMATIC_M + noise + cells * t.cell_m

@@ -66,7 +66,7 @@ class TrackerSettings:
     acceleration_m_per_s2 : float
         Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output).
     search_pfa, gate_pfa : float
-        Probability that noise alone gives a detection in one block: over the whole span, and within the gate of a track.
+        Probability that noise alone gives a detection in one block: over the whole span, within the gate of a track.
     confirm_outputs : int
         Consecutive blocks that must agree before an altitude is called valid, 2..25.
     coast_s : float

@@ -1,9 +1,9 @@
 """What a tracker's outputs are worth to whoever flies by them: integrity, continuity, availability, time to alert.
 
-An output is *computed* if its status is NORMAL. A computed one is *misleading* if its error exceeds its protection level,
-*hazardous* if the error exceeds the alert limit while the protection level is within it: nobody was warned (the terms of
-RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates carry Clopper-Pearson intervals, whose upper
-bound says something for zero events as well.
+An output is *computed* if its status is NORMAL. A computed one is *misleading* if its error exceeds its protection
+level, *hazardous* if the error exceeds the alert limit while the protection level is within it: nobody was warned (the
+terms of RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates carry Clopper-Pearson intervals,
+whose upper bound says something for zero events as well.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Integrity:
         return Integrity(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def rate(self, name: str) -> float:
-        """A count over all outputs; NaN without any. `misleading` and the like are risks per output, not per computed."""
+        """A count over all outputs, computed or not; NaN without any."""
         return getattr(self, name) / self.outputs if self.outputs else float("nan")
 
     def interval(self, name: str, confidence: float = 0.95) -> tuple[float, float]:
@@ -133,8 +133,8 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     outputs : (n,) structured array of `tracker.OUTPUT_DTYPE`
     truth_m : (n,) float
         True altitude at each output's time. NaN where there is no return at all: whatever is computed there is
-        misleading, hazardous and wrong by every limit. An output without a meaning (a frame of synchronisation) has to be
-        left out by the caller.
+        misleading, hazardous and wrong by every limit. An output without a meaning (a frame of synchronisation) has to
+        be left out by the caller.
     alert_limit_m : (n,) or scalar, > 0
         Error that must not go unnoticed.
 
