@@ -9,7 +9,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason, shared_altimeter
+from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
 from ._frames import read_frame_tags
 from ._guard import guarded
@@ -59,7 +59,7 @@ class altimeter_sink(gr.sync_block):
     ) -> None:
         n = scene.waveform.samples_per_frame
         outputs = [np.float32] if stream else None
-        gr.sync_block.__init__(self, "radalt_altimeter_sink", [(np.complex64, n)], outputs)
+        gr.sync_block.__init__(self, f"radalt_{type(self).__name__}", [(np.complex64, n)], outputs)
         self.method = method
         self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme
@@ -110,7 +110,8 @@ class altimeter_sink(gr.sync_block):
     def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
         """Measure, store and publish; returns the results."""
         index = np.nan_to_num(tags[:, 0], nan=-1).astype(np.int64)
-        results = self.altimeter.process(frames, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
+        spectra = self.altimeter.spectra(frames)
+        results = self.altimeter.detect(spectra, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
         self._when[at, 0] = tags[:, 1]
@@ -120,7 +121,11 @@ class altimeter_sink(gr.sync_block):
             truth = self._programme.altitude_m(index)
             for result, true in zip(results, truth, strict=True):
                 self._publish(result, float(true))
+        self._track(spectra, tags)
         return results
+
+    def _track(self, spectra: Spectra, tags: np.ndarray) -> None:
+        """What `altitude_tracker` does with the spectra that are there already."""
 
     def _publish(self, result: np.void, truth_m: float) -> None:
         if self._socket is not None:

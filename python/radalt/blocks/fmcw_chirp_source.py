@@ -81,6 +81,19 @@ class fmcw_chirp_source(gr.sync_block):
         out[index < self._programme.preamble_frames] = 0.0
         return out
 
+    def sent(self, frame_index: int) -> tuple[float, float]:
+        """Altitude in metres and range rate in m/s of sweep ``frame_index``, for `frame_segmenter.follow`."""
+        if not self._shifting:
+            return self._programme.at(frame_index)
+        if frame_index < self._programme.preamble_frames:
+            return 0.0, 0.0
+        for first, altitude in reversed(list(self._changes)):
+            if first <= frame_index and altitude >= 0:
+                return altitude, 0.0
+            if first <= frame_index:
+                break
+        return self._programme.at(frame_index)[0], 0.0
+
     def _table(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``."""
         if not self._changes or self._changes[-1][1] != self._manual_m:

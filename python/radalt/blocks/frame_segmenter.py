@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 import pmt
@@ -38,7 +39,7 @@ class frame_segmenter(gr.basic_block):
     scene : Scene
         Waveform, programme, segmenter settings.
     follow_programme : bool
-        True checks frames against the scene's programme; False for altitudes moved by hand.
+        True checks frames against the scene's programme; False for altitudes moved by hand (`follow` checks those).
     drop_when_slow : bool
         Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
         In simulation leave it off: nothing is lost by waiting.
@@ -75,7 +76,7 @@ class frame_segmenter(gr.basic_block):
         self._ready: deque[Frame] = deque()
         self._started = False
         self._reacquire = False
-        self._reported: tuple[str, int] = ("", 0)
+        self._reported: tuple[str, bool, int] = ("", False, 0)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         quiet_buffer(self, n)
         self.set_output_multiple(_PLACES)
@@ -93,6 +94,10 @@ class frame_segmenter(gr.basic_block):
     def reacquire(self) -> None:
         """Take timing anew at the next opportunity; for other threads."""
         self._reacquire = True
+
+    def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
+        """Altitude and range rate by sweep index (`fmcw_chirp_source.sent`), where no programme is followed."""
+        self.segmenter.follow(sent)
 
     def set_full_scale(self, full_scale: float) -> None:
         """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
@@ -190,9 +195,13 @@ class frame_segmenter(gr.basic_block):
             frame.offset_s = (self._calibrated - before) / self._rate
 
     def _report(self) -> None:
-        """A status message on every change of state and every thousand frames."""
+        """A status message on every change of state or of verified timing, and every thousand frames."""
         seg = self.segmenter
-        now = (seg.state, seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY)
+        now = (
+            seg.state,
+            seg.timing_verified,
+            seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY,
+        )
         if now != self._reported:
             self._reported = now
             self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))

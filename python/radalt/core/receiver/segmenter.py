@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,59 @@ from .segmenter_settings import SegmenterSettings
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
+_MOST_LOST_FRAMES = 64  # whole frames that may have gone missing at once without a tag
+_DOUBT_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
+_FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
+_TOLERANCE, _COARSE = (
+    0.4,
+    1.0,
+)  # samples between where a sweep is and where it is seen: matched filter, correlation
+_FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
 _MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+
+
+@dataclass
+class _Doubt:
+    """A frame that was seen at another timing, and the slips that would explain it.
+
+    Attributes
+    ----------
+    index : int
+        The frame's, as it was counted.
+    frames : (h,) int array
+        Whole frames lost, by slip.
+    samples : (h,) float array
+        Samples by which timing is then off.
+    tolerance : float
+        How far, in samples, the delay may lie from where the sweep was seen.
+    """
+
+    index: int
+    frames: np.ndarray
+    samples: np.ndarray
+    tolerance: float
+
+    def keep(self, which: np.ndarray) -> bool:
+        """Drop all slips but some; whether any is left."""
+        self.frames, self.samples = self.frames[which], self.samples[which]
+        return bool(self.frames.size)
+
+    def possible(self) -> bool:
+        """Whether any slip explains it: samples are lost whole."""
+        whole = np.rint(self.samples)
+        return self.keep(
+            (np.abs(self.samples - whole) <= self.tolerance) & ((whole != 0) | (self.frames > 0))
+        )
+
+    @property
+    def in_time(self) -> bool:
+        """Whether a slip of whole frames alone explains it: timing is right, the index is not."""
+        return bool(np.any(self.whole_frames))
+
+    @property
+    def whole_frames(self) -> np.ndarray:
+        """(h,) bool: slips of no fraction of a frame."""
+        return (np.abs(self.samples) <= self.tolerance) & (self.frames > 0)
 
 
 @dataclass
@@ -56,8 +109,8 @@ class FrameSegmenter:
     ----------
     waveform : Waveform
     programme : Programme or None
-        What was transmitted when. None (a person moves the altitude): frames are only checked to hold a sweep within
-        the altitude span, and a lost lock waits for `reacquire`.
+        What was transmitted when. None (a person moves the altitude): a lost lock waits for `reacquire`, and unless
+        `follow` says what is sent, frames are only checked to hold a sweep within the altitude span.
     max_altitude_m : float
         Highest altitude, for the check without a programme.
     true_delay : bool
@@ -71,6 +124,17 @@ class FrameSegmenter:
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
         ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``.
+    unverified_frames : int
+        Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in
+        frames that show the sweep; under interference that hides it, and with an extended return, it is not.
+
+    Notes
+    -----
+    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both stay. Every
+    frame that is seen elsewhere than where it was sent names one ``s`` per ``q``; frames that name the same pair, with
+    none between them that contradicts it, end the lock. A slip by ``s`` alone names itself in ``confirm_frames``
+    consecutive frames. One by whole frames shows only where the altitude steps: such a frame is held back for good.
+    Altitudes set by hand are then counted on from the sweep that was seen.
     """
 
     def __init__(
@@ -112,6 +176,8 @@ class FrameSegmenter:
             0,
         )
         self._expected: dict[tuple[float, float], np.ndarray] = {}
+        self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
+        self.unverified_frames = 0
         self.quality_db = float("nan")
         self.reset()
 
@@ -123,7 +189,12 @@ class FrameSegmenter:
         self._index = 0
         self._offset_s = 0.0
         self._discard = 0  # samples of a torn frame still to come
-        self._held: deque[tuple[Frame, str, float]] = deque()
+        self._held: deque[tuple[Frame, str]] = deque()
+        self._doubts: list[_Doubt] = []
+
+    def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
+        """Altitude in metres and range rate in m/s of a sweep by its index: checks frames that have no programme."""
+        self._sent_by_hand = sent
 
     @property
     def sample_counter(self) -> int:
@@ -133,6 +204,7 @@ class FrameSegmenter:
     def reacquire(self) -> None:
         """Take timing anew; the altitude has to be zero now."""
         self._held.clear()
+        self._doubts.clear()
         self.state = ACQUIRING
 
     def push(self, samples: np.ndarray) -> list[Frame]:
@@ -187,7 +259,7 @@ class FrameSegmenter:
 
     def drain(self) -> list[Frame]:
         """End of the stream: frames still held back and not contradicted."""
-        released = [frame for frame, verdict, _ in self._held if verdict != "contradicted"]
+        released = [frame for frame, verdict in self._held if verdict != "contradicted"]
         self._held.clear()
         self.counters["frames"] += len(released)
         return released
@@ -280,63 +352,111 @@ class FrameSegmenter:
         if not self.settings.monitor:
             out.append(frame)
             return True
-        verdict, delay = self._check(frame)
+        verdict, seen, tolerance = self._check(frame)
+        self.unverified_frames = (
+            0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
+        )
         held = self._held
-        held.append((frame, verdict, delay))
+        held.append((frame, verdict))
+        if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
+            self._lose_lock(len(held))
+            return True
         if verdict == "verified":
             # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
-            out.extend(f for f, _, _ in list(held)[:-1])
+            self._rule_out(frame.index)
+            wrong = {doubt.index for doubt in self._doubts if doubt.in_time}
+            held.pop()
+            out.extend(f for f, _ in held if f.index not in wrong)
+            self.counters["unlocked_frames"] += sum(f.index in wrong for f, _ in held)
             held.clear()
-            held.append((frame, verdict, delay))
-        elif self._contradicted():
-            self.counters["lock_losses"] += 1
-            self.counters["unlocked_frames"] += len(held)
-            held.clear()
-            self.state = LOST
+            held.append((frame, verdict))
         elif len(held) > self.settings.confirm_frames + 1:
             out.append(held.popleft()[0])
         return True
 
-    def _contradicted(self) -> bool:
-        """The last frames agree on one other timing."""
-        count = self.settings.confirm_frames
-        if len(self._held) < count:
-            return False
-        last = list(self._held)[-count:]
-        if any(verdict != "contradicted" for _, verdict, _ in last):
-            return False
-        delays = [delay for _, _, delay in last]
-        return max(delays) - min(delays) <= 1.0
+    def _lose_lock(self, frames: int) -> None:
+        self.counters["lock_losses"] += 1
+        self.counters["unlocked_frames"] += frames
+        self._held.clear()
+        self._doubts.clear()
+        self.state = LOST
 
-    def _check(self, frame: Frame) -> tuple[str, float]:
-        """``verified``, ``contradicted`` (with the other delay in samples) or ``undetermined``."""
-        follow = self.programme is not None and (
-            self.point_target or not self.programme.is_trial(frame.index)
-        )
-        if follow:
-            shift = self._shift_from_expected(frame)
+    # -- slips ----------------------------------------------------------------------------------------------------
+
+    def _sent(self, index: int) -> tuple[float, float] | None:
+        """Altitude and range rate of the point that a frame was sent for; None where that is not known."""
+        if self.programme is None:
+            return None if self._sent_by_hand is None or not self.point_target else self._sent_by_hand(index)
+        return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
+
+    def _sent_delays(self, index: int) -> np.ndarray:
+        """(q,) delays in samples of this frame and the following ones; a span of altitudes without knowledge is 0."""
+        sent = [self._sent(index + q) or (0.0, 0.0) for q in range(_MOST_LOST_FRAMES + 1)]
+        return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
+
+    def _slipped(self, index: int, seen: float, tolerance: float) -> bool:
+        """Note a frame that was seen at another delay; whether enough frames agree on one slip."""
+        frames = np.arange(_MOST_LOST_FRAMES + 1)
+        doubt = _Doubt(index, frames, seen - self._sent_delays(index), tolerance)
+        if self._sent(index) is not None and not doubt.possible():
+            return False
+        agreeing = np.ones(doubt.frames.size, dtype=int)
+        for other in self._doubts:
+            rest = np.full(frames.size, np.inf)
+            rest[other.frames] = other.samples
+            agreeing += np.abs(rest[doubt.frames] - doubt.samples) <= max(tolerance, other.tolerance)
+        self._doubts = [d for d in self._doubts if index - d.index < _DOUBT_FRAMES or d.keep(d.whole_frames)]
+        self._doubts.append(doubt)
+        agreed = agreeing >= self.settings.confirm_frames
+        if self.programme is None and np.any(agreed & doubt.whole_frames):
+            self._count_on(int(doubt.frames[agreed & doubt.whole_frames][0]))
+            return False
+        return bool(agreed.any())
+
+    def _count_on(self, frames: int) -> None:
+        """Whole frames were lost: the timing is right, and altitudes set by hand have no trials to be put wrong."""
+        self._index += frames
+        for frame, verdict in self._held:
+            if verdict == "contradicted":
+                frame.index += frames
+        self._doubts.clear()
+
+    def _rule_out(self, index: int) -> None:
+        """Forget the slips under which a frame could not have been seen where it was sent."""
+        if self._doubts:
+            delays = self._sent_delays(index)
+            self._doubts = [
+                d
+                for d in self._doubts
+                if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= d.tolerance)
+            ]
+
+    def _check(self, frame: Frame) -> tuple[str, float, float]:
+        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
+        sent, rate = self._sent(frame.index), self.waveform.rate_hz
+        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
+        if sent is not None:
+            shift = self._shift_from_expected(frame, sent)
             if shift is not None:
-                return ("verified" if shift == 0 else "contradicted"), float(shift)
+                return ("verified" if shift == 0 else "contradicted"), expected + shift, _TOLERANCE
         peak, significance = self._correlate(frame.samples)
         if significance < 0.6 * self.settings.lock_threshold:
-            return "undetermined", 0.0
+            return "undetermined", 0.0, _COARSE
         self.quality_db = 10.0 * np.log10(significance)
-        delay = peak if peak < self._n // 2 else peak - self._n
-        if not follow:
-            inside = -1.5 <= delay <= self._max_delay_samples + 1.5
-            return ("verified" if inside else "contradicted"), float(delay)
-        expected = float(altitude_to_delay_s(self.programme.altitude_m(frame.index))) * self.waveform.rate_hz
-        return "contradicted", float(delay - expected)
+        delay = (peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate
+        inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
+        return ("verified" if inside else "contradicted"), float(delay), _COARSE
 
-    def _shift_from_expected(self, frame: Frame) -> int | None:
+    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> float | None:
         """Samples between the assumed and the true timing, -2..2; None if the sweep is not found that near.
 
-        Matched filters at the transmitted altitude, up to two samples either side.
+        Matched filters at the transmitted altitude, up to two samples either side; whole samples, unless the sweep is
+        strong enough to say a fraction of a quarter and more.
         """
         x, n = frame.samples, self._n
         # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
         # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
-        expected = self._expected_frame(frame.index)
+        expected = self._expected_frame(sent)
         response = [
             abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
             for shift in range(-2, 3)
@@ -348,11 +468,17 @@ class FrameSegmenter:
         best = response.index(max(response))
         strength = response[best] ** 2 * self._n / energy
         self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
-        return best - 2 if strength >= self.settings.lock_threshold else None
+        if strength < self.settings.lock_threshold:
+            return None
+        if strength < _FINE_STRENGTH or not 0 < best < 4:
+            return float(best - 2)
+        # the filter's response is a sinc in samples: the neighbour's share is the fraction
+        beside = best + (1 if response[best + 1] > response[best - 1] else -1)
+        fraction = (beside - best) * response[beside] / (response[beside] + response[best])
+        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0)
 
-    def _expected_frame(self, index: int) -> np.ndarray:
-        """(N,) complex64 frame as it was sent, delayed by the fraction that timing leaves over, of unit energy."""
-        key = self.programme.at(index)
+    def _expected_frame(self, key: tuple[float, float]) -> np.ndarray:
+        """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
         if key not in self._expected:
             if len(self._expected) >= 64:
                 self._expected.clear()
@@ -415,11 +541,18 @@ class FrameSegmenter:
         self._next_frame()
         return True
 
+    @property
+    def timing_verified(self) -> bool:
+        """Whether one of the last fifty frames showed the sweep where it was sent to be."""
+        return self.state == LOCKED and self.unverified_frames <= _DOUBT_FRAMES
+
     def status(self) -> dict[str, object]:
-        """State, lock quality in dB (correlation over mean) and counters, for telemetry."""
+        """State, lock quality in dB (correlation over mean), how well timing is known, and counters, for telemetry."""
         return {
             "state": self.state,
             "locked": self.state == LOCKED,
             "quality_db": self.quality_db,
+            "unverified_frames": self.unverified_frames,
+            "timing_verified": self.timing_verified,
             **self.counters,
         }

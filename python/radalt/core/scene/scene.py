@@ -23,6 +23,7 @@ from ..programme import Programme
 from ..radio.device import Device, device
 from ..receiver.altimeter import AltimeterSettings
 from ..receiver.segmenter import SegmenterSettings
+from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
 from ..waveform import Waveform
 
@@ -217,6 +218,7 @@ class Scene:
     channel: ChannelSettings = ChannelSettings()
     segmenter: SegmenterSettings = SegmenterSettings()
     altimeter: AltimeterSettings = AltimeterSettings()
+    tracker: TrackerSettings = TrackerSettings()
     methods: tuple[str, ...] = ("none", "whitening")
     method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
     sweep: SweepSpec = SweepSpec()
@@ -279,6 +281,14 @@ class Scene:
             highest_altitude_m=highest,
             vertical_speed_m_per_s=self.altitude.vertical_speed_m_per_s,
         )
+
+    @property
+    def tracker_settings(self) -> TrackerSettings:
+        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none."""
+        if self.tracker.doppler is not None:
+            return self.tracker
+        plays = self.altitude.mode == "true_delay" or self.return_model == "terrain"
+        return dataclasses.replace(self.tracker, doppler=plays)
 
     @property
     def has_jammer(self) -> bool:

@@ -1,0 +1,585 @@
+"""Altitude tracker: beat spectra in, 25 altitudes per second out, each with a status and a bound of its error.
+
+Its parts, in the order of a block's way: the *integrator* sums frames to a block (`integrator.py`); the *initiator*
+takes the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter*
+moves altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends
+a track. A track's life: search, confirm, track, coast, lost.
+
+A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So the altitude of a block without
+a measurement is not computed, and neither is one with a rival that could as well be the ground.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from ..waveform import delay_to_altitude_m
+from .altimeter import Altimeter, Spectra
+from .integrator import Block, Entry, Integrator, Measurement
+from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
+
+__all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
+
+_SYSTEMATIC_M = 0.5  # interpolation on what a method leaves of a peak
+_GATE_SIGMAS = 4.0
+_LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
+# what interference keeps up from block to block: error of one measurement, and how many make a better one
+_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S, _INDEPENDENT = 0.25, 1.5, 4.0
+_FITTED = 25  # latest altitudes that say how fast the track moves
+_INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
+_YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
+_LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
+_SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
+
+
+def _threshold(pfa: float, trials: float) -> float:
+    """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
+    return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
+
+
+def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
+    """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
+    return other.strength > found.strength + sigmas and other.power > found.power
+
+
+@dataclass
+class Kalman:
+    """Altitude and vertical speed at the end of a block, with their covariance.
+
+    Constant speed, driven by white acceleration that lasts a block (Y. Bar-Shalom et al., Estimation with Applications
+    to Tracking and Navigation, 6.3.2). A measurement belongs to the middle of its frames, ``lead_s`` before the end.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    nis: float = 1.0  # innovation squared over its variance, averaged over ten blocks
+
+    def predict(self, seconds: float, acceleration: float) -> None:
+        """Move on by ``seconds``."""
+        step = np.array([[1.0, seconds], [0.0, 1.0]])
+        push = np.array([0.5 * seconds**2, seconds]) * acceleration
+        self.mean = step @ self.mean
+        self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
+
+    def innovation(self, found: Measurement, lead_s: float) -> tuple[float, float]:
+        """Altitude found less altitude expected, and its variance."""
+        row = np.array([1.0, -lead_s])
+        return float(found.altitude_m - row @ self.mean), float(
+            row @ self.covariance @ row + found.altitude_variance_m2
+        )
+
+    def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
+        """Take a measurement, of altitude alone or of speed as well."""
+        rest, variance = self.innovation(found, lead_s)
+        self.nis += 0.1 * (rest**2 / variance - self.nis)
+        self._correct(np.array([1.0, -lead_s]), rest, variance)
+        if with_speed:
+            row = np.array([0.0, 1.0])
+            rest = found.speed_m_per_s - self.mean[1]
+            self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
+
+    def _correct(self, row: np.ndarray, rest: float, variance: float) -> None:
+        gain = self.covariance @ row / variance
+        self.mean = self.mean + gain * rest
+        self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
+        self.covariance = 0.5 * (self.covariance + self.covariance.T)
+
+
+@dataclass
+class Evidence:
+    """How much more a track's cells have shown than cells at other distances, over the last blocks.
+
+    A weighted mean of `Block.differences`, weights falling by ``memory / (memory + 1)`` per block, and its variance.
+    """
+
+    memory: float
+    mean: np.ndarray | None = None
+    variance: np.ndarray | None = None
+    weight: float = 0.0
+
+    def add(self, mean: np.ndarray, variance: np.ndarray) -> None:
+        """One block's differences, (2, 2 reach + 1) each."""
+        self.weight = self.weight * self.memory / (self.memory + 1.0) + 1.0
+        share = 1.0 / self.weight
+        if self.mean is None:
+            self.mean, self.variance = mean, variance
+            return
+        self.mean = (1.0 - share) * self.mean + share * mean
+        self.variance = (1.0 - share) ** 2 * self.variance + share**2 * variance
+
+    def farthest(
+        self, sigmas: float, apart: tuple[int, int], lobe: float, span: tuple[float, float]
+    ) -> tuple[float, float]:
+        """The farthest altitude, and the farthest speed, that are not ruled out: both in cells from the track's.
+
+        Parameters
+        ----------
+        sigmas : float
+            Standard deviations by which a rival has to fall short.
+        apart : (int, int)
+            Cells by which a rival's up half may lie above its down half, more than the track's: least and most.
+        lobe : float
+            Distance in cells, of both halves, that belongs to the same return.
+        span : (float, float)
+            Lowest and highest altitude there is, in cells from the track's.
+        """
+        reach = self.mean.shape[1] // 2
+        steps = np.arange(-reach, reach + 1)
+        altitude = speed = 0.0
+        for d in range(apart[0], apart[1] + 1):
+            up = slice(max(0, d), steps.size + min(0, d))
+            down = slice(max(0, -d), steps.size + min(0, -d))
+            mean = self.mean[0, up] + self.mean[1, down]
+            deviation = np.sqrt(self.variance[0, up] + self.variance[1, down])
+            middle = 0.5 * (steps[up] + steps[down])
+            other = np.maximum(np.abs(steps[up]), np.abs(steps[down])) > lobe
+            other &= (middle >= span[0]) & (middle <= span[1])
+            open_ = other & ~(mean >= sigmas * deviation)
+            if open_.any():
+                altitude = max(altitude, float(np.abs(middle)[open_].max()))
+                speed = max(speed, float(abs(d)))
+        return altitude, speed
+
+
+@dataclass
+class Track:
+    """An altitude that is followed: a candidate until it is confirmed."""
+
+    filter: Kalman
+    evidence: Evidence
+    hits: int = 1  # consecutive
+    missed: int = 0  # consecutive
+    confirmed: bool = False
+    seen: bool = True  # something that is no side lobe stands where the track is expected
+    outdone: int = 0  # consecutive blocks in which a rival near by was stronger
+    measured_at: float = 0.0  # frame index of the middle of the last measurement
+    latest: Measurement | None = field(default=None, repr=False)
+    history: deque = field(
+        default_factory=lambda: deque(maxlen=_FITTED), repr=False
+    )  # (frame index, altitude)
+
+    def take(self, found: Measurement, middle: float) -> None:
+        """Remember a measurement."""
+        self.latest, self.measured_at = found, middle
+        self.history.append((middle, found.altitude_m))
+
+    def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
+        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""
+        if len(self.history) < 3:
+            return 0.0, np.inf
+        time, altitude = np.array(self.history).T
+        time = (time - time.mean()) * sweep_s
+        slope = float(time @ altitude / (time @ time))
+        rest = altitude - altitude.mean() - slope * time
+        # few residuals may be small by chance: what the measurement claims counts as well
+        variance = max(float(rest @ rest) / (time.size - 2), self.latest.altitude_variance_m2)
+        return slope, float(np.sqrt(variance / (time @ time)))
+
+
+class AltitudeTracker:
+    """Beat spectra of frames in, outputs out; keeps its state from call to call, in whatever pieces frames come.
+
+    Parameters
+    ----------
+    altimeter : Altimeter
+        The one that makes the spectra; its span of altitudes and its limit of vertical speed hold here, too.
+    settings : TrackerSettings
+
+    Raises
+    ------
+    ValueError
+        If ``output_s`` holds fewer than eight frames.
+
+    Notes
+    -----
+    **Protection level.** The sum of a systematic part of 0.5 m and two bounds, each at half the stated risk:
+
+    - *noise*: ``k sigma`` of the filtered altitude, ``sigma`` widened by the filter's own innovations where they
+      exceed what its model expects (track consistency);
+    - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
+      deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
+      the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
+
+    It does not bound what cannot be told from the ground: a false return on the ground's own cells, one that was there
+    before the ground was first seen and hides it, or another radar of the same sweep that drifts as slowly as an
+    aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of a block shows in the next.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radalt.core.waveform import Waveform
+    >>> from radalt.core.returns.point import point_return
+    >>> w = Waveform()
+    >>> altimeter = Altimeter(w)
+    >>> rng = np.random.default_rng(1)
+    >>> noise = rng.standard_normal((200, 7500, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    >>> out = AltitudeTracker(altimeter).process(altimeter.spectra(noise + point_return(w, np.full(200, 300.0))))
+    >>> len(out), int(out["status"][-1]) == Status.NORMAL, bool(abs(out["altitude_m"][-1] - 300.0) < 1.0)
+    (5, True, True)
+    """
+
+    def __init__(self, altimeter: Altimeter, settings: TrackerSettings = TrackerSettings()) -> None:  # noqa: B008
+        self.settings = settings
+        self.sweep_s = altimeter.waveform.sweep_s
+        self.frames = round(settings.output_s / self.sweep_s)
+        self.integrator = Integrator(
+            altimeter,
+            self.frames,
+            doppler=settings.doppler is not False,
+            max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
+        )
+        t = self.integrator
+        self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
+        self._reach = t.last - t.first
+        self._search_threshold = _threshold(settings.search_pfa, t.trials)
+        self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
+        self._rival_sigmas = _threshold(settings.risk / 2.0, self._reach / t.resolution_cells)
+        cells = altimeter.beat_hz.size
+        self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
+        self._offset_s = np.empty(self.frames)
+        self._here = np.empty(self.frames, dtype=np.int8)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the track and the frames that wait."""
+        self._track: Track | None = None
+        self._candidate: Track | None = None
+        self._block: int | None = None  # number of the block that is being filled
+        self._next_index = 0
+
+    # -- frames to blocks -----------------------------------------------------------------------------------------
+
+    def process(
+        self,
+        spectra: Spectra,
+        *,
+        frame_index: np.ndarray | int | None = None,
+        timing_offset_s: np.ndarray | float = 0.0,
+    ) -> np.ndarray:
+        """Outputs of the blocks that these frames complete.
+
+        A block is the frames ``k M .. (k + 1) M - 1`` by index; missing ones leave it with fewer. Outputs for blocks
+        that are missing altogether say FAILURE. An index that runs backwards, or ahead by more than ten seconds, starts
+        the tracker anew.
+
+        Parameters
+        ----------
+        spectra : Spectra
+            Of n frames of the altimeter given.
+        frame_index : (n,) int, optional
+            Rising; default counts on from the last call.
+        timing_offset_s : (n,) or scalar
+            As in `Altimeter.process`.
+
+        Returns
+        -------
+        (k,) structured array of `OUTPUT_DTYPE`; ``altitude_m``, ``vertical_speed_m_per_s`` and ``protection_level_m``
+        are NaN unless ``status`` is NORMAL.
+        """
+        n = len(spectra.power)
+        index = self._next_index + np.arange(n) if frame_index is None else np.broadcast_to(frame_index, n)
+        offset = np.broadcast_to(np.asarray(timing_offset_s, dtype=float), n)
+        out: list[tuple] = []
+        if n:
+            ratio = self.integrator.normalise(spectra)
+            block = np.asarray(index) // self.frames
+            cuts = np.nonzero(np.diff(np.asarray(index)) <= 0)[0] + 1
+            cuts = np.union1d(cuts, np.nonzero(np.diff(block))[0] + 1)
+            for part in np.split(np.arange(n), cuts):
+                self._take(ratio[part], np.asarray(index)[part], offset[part], out)
+            self._next_index = int(index[-1]) + 1
+        return np.array(out, dtype=OUTPUT_DTYPE)
+
+    def _take(self, ratio: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]) -> None:
+        """Frames of one block, index rising."""
+        number = int(index[0]) // self.frames
+        if self._block is not None and (number != self._block or index[0] < self._next_in_block):
+            gap = number - self._block
+            if not 0 < gap <= _LONGEST_GAP_S / self.settings.output_s:
+                self.reset()
+            else:
+                for _ in range(gap):
+                    out.append(self._close())
+        if self._block is None or number != self._block:
+            self._open(number)
+            self._started_at = int(index[0]) % self.frames
+        at = index - number * self.frames
+        self._ratio[at], self._offset_s[at] = ratio, offset
+        self._here[at] = np.where(np.isnan(ratio[:, 0, 0]), 2, 1)
+        self._next_in_block = int(index[-1]) + 1
+        if at[-1] == self.frames - 1:
+            out.append(self._close())
+
+    def _open(self, number: int) -> None:
+        self._block = number
+        self._here[:] = 0
+        self._next_in_block = number * self.frames
+
+    def _close(self) -> tuple:
+        """Judge the block that was being filled, and open the next."""
+        last = (self._block + 1) * self.frames - 1
+        output = self._judge(last)
+        self._open(self._block + 1)
+        self._started_at = 0
+        return output
+
+    # -- one block ------------------------------------------------------------------------------------------------
+
+    def _judge(self, last: int) -> tuple:
+        s = self.settings
+        for track in (self._track, self._candidate):
+            if track is not None:
+                track.filter.predict(s.output_s, s.acceleration_m_per_s2)
+        at = np.nonzero(self._here == 1)[0]
+        if at.size:
+            at = at[np.abs(self._offset_s[at] - self._offset_s[at[-1]]) <= _SAME_TIMING_S]
+        if 2 * at.size < self.frames:
+            self._candidate = None
+            state = self._missed()
+            failed = 2 * np.sum(self._here == 1) < self.frames - self._started_at
+            status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
+            return self._output(last, status, state, 0.0, at.size)
+        block = self.integrator.integrate(self._ratio[at], at.astype(float))
+        self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
+        self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
+        middle = last - self.frames + 1 + block.middle
+        return self._follow(block, last, middle)
+
+    def _follow(self, block: Block, last: int, middle: float) -> tuple:
+        """Continue the track, look for a better one, and say what is known."""
+        strongest = block.strongest()
+        strength = 0.0 if strongest is None else strongest.strength
+        normal = False
+        if self._track is not None:
+            found = self._continue(self._track, block, middle)
+            state = State.TRACK if found else self._missed()
+            if found and self._track_failed():
+                found, state, self._track = None, State.LOST, None
+            normal = found is not None and self._undisputed(self._track, block, found)
+        else:
+            state = State.SEARCH
+        self._try_others(block, middle)
+        if self._track is None and self._candidate is not None:
+            state = State.CONFIRM if state == State.SEARCH else state
+            if self._candidate.confirmed:
+                self._track, self._candidate = self._candidate, None
+                state = State.TRACK
+                normal = self._undisputed(self._track, block, self._track.latest)
+        status = Status.NORMAL if normal else Status.NO_COMPUTED_DATA
+        return self._output(last, status, state, strength, block.count)
+
+    def _output(self, last: int, status: int, state: int, strength: float, frames: int) -> tuple:
+        altitude = speed = level = age = np.nan
+        if self._track is not None:
+            age = (last + 0.5 - self._track.measured_at) * self.sweep_s
+            if status == Status.NORMAL:
+                level = self._protection_m(self._track)
+                altitude, speed = (float(v) for v in self._track.filter.mean)
+                if not level <= self.settings.max_protection_m:
+                    status, altitude, speed, level = Status.NO_COMPUTED_DATA, np.nan, np.nan, np.nan
+        return last, status, state, altitude, speed, level, age, strength, frames
+
+    # -- gate and update ------------------------------------------------------------------------------------------
+
+    def _gate(self, track: Track) -> np.ndarray:
+        """Mask of the table's entries that may continue a track; a return lies half a cell from its entry at most."""
+        t, f = self.integrator, track.filter
+        row = np.array([1.0, -self._lead_s])
+        sigma = np.sqrt(row @ f.covariance @ row + track.latest.altitude_variance_m2)
+        expected = row @ f.mean + self._shift_m
+        mask = np.abs(t.altitude_m - expected) <= min(_GATE_SIGMAS * sigma, self._widest_m) + 0.51 * t.cell_m
+        return mask & self._speeds(track)[:, None]
+
+    def _speeds(self, track: Track) -> np.ndarray:
+        """Rows of the table whose speed a track may have."""
+        t, f = self.integrator, track.filter
+        slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
+        return np.abs(t.row_speed - f.mean[1]) <= _GATE_SIGMAS * np.sqrt(f.covariance[1, 1]) + slack
+
+    def _inside(self, track: Track, found: Measurement) -> bool:
+        """Whether a measurement lies within a track's gate."""
+        rest, variance = track.filter.innovation(found, self._lead_s)
+        near = abs(rest) <= min(_GATE_SIGMAS * np.sqrt(variance), self._widest_m)
+        return near and self._possible(found)
+
+    def _possible(self, found: Measurement) -> bool:
+        """Whether a measurement's speed is one that is allowed, as far as it is known."""
+        t = self.integrator
+        spare = _GATE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
+
+    def _continue(self, track: Track, block: Block, middle: float) -> Measurement | None:
+        """The block's measurement of a track, which is updated by it; None where the return is not there."""
+        mask = self._gate(track)
+        found = block.best(block.at_peaks(mask))
+        track.seen = False
+        if found is None:
+            return None
+        t = self.integrator
+        found = self._calibrated(found)
+        track.evidence.add(*block.differences(found, self._reach))
+        threshold = _threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
+        track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
+        if not (track.seen and self._inside(track, found)):
+            return None
+        before = track.latest, track.measured_at
+        track.take(found, middle)
+        lowest, highest = self._open_cells(track)
+        if lowest > highest:  # its Doppler is none that its altitudes allow: a lobe's
+            track.latest, track.measured_at = before
+            return None
+        _, open_speed = self._farthest(track)
+        track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
+        track.hits, track.missed = track.hits + 1, 0
+        return found
+
+    def _calibrated(self, found: Measurement) -> Measurement:
+        """The measurement with the timing's rest taken off its altitude, and no better than measurements are."""
+        return replace(
+            found,
+            altitude_m=found.altitude_m - self._shift_m,
+            altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
+            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2,
+        )
+
+    def _is_side_lobe(self, block: Block, found: Measurement, *, ghosts: bool = False) -> bool:
+        """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
+
+        With ``ghosts`` also what shares a half with the stronger return.
+        """
+        t = self.integrator
+        other = block.strongest(block.away_from(found))
+        if other is None or other.strength <= found.strength:
+            return False
+        near, far = np.sort(np.abs(np.array(other.cells) - found.cells)) / t.resolution_cells
+        if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
+            return ghosts
+        return bool(near >= 1.0 and found.power < other.power * 4.0 / (np.pi * near) ** 2)
+
+    # -- initiator and deleter ------------------------------------------------------------------------------------
+
+    def _try_others(self, block: Block, middle: float) -> None:
+        """Carry the candidate on, or start one from the strongest return that is not the track's."""
+        candidate, track = self._candidate, self._track
+        if candidate is not None:
+            if self._continue(candidate, block, middle) is None or candidate.filter.nis > _INCONSISTENT:
+                self._candidate = candidate = None
+            elif candidate.hits >= self.settings.confirm_outputs:
+                candidate.confirmed = True
+        if track is not None and track.missed == 0 and track.latest is not None:
+            allowed = block.away_from(track.latest)
+        else:
+            allowed = np.ones(block.table.shape, dtype=bool)
+        if candidate is None:
+            found = block.best(block.prominent(allowed))
+            strong = found is not None and found.strength >= self._search_threshold
+            if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
+                self._candidate = self._start(block, self._calibrated(found), middle)
+        elif (
+            candidate.confirmed
+            and track is not None
+            and (not track.seen or track.outdone * self.settings.output_s >= _YIELD_S)
+        ):
+            self._track = None  # the ground has stepped: the old altitude is no longer there
+
+    def _start(self, block: Block, found: Measurement, middle: float) -> Track:
+        t = self.integrator
+        spread = max(t.max_speed / 2.0, 1.0)
+        covariance = np.diag([found.altitude_variance_m2 + (spread * self._lead_s) ** 2, spread**2])
+        # a first Doppler may be a grating lobe's: the speed starts from what is allowed
+        mean = np.array([found.altitude_m, 0.0])
+        track = Track(Kalman(mean, covariance), Evidence(self.settings.memory_outputs))
+        track.evidence.add(*block.differences(found, self._reach))
+        track.take(found, middle)
+        return track
+
+    def _missed(self) -> int:
+        """A block without measurement: coast, and delete the track when that has lasted too long."""
+        track, s = self._track, self.settings
+        if track is None:
+            return State.SEARCH
+        track.missed, track.hits = track.missed + 1, 0
+        if track.missed * s.output_s > s.coast_s:
+            self._track = None
+            return State.LOST
+        return State.COAST
+
+    def _track_failed(self) -> bool:
+        """Whether a track contradicts itself: its altitudes, or its speed beyond the rate limit."""
+        f, s = self._track.filter, self.settings
+        spare = _GATE_SIGMAS * np.sqrt(f.covariance[1, 1])
+        return f.nis > _INCONSISTENT or abs(f.mean[1]) > s.max_vertical_speed_m_per_s + spare
+
+    # -- what is known --------------------------------------------------------------------------------------------
+
+    def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
+        """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
+        s, t = self.settings, self.integrator
+        if track.hits < 2 and found.strength < self._search_threshold:
+            return False  # back from coasting: one weak return may be noise
+        away = block.away_from(found)
+        same_speed = block.strongest(away & self._speeds(track)[:, None])
+        any_speed = block.strongest(away)
+        outdone = same_speed is not None and _exceeds(same_speed, found, 0.0)
+        outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
+        here = found.altitude_m + self._shift_m
+        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
+        near = any_speed is not None and abs(any_speed.altitude_m - here) <= near_m
+        track.outdone = track.outdone + 1 if outdone and near else 0
+        if outdone or block.contradicted(found):
+            return False
+        shares = 10.0 ** (-s.rival_db / 10.0), 10.0 ** (-s.nearer_rival_db / 10.0)
+        if block.second_return(found, round(near_m / t.cell_m), *shares):
+            return False
+        apart = t.altitude_m - here
+        for mask, share in ((apart > near_m, shares[0]), (apart < -near_m, shares[1])):
+            rival = block.strongest(mask)
+            if (
+                rival is not None
+                and rival.strength >= self._search_threshold
+                and rival.power >= found.power * share
+            ):
+                return False
+        return True
+
+    def _open_cells(self, track: Track) -> tuple[int, int]:
+        """Least and most cells by which a rival's halves may differ more than the track's own.
+
+        They stand for the speeds that the track's altitudes leave open; none, where its own is not among them.
+        """
+        t, s = self.integrator, self.settings
+        if not t.doppler:
+            return -1, 1
+        slope, sigma = track.speed_by_altitudes(self.sweep_s)
+        found = track.latest
+        moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
+        variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
+        spread = self._noise_sigmas * np.sqrt(variance)
+        fastest = t.max_speed + _GATE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        own = found.speed_m_per_s
+        low = (max(slope - spread, -fastest) - own) / t.speed_per_cell
+        high = (min(slope + spread, fastest) - own) / t.speed_per_cell
+        if low > 0.0 or high < 0.0:
+            return 1, 0
+        return int(np.floor(low)), int(np.ceil(high))
+
+    def _farthest(self, track: Track) -> tuple[float, float]:
+        """`Evidence.farthest` over the altitudes and speeds that a track may have."""
+        t = self.integrator
+        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
+        return track.evidence.farthest(
+            self._rival_sigmas, self._open_cells(track), t.resolution_cells, tuple(span)
+        )
+
+    def _protection_m(self, track: Track) -> float:
+        """See the class: noise and ambiguity, each at half the risk."""
+        t = self.integrator
+        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2 / _INDEPENDENT)
+        variance *= max(1.0, track.filter.nis)
+        noise = self._noise_sigmas * float(np.sqrt(variance))
+        cells, _ = self._farthest(track)
+        return _SYSTEMATIC_M + noise + cells * t.cell_m

@@ -1,0 +1,118 @@
+"""Settings and outputs of the altitude tracker: what it may believe, and how an altitude leaves the module."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["OUTPUT_DTYPE", "State", "Status", "TrackerSettings"]
+
+
+class Status:
+    """What an output is worth, as the sign/status matrix of an ARINC 429 BNR word says it; ``status`` field.
+
+    `FAILURE` is the equipment's: samples that are not finite, nothing but zeros, no frames. `NO_COMPUTED_DATA` is the
+    world's: no return, too much interference, or more than one altitude that could be true.
+    """
+
+    FAILURE = 0  # 00, failure warning
+    NO_COMPUTED_DATA = 1  # 01
+    NORMAL = 3  # 11; 10 is functional test, which nothing here makes
+
+    NAMES = ("failure", "no_computed_data", "functional_test", "normal")
+
+
+class State:
+    """Where the tracker stands; ``state`` field."""
+
+    SEARCH = 0
+    CONFIRM = 1
+    TRACK = 2
+    COAST = 3
+    LOST = 4
+
+    NAMES = ("search", "confirm", "track", "coast", "lost")
+
+
+OUTPUT_DTYPE = np.dtype(
+    [
+        ("frame_index", np.int64),  # last frame that the output stands for: altitude at its end
+        ("status", np.int8),
+        ("state", np.int8),
+        ("altitude_m", np.float64),
+        ("vertical_speed_m_per_s", np.float64),
+        ("protection_level_m", np.float64),
+        ("age_s", np.float64),  # from the middle of the last measurement to the end of frame_index
+        ("strength", np.float64),  # of the block's best return in standard deviations of the noise
+        ("frames", np.int16),  # usable frames in the block
+    ]
+)
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """How frames become altitudes that can be trusted.
+
+    Parameters
+    ----------
+    output_s : float
+        Time between outputs, and of the integration; 40 ms is 25 outputs per second.
+    doppler : bool or None
+        Whether a range rate shows as Doppler. A synthetic altitude's does not: None stands for what a scene plays
+        (`Scene.tracker_settings`), else true.
+    max_vertical_speed_m_per_s : float
+        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's own limit holds where it is lower.
+    acceleration_m_per_s2 : float
+        Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output).
+    search_pfa, gate_pfa : float
+        Probability that noise alone gives a detection in one block: over the whole span, within the gate of a track.
+    confirm_outputs : int
+        Consecutive blocks that must agree before an altitude is called valid, 2..25.
+    coast_s : float
+        A track without measurement is deleted after so long.
+    risk : float
+        Probability, per output called NORMAL, that the error exceeds the protection level, 1e-9..0.1.
+    max_protection_m : float
+        An altitude bounded no better is not given.
+    memory_outputs : float
+        Outputs over which evidence against rival altitudes is remembered, 1 or above.
+    rival_db : float
+        A second return further up, no weaker than the track's by this much, leaves the altitude undecided, in decibels.
+    nearer_rival_db : float
+        The same for a return nearer than the track's: the ground is the nearest thing there is.
+    """
+
+    output_s: float = 0.04
+    doppler: bool | None = None
+    max_vertical_speed_m_per_s: float = 150.0
+    acceleration_m_per_s2: float = 5.0
+    search_pfa: float = 1e-4
+    gate_pfa: float = 1e-4
+    confirm_outputs: int = 3
+    coast_s: float = 1.0
+    risk: float = 1e-5
+    max_protection_m: float = 60.0
+    memory_outputs: float = 10.0
+    rival_db: float = 6.0
+    nearer_rival_db: float = 10.0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "output_s": (1e-4, 10.0),
+            "max_vertical_speed_m_per_s": (0.0, 1000.0),
+            "acceleration_m_per_s2": (0.01, 1000.0),
+            "search_pfa": (1e-9, 0.1),
+            "gate_pfa": (1e-9, 0.1),
+            "confirm_outputs": (2, 25),
+            "coast_s": (0.0, 60.0),
+            "risk": (1e-9, 0.1),
+            "max_protection_m": (1.0, 10_000.0),
+            "memory_outputs": (1.0, 1000.0),
+            "rival_db": (0.0, 40.0),
+            "nearer_rival_db": (0.0, 40.0),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not low <= value <= high:  # a NaN is not within, either
+                raise ValueError(f"tracker.{name} is {value!r}; it has to be within {low:g}..{high:g}")

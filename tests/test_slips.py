@@ -1,0 +1,274 @@
+"""Losses of samples that nobody marks: no altitude may be wrong in silence, whatever the programme.
+
+More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 python -m pytest tests/test_slips.py``.
+"""
+
+import os
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.programme import Programme
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.segmenter import Frame, FrameSegmenter
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+N = W.samples_per_frame
+ALTIMETER = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=30.0))
+STREAMS = int(os.environ.get("RADALT_SLIP_STREAMS", "24"))
+NOTICE_FRAMES = 50
+WRONG_M = 5.0
+
+
+@dataclass
+class Stream:
+    """A run as it comes from the radio: samples, and the losses (first sample, length, tagged) among them."""
+
+    programme: Programme
+    true_delay: bool
+    by_hand: bool
+    samples: np.ndarray
+    losses: list[tuple[int, int, bool]]
+
+
+def received(programme: Programme, true_delay: bool, snr_db: float, seed: int) -> np.ndarray:
+    """What the simulated channel delivers of a programme, without losses."""
+    total = programme.total_frames + 3
+    channel = SimulatedChannel(
+        W,
+        ChannelSettings(snr_db=snr_db),
+        seed=seed,
+        true_delay=programme if true_delay else None,
+        frames=total,
+    )
+    sweeps: dict[float, np.ndarray] = {}
+    out = []
+    for block in range(total):
+        altitude = 0.0 if true_delay else float(programme.altitude_m(block))
+        if altitude not in sweeps:
+            sweeps[altitude] = W.beat_shifted(altitude)
+        out += [samples for _, samples in channel.process(sweeps[altitude])]
+    return np.concatenate(out)
+
+
+def random_stream(seed: int) -> Stream:
+    """Steps of 1 to 130 frames, with and without synchronisation, 0 to 15 dB; one to three losses, some tagged."""
+    rng = np.random.default_rng([seed, 0x511B])
+    true_delay = bool(rng.random() < 0.5)
+    by_hand = not true_delay and bool(rng.random() < 0.4)
+    step = int(rng.choice([1, 2, 3, 5, 15, 40, 130]))
+    count = max(1, 130 // step)
+    if rng.random() < 0.6:
+        altitudes = rng.uniform(0.0, 1400.0, count)
+    else:  # steps that are whole samples, which a loss can imitate
+        altitudes = np.clip(
+            300.0 + np.cumsum(rng.choice([-140, -60, -20, 3, 20, 60, 140], count)), 10.0, 1400.0
+        )
+    programme = Programme(
+        altitudes_m=tuple(float(a) for a in np.round(altitudes, 2)),
+        frames_per_step=step,
+        sync_every_frames=int(rng.choice([0, 0, 30, 60])),
+        vertical_speed_m_per_s=float(rng.choice([0.0, 10.0])) if true_delay else 0.0,
+    )
+    samples = received(programme, true_delay, float(rng.uniform(0.0, 15.0)), seed)
+    losses, at = [], 0
+    for first in np.sort(rng.integers(25 * N, samples.size - 8 * N, int(rng.integers(1, 4)))):
+        whole = N * int(rng.integers(1, 4))
+        length = int(
+            rng.choice([rng.integers(1, 10), rng.integers(1, N), whole - rng.integers(0, 12), whole])
+        )
+        if first >= at:
+            losses.append((int(first), length, bool(rng.random() < 0.3)))
+            at = first + length
+    if rng.random() < 0.2:
+        bad = int(rng.integers(20, samples.size // N - 5)) * N
+        samples[bad : bad + N + 100] = np.nan
+    return Stream(programme, true_delay, by_hand, samples, losses)
+
+
+@dataclass
+class Seen:
+    """A frame that came out, and what was known of the timing then: verified, locks lost so far."""
+
+    frame: Frame
+    verified: bool
+    lock_losses: int
+
+
+def segmented(stream: Stream, seed: int) -> tuple[list[Seen], FrameSegmenter]:
+    """The class alone, in random chunks."""
+    rng = np.random.default_rng([seed, 0xC])
+    segmenter = FrameSegmenter(W, None if stream.by_hand else stream.programme, true_delay=stream.true_delay)
+    if stream.by_hand:
+        segmenter.follow(stream.programme.at)
+    seen: list[Seen] = []
+
+    def keep(frames: list[Frame]) -> None:
+        seen.extend(Seen(f, segmenter.timing_verified, segmenter.counters["lock_losses"]) for f in frames)
+
+    at = 0
+    for first, length, tagged in (*stream.losses, (stream.samples.size, 0, False)):
+        while at < first:
+            count = min(first - at, int(rng.integers(1, 3 * N)))
+            keep(segmenter.push(stream.samples[at : at + count]))
+            at += count
+        if tagged:
+            keep(segmenter.jump(length))
+        at = first + length
+    keep(segmenter.drain())
+    return seen, segmenter
+
+
+def silently_wrong(stream: Stream, seen: list[Seen], lock_losses: int) -> list[tuple[int, float]]:
+    """Frames (index, error) with a valid altitude more than 5 m off, of which no status spoke within 50 frames."""
+    if not seen:
+        return []
+    index = np.array([s.frame.index for s in seen])
+    results = ALTIMETER.process(
+        np.stack([s.frame.samples for s in seen]),
+        timing_offset_s=np.array([s.frame.offset_s for s in seen]),
+        frame_index=index,
+    )
+    error = np.abs(results["altitude_m"] - stream.programme.altitude_m(index))
+    wrong = results["valid"] & stream.programme.is_trial(index) & (error > WRONG_M)
+    out = []
+    for k in np.nonzero(wrong)[0]:
+        later = [s.lock_losses for s in seen[k : k + NOTICE_FRAMES]]
+        if len(later) < NOTICE_FRAMES:
+            later.append(lock_losses)
+        if seen[k].verified and max(later) == seen[k].lock_losses:
+            out.append((int(index[k]), float(error[k])))
+    return out
+
+
+@pytest.mark.parametrize("batch", range(8))
+def test_no_random_loss_leaves_an_altitude_wrong_in_silence(batch):
+    released = noticed = 0
+    for seed in range(batch, STREAMS, 8):
+        stream = random_stream(seed)
+        seen, segmenter = segmented(stream, seed)
+        assert silently_wrong(stream, seen, segmenter.counters["lock_losses"]) == [], f"stream {seed}"
+        released, noticed = released + len(seen), noticed + segmenter.counters["lock_losses"]
+    assert released > 0 and noticed > 0  # frames came, and losses were noticed
+
+
+def lossy(programme: Programme, length: int, *, true_delay: bool = False, by_hand: bool = False) -> Stream:
+    """One untagged loss in frame 60."""
+    return Stream(
+        programme,
+        true_delay,
+        by_hand,
+        received(programme, true_delay, 10.0, 3),
+        [(60 * N + 1234, length, False)],
+    )
+
+
+def test_a_loss_of_nearly_a_frame_with_two_frames_a_step_is_noticed():
+    """7,493 samples in true delay: every frame is seen 7 samples late, at the altitude of the one after."""
+    altitudes = tuple(np.random.default_rng(1).uniform(100.0, 1400.0, 60))
+    stream = lossy(Programme(altitudes, frames_per_step=2), 7493, true_delay=True)
+    seen, segmenter = segmented(stream, 1)
+    assert silently_wrong(stream, seen, segmenter.counters["lock_losses"]) == []
+    assert segmenter.counters["lock_losses"] == 1 and segmenter.state == "lost"
+
+
+@pytest.mark.parametrize("length", [1, 3, 7493, 4000])
+def test_a_loss_by_hand_is_noticed_where_it_is_known_what_is_sent(length):
+    """Without that knowledge three samples are sixty metres more, and nothing else."""
+    programme = Programme((300.0,), frames_per_step=130)
+    seen, segmenter = segmented(lossy(programme, length, by_hand=True), 2)
+    assert segmenter.counters["lock_losses"] == 1
+    assert max(s.frame.index for s in seen) <= 61
+    deaf = FrameSegmenter(W)
+    deaf.push(np.delete(received(programme, False, 10.0, 3), slice(60 * N, 60 * N + 3))[: 130 * N])
+    assert deaf.counters["lock_losses"] == 0 and not deaf.timing_verified  # and says that it does not know
+
+
+def test_whole_frames_lost_by_hand_are_counted_on_from_what_was_sent():
+    programme = Programme((300.0, 500.0, 800.0), frames_per_step=40)
+    stream = lossy(programme, 2 * N, by_hand=True)
+    seen, segmenter = segmented(stream, 3)
+    assert segmenter.counters["lock_losses"] == 0 and segmenter.state == "locked"
+    assert silently_wrong(stream, seen, 0) == []
+    last = seen[-1].frame.index
+    assert last >= programme.total_frames - 2  # two more than were received
+
+
+def test_hidden_sweeps_leave_the_timing_unverified():
+    """Nothing can be noticed in frames that do not show the sweep: the status says so after fifty."""
+    programme = Programme((300.0,), frames_per_step=130)
+    samples = received(programme, False, 10.0, 4)
+    rng = np.random.default_rng(4)
+    hidden = samples[40 * N :]
+    hidden += 100.0 * (rng.standard_normal(hidden.size) + 1j * rng.standard_normal(hidden.size)).astype(
+        np.complex64
+    )
+    segmenter = FrameSegmenter(W, programme)
+    segmenter.push(samples[: 80 * N])
+    assert segmenter.timing_verified
+    segmenter.push(samples[80 * N :])
+    assert segmenter.state == "locked" and not segmenter.timing_verified
+    assert segmenter.status()["unverified_frames"] > NOTICE_FRAMES
+
+
+class TestThroughTheBlock:
+    """The same streams through GNU Radio, tags as the radio sets them."""
+
+    @pytest.mark.parametrize("seed", range(max(4, STREAMS // 20)))
+    def test_no_random_loss_leaves_an_altitude_wrong_in_silence(self, seed):
+        import pmt
+        from gnuradio import blocks, gr, radalt
+
+        from gnuradio.radalt.blocks._frames import time_tag
+        from gnuradio.radalt.core.scene import parse_scene
+
+        stream = random_stream(10_000 + seed)
+        p = stream.programme
+        scene = parse_scene(
+            {
+                "altitude": {
+                    "programme_m": list(p.altitudes_m),
+                    "frames": p.frames_per_step,
+                    "sync_every_frames": p.sync_every_frames,
+                    "mode": "true_delay" if stream.true_delay else "synthetic",
+                    "vertical_speed_m_per_s": p.vertical_speed_m_per_s,
+                }
+            }
+        )
+        pieces, tags, at, sample = [], [], 0, 0
+        for first, length, tagged in (*stream.losses, (stream.samples.size, 0, False)):
+            pieces.append(stream.samples[at:first])
+            sample += first - at
+            at = first + length
+            if tagged:  # the radio's clock counts what the host lost, marked or not
+                counter = sample + sum(lost for _, lost, marked in stream.losses if marked and _ <= first)
+                tags.append(
+                    gr.tag_utils.python_to_tag((sample, pmt.intern("rx_time"), time_tag(counter, W.rate_hz)))
+                )
+        source = blocks.vector_source_c(np.concatenate(pieces).tolist(), False, 1, tags)
+        block = radalt.frame_segmenter(scene, follow_programme=not stream.by_hand)
+        if stream.by_hand:
+            block.follow(p.at)
+        seen: list[Seen] = []
+        push, jump = block.segmenter.push, block.segmenter.jump
+
+        def keep(frames: list[Frame]) -> list[Frame]:
+            known = block.segmenter
+            seen.extend(Seen(f, known.timing_verified, known.counters["lock_losses"]) for f in frames)
+            return frames
+
+        block.segmenter.push = lambda samples: keep(push(samples))
+        block.segmenter.jump = lambda lost: keep(jump(lost))
+        top = gr.top_block()
+        sink = blocks.null_sink(gr.sizeof_gr_complex * N)
+        top.connect(source, block, sink)
+        runner = threading.Thread(target=top.run, daemon=True)
+        runner.start()
+        runner.join(120)
+        assert not runner.is_alive() and getattr(block, "error", None) is None
+        assert seen
+        assert silently_wrong(stream, seen, block.segmenter.counters["lock_losses"]) == []

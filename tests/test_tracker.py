@@ -1,0 +1,324 @@
+"""The tracker: what it gains by integration, what it says of its own error, and when it says nothing."""
+
+import numpy as np
+import pytest
+
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.integrator import Integrator
+from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
+from radalt.evaluation.results.integrity import clopper_pearson
+
+W = Waveform()
+N = W.samples_per_frame
+ALTIMETER = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=20.0))
+FAST = Altimeter(W, AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=150.0))
+T = 0.001  # s, a frame
+
+
+def noise(rng, frames: int, snr_db: float) -> np.ndarray:
+    """Complex white noise under a return of unit amplitude."""
+    rails = rng.standard_normal((frames, N, 2), dtype=np.float32)
+    return rails.view(np.complex64)[..., 0] * np.float32(10.0 ** (-snr_db / 20.0) / np.sqrt(2.0))
+
+
+def flight(rng, altitude_m, snr_db: float, speed: float = 0.0) -> np.ndarray:
+    """A point return at these altitudes, one a frame, of random phase."""
+    altitude_m = np.asarray(altitude_m, dtype=float)
+    phase = rng.random(altitude_m.size)
+    return point_return(W, altitude_m, vertical_speed_m_per_s=speed, phase_cycles=phase) + noise(
+        rng, altitude_m.size, snr_db
+    )
+
+
+def tracked(
+    frames: np.ndarray, altimeter: Altimeter = ALTIMETER, settings=None, index=None, chunk: int = 200
+):
+    """Outputs of one run."""
+    tracker = AltitudeTracker(altimeter, settings or TrackerSettings())
+    index = np.arange(len(frames)) if index is None else index
+    parts = [
+        tracker.process(altimeter.spectra(frames[k : k + chunk]), frame_index=index[k : k + chunk])
+        for k in range(0, len(frames), chunk)
+    ]
+    return np.concatenate(parts)
+
+
+def block_of(
+    rng,
+    frames: int,
+    snr_db: float,
+    *,
+    speed: float = 0.0,
+    allowed: float | None = None,
+    altitude: float = 500.0,
+):
+    """One block with a return at its middle, and what it was made by."""
+    altimeter = FAST if speed else ALTIMETER
+    allowed = altimeter.settings.max_vertical_speed_m_per_s if allowed is None else allowed
+    tables = Integrator(altimeter, frames, doppler=allowed > 0, max_speed_m_per_s=allowed)
+    at = np.arange(frames, dtype=float)
+    path = altitude + speed * (at - at.mean()) * T
+    ratio = tables.normalise(altimeter.spectra(flight(rng, path, snr_db, speed)))
+    return tables.integrate(ratio, at)
+
+
+def test_strength_grows_as_the_square_root_of_the_frames():
+    """Deflection of a sum of M looks; log(1 + x) costs 0.3 dB of the plain sum's sqrt(2 M) rho."""
+    snr_db, rng = -37.0, np.random.default_rng(1)
+    rho = 10.0 ** (snr_db / 10.0) * N / 2  # power over noise in one half sweep's cell
+    for frames, runs in ((40, 24), (160, 8)):
+        near = [
+            block_of(rng, frames, snr_db).strongest(None).strength for _ in range(runs)
+        ]  # the strongest of noise adds a little
+        expected = 0.96 * rho * np.sqrt(2 * frames)
+        assert 0.75 * expected < np.mean(near) < 1.25 * expected + 1.0
+
+
+def test_frames_moved_by_their_speed_lose_nothing_of_a_fast_return():
+    """150 m/s over 320 ms cross 48 m, more than two resolution cells: summed where they stand they lose 4 dB."""
+    rng = np.random.default_rng(2)
+    still = np.mean([block_of(rng, 320, -30.0).best().power for _ in range(2)])
+    blocks = [block_of(rng, 320, -30.0, speed=150.0) for _ in range(2)]
+    assert 10 * np.log10(np.mean([b.best().power for b in blocks]) / still) > -1.2
+    unmoved = np.mean([b.tables.moved_sum(b._ratio, np.zeros(320)).max() / 320 - 1 for b in blocks])
+    assert 10 * np.log10(unmoved / still) < -3.0
+
+
+def test_measurement_knows_its_own_error():
+    """Squared error over its claimed variance has a mean of one: 120 blocks, at two strengths."""
+    rng = np.random.default_rng(3)
+    for snr_db in (-33.0, -20.0):
+        altitude = rng.uniform(100.0, 900.0, 60)
+        found = [block_of(rng, 40, snr_db, altitude=h).best() for h in altitude]
+        ratio = [
+            (f.altitude_m - h) ** 2 / f.altitude_variance_m2 for f, h in zip(found, altitude, strict=True)
+        ]
+        assert 0.6 < np.mean(ratio) < 1.6
+
+
+def test_one_frame_of_forty_decides_nothing():
+    """A frame with a clean false return among frames of noise: what a method may invent."""
+    rng = np.random.default_rng(4)
+    frames = noise(rng, 400, 0.0)
+    frames[::40] = 30.0 * point_return(W, np.full(10, 500.0))
+    assert not np.any(tracked(frames)["state"] == State.TRACK)
+
+
+def test_noise_alone_is_no_computed_data():
+    outputs = tracked(noise(np.random.default_rng(5), 1200, 0.0))
+    assert np.all(outputs["status"] == Status.NO_COMPUTED_DATA)
+    assert np.all(np.isnan(outputs["altitude_m"]))
+
+
+def test_protection_level_holds_at_its_stated_risk():
+    """At a risk of 2 % a wrong bound shows: 24 runs of 15 outputs close to the limit of detection."""
+    rng = np.random.default_rng(6)
+    settings = TrackerSettings(risk=0.02)
+    events = trials = 0
+    widths = []
+    for _ in range(24):
+        speed = rng.uniform(-10.0, 10.0)
+        path = rng.uniform(100.0, 900.0) + speed * np.arange(600) * T
+        outputs = tracked(flight(rng, path, rng.uniform(-36.0, -25.0), speed), settings=settings)
+        true = path[outputs["frame_index"]] + 0.5 * speed * T
+        normal = outputs["status"] == Status.NORMAL
+        beyond = np.abs(outputs["altitude_m"] - true) > outputs["protection_level_m"]
+        events, trials = events + int(np.sum(normal & beyond)), trials + int(normal.sum())
+        widths.extend(outputs["protection_level_m"][normal])
+    assert trials > 200
+    assert clopper_pearson(events, trials)[0] <= 0.02
+    assert np.median(widths) < 5.0  # and it says something
+
+
+@pytest.mark.parametrize("step_m", [50.0, -150.0, 300.0])
+def test_a_step_of_the_ground_is_found_again_and_never_called_normal_meanwhile(step_m):
+    path = np.where(np.arange(800) < 410, 500.0, 500.0 + step_m)
+    outputs = tracked(flight(np.random.default_rng(7), path, -10.0))
+    error = np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])
+    normal = outputs["status"] == Status.NORMAL
+    assert error[normal].max() < 1.0
+    assert normal[outputs["frame_index"] > 410 + 4 * 40].all()
+
+
+def test_a_step_in_the_last_frames_of_a_block_is_noticed_by_the_next_output():
+    path = np.where(np.arange(800) < 438, 500.0, 600.0)
+    outputs = tracked(flight(np.random.default_rng(8), path, -10.0))
+    wrong = (outputs["status"] == Status.NORMAL) & (
+        np.abs(outputs["altitude_m"] - path[outputs["frame_index"]]) > 5.0
+    )
+    assert wrong.sum() <= 1 and outputs["status"][-1] == Status.NORMAL
+
+
+def test_a_lost_return_coasts_then_is_lost_and_no_altitude_is_given():
+    rng = np.random.default_rng(9)
+    frames = np.concatenate([flight(rng, np.full(400, 300.0), 0.0), noise(rng, 1280, 0.0)])
+    outputs = tracked(frames)
+    gone = outputs["frame_index"] >= 400
+    assert np.all(outputs["status"][gone] == Status.NO_COMPUTED_DATA)
+    states = outputs["state"][gone]
+    assert states[0] == State.COAST and State.LOST in states and states[-1] in (State.SEARCH, State.CONFIRM)
+    ages = outputs["age_s"][gone & (outputs["state"] == State.COAST)]
+    np.testing.assert_allclose(np.diff(ages), 0.04, atol=1e-9)
+    assert ages[0] == pytest.approx(0.06, abs=0.002)  # half a block, and one
+
+
+def test_not_finite_and_missing_frames_are_failures_and_the_track_survives():
+    rng = np.random.default_rng(10)
+    frames = flight(rng, np.full(800, 300.0), 0.0)
+    frames[240:360] = np.nan
+    outputs = tracked(frames)
+    assert np.all(outputs["status"][6:9] == Status.FAILURE) and outputs["status"][9] == Status.NORMAL
+    kept = np.r_[0:240, 400:800]
+    outputs = tracked(frames[kept], index=kept)
+    assert len(outputs) == 20  # 25 a second, whatever is missing
+    assert np.all(outputs["status"][6:10] == Status.FAILURE) and outputs["status"][10] == Status.NORMAL
+    assert np.all(np.diff(outputs["frame_index"]) == 40)
+
+
+def test_an_index_that_runs_backwards_starts_anew():
+    frames = flight(np.random.default_rng(11), np.full(480, 300.0), 0.0)
+    index = np.r_[1000:1240, 0:240]
+    outputs = tracked(frames, index=index)
+    after = outputs[outputs["frame_index"] < 500]
+    assert after["status"][0] == Status.NO_COMPUTED_DATA and after["status"][-1] == Status.NORMAL
+
+
+@pytest.mark.parametrize(
+    ("level_db", "apart_m"), [(3.0, 100.0), (10.0, 100.0), (-3.0, 300.0), (-8.0, -100.0)]
+)
+def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, apart_m):
+    """Spoofed in mid-track: the old altitude is still there, so neither is called NORMAL."""
+    rng = np.random.default_rng(12)
+    frames = flight(rng, np.full(1000, 500.0), 0.0)
+    frames[400:] += 10.0 ** (level_db / 20.0) * point_return(W, np.full(600, 500.0 + apart_m))
+    outputs = tracked(frames)
+    assert np.all(outputs["status"][3:10] == Status.NORMAL)
+    assert not np.any(outputs["status"][12:] == Status.NORMAL)
+
+
+def test_a_weak_second_return_above_the_ground_changes_nothing():
+    rng = np.random.default_rng(13)
+    frames = flight(rng, np.full(600, 500.0), 0.0) + 10.0 ** (-12 / 20) * point_return(W, np.full(600, 700.0))
+    outputs = tracked(frames)
+    assert np.all(outputs["status"][3:] == Status.NORMAL)
+
+
+def test_speed_by_doppler_and_by_altitudes():
+    """A beat shift has no Doppler: the tracker takes the speed from the altitudes, and says so by its settings."""
+    rng = np.random.default_rng(14)
+    path = 500.0 - 20.0 * np.arange(1200) * T
+    shifted = np.stack([W.beat_shifted(h) for h in path]) + noise(rng, path.size, 0.0)
+    for frames, doppler in ((flight(rng, path, 0.0, -20.0), True), (shifted, False)):
+        outputs = tracked(frames.astype(np.complex64), FAST, TrackerSettings(doppler=doppler))
+        last = outputs[-1]
+        assert last["status"] == Status.NORMAL
+        assert last["vertical_speed_m_per_s"] == pytest.approx(-20.0, abs=1.0)
+        assert last["altitude_m"] == pytest.approx(path[-1] - 0.5 * 20.0 * T, abs=0.5)
+
+
+def test_ragged_chunks_give_what_one_chunk_gives():
+    rng = np.random.default_rng(15)
+    frames = flight(rng, 400.0 + 5.0 * np.arange(600) * T, -25.0, 5.0)
+    spectra = ALTIMETER.spectra(frames)
+    whole = AltitudeTracker(ALTIMETER).process(spectra)
+    tracker, parts, at = AltitudeTracker(ALTIMETER), [], 0
+    while at < len(frames):
+        count = int(rng.integers(1, 70))
+        piece = type(spectra)(
+            spectra.power[at : at + count],
+            spectra.noise[at : at + count],
+            spectra.beat_hz,
+            spectra.scale[at : at + count],
+        )
+        parts.append(tracker.process(piece))
+        at += count
+    assert np.concatenate(parts).tobytes() == whole.tobytes()  # NaN and all
+
+
+def test_timing_rest_is_taken_off():
+    frames = flight(np.random.default_rng(16), np.full(320, 300.0), 0.0)
+    tracker = AltitudeTracker(ALTIMETER)
+    outputs = tracker.process(ALTIMETER.spectra(frames), timing_offset_s=2e-8)
+    assert outputs["altitude_m"][-1] == pytest.approx(300.0 - 2.998, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: TrackerSettings(risk=0.5), "tracker.risk"),
+        (lambda: TrackerSettings(coast_s=float("nan")), "tracker.coast_s"),
+        (lambda: AltitudeTracker(ALTIMETER, TrackerSettings(output_s=0.005)), "at least 8"),
+    ],
+)
+def test_impossible_settings_are_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+# -- the block --------------------------------------------------------------------------------------------------------
+
+
+def test_block_tracks_in_any_chunks_and_says_so_in_messages():
+    import pmt
+    from gnuradio import radalt
+    from test_blocks import Messages, Ragged, run
+
+    from gnuradio.radalt.core.scene import parse_scene
+
+    scene = parse_scene(
+        {
+            "altitude": {
+                "programme_m": [300.0],
+                "frames": 400,
+                "mode": "true_delay",
+                "vertical_speed_m_per_s": -5.0,
+            }
+        }
+    )
+    path = 300.0 - 5.0 * (np.arange(360) - 180) * T
+    frames = flight(np.random.default_rng(17), path, 0.0, -5.0).astype(np.complex64)
+    tags = [
+        (k, pmt.intern("radalt_frame"), pmt.init_f64vector(3, [float(k), k * N, 0.0]))
+        for k in range(len(frames))
+    ]
+    kept = []
+    for seed in (None, 1, 2):
+        block, seen = radalt.altitude_tracker(scene), Messages()
+        source = Ragged(frames, seed, tags)
+        run(source, block, also=(seen,), wires=(((block, "tracked"), (seen, "in")),))
+        kept.append((block.outputs(), block.results()))
+        assert [m["status"] for m in seen.seen][-1] == "normal" and len(seen.seen) == 9
+        assert seen.seen[-1]["line"].startswith("NORMAL  299.")
+    expected = AltitudeTracker(block.altimeter, scene.tracker_settings).process(
+        block.altimeter.spectra(frames)
+    )
+    for outputs, results in kept:
+        assert outputs.tobytes() == expected.tobytes()
+        assert len(results) == len(frames) and results["valid"].all()
+
+
+def test_block_says_failure_when_the_segmenter_loses_lock():
+    import pmt
+    from gnuradio import radalt
+
+    from gnuradio.radalt.core.scene import parse_scene
+
+    block = radalt.altitude_tracker(parse_scene({}))
+    said = []
+    block.message_port_pub = lambda port, message: said.append(pmt.to_python(message))
+    block._on_timing(pmt.to_pmt({"locked": True, "timing_verified": True}))
+    assert not said
+    for _ in range(3):  # once is enough
+        block._on_timing(pmt.to_pmt({"locked": False, "timing_verified": False}))
+    assert [m["status"] for m in said] == ["failure"] and np.isnan(said[0]["altitude_m"])
+    assert said[0]["line"] == "FAILURE (lost)" and said[0]["timing_verified"] is False
+
+
+def test_a_scene_settles_whether_speed_shows_as_doppler():
+    from gnuradio.radalt.core.scene import parse_scene
+
+    assert parse_scene({}).tracker_settings.doppler is False
+    assert parse_scene({"altitude": {"mode": "true_delay"}}).tracker_settings.doppler is True
+    assert parse_scene({"tracker": {"doppler": True, "risk": 1e-3}}).tracker_settings.risk == 1e-3
