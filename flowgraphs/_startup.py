@@ -3,8 +3,11 @@
 A script's own folder is the first that Python searches, in the source tree and where it is installed. Importing this
 sets, unless the environment says otherwise, one core for every process that computes, the workers' too, and GNU Radio's
 log to warnings, since it tells of every buffer size that is asked for. In the source tree it puts the package on the
-path; installed, Python finds that itself, and a Python that does not gets one line.
+path; installed, Python finds that itself, and a Python that does not gets one line. It comes before every other import,
+since Ctrl-C gets its one line from here on; how a program ends once it runs is `engine.options.command`'s.
 """
+
+from __future__ import annotations
 
 import sys
 

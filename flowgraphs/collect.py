@@ -10,12 +10,12 @@ occurs twice counts once. Needs no GNU Radio.
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 _NO_PACKAGE = (
     f"collect: {sys.executable} cannot run gr-radalt ({{}}); use .venv/bin/python, as 'make eval' does"

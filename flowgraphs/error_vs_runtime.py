@@ -16,9 +16,9 @@ them with --models to have them in the comparison:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from collections.abc import Sequence
 
 from gnuradio.radalt.evaluation.engine.options import (
     MAX_SEED,

@@ -6,11 +6,12 @@ python flowgraphs/gallery.py [--out docs/interference_gallery.png] [--seed 1]
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 import numpy as np
 
 from radalt.core.interference.placement import interference_frames

@@ -11,14 +11,14 @@ stopped run goes on. No GNU Radio and no hardware is needed.
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = "landing_eval"

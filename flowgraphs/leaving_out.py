@@ -9,10 +9,10 @@ Exits with 1 if leaving out changed a result.
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 from collections.abc import Sequence
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 from gnuradio.radalt.evaluation.engine.options import (
     Parser,

@@ -10,11 +10,11 @@ Run it after every change of ota_b210.grc, ota_live.grc or of a block's descript
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 from gnuradio.radalt.evaluation.engine.options import Parser, command
 

@@ -10,9 +10,9 @@ levels are made the same way where they are wanted (level 1: 2.9 MB a cell, leve
 
 from __future__ import annotations
 
-from pathlib import Path
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 

@@ -13,6 +13,8 @@ lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --si
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import dataclasses
 import importlib.util
@@ -22,8 +24,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 from gnuradio.radalt.evaluation.engine.options import (
     Options,

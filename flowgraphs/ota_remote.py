@@ -10,9 +10,9 @@ Runs at real time and without end. Endpoints are on loopback unless you say othe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from collections.abc import Sequence
 
 from gnuradio.radalt.evaluation.engine.options import Parser, command, number
 

@@ -11,12 +11,12 @@ drop policy of the air (latency, drops). The simulated transmitters and channel 
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 from gnuradio.radalt.evaluation.engine.options import Parser, command, number, path
 

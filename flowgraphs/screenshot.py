@@ -9,6 +9,8 @@ what the window shows at the end. Needs no display.
 
 from __future__ import annotations
 
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 import argparse
 import os
 import sys
@@ -17,8 +19,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 from gnuradio.radalt.evaluation.engine.options import Parser, command, complain, number, path
 
