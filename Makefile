@@ -16,10 +16,10 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
+.PHONY: help eval test test-debian12 test-debian13 check-pins lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
 	@echo "Arguments are handed on in ARGS, e.g. make eval ARGS='--overlap 0.5 --out results/half'."
 
 eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated channel, to a report
@@ -27,6 +27,16 @@ eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated ch
 
 test: lint ## format, lint and every test
 	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+
+# ARGS go to both targets: with them, better name one, e.g. TARGETS=test ARGS='-k flowgraph'.
+test-debian12: ## `make test` and `make eval` on a bare Debian 12, from nothing (root; TARGETS=..., BARE=folder to keep)
+	@tools/test-debian.sh bookworm $(TARGETS)
+
+test-debian13: ## the same on a bare Debian 13
+	@tools/test-debian.sh trixie $(TARGETS)
+
+check-pins: $(VENV)/.test ## ask the package index for every pin of Python 3.10 to 3.13 (network)
+	@$(PYTHON) tools/check_pins.py
 
 lint: $(VENV)/.test ## ruff's checks alone
 	@$(PYTHON) -m ruff check --quiet .
@@ -82,6 +92,7 @@ $(PYTHON): | $(STAMPS)/debian
 	  { echo "gr-radalt set-up: no $(SYSTEM_PYTHON); name the Python of GNU Radio 3.10: make SYSTEM_PYTHON=/path/to/python3" >&2; exit 2; }
 	@"$(SYSTEM_PYTHON)" -c 'from gnuradio import gr' 2>/dev/null || \
 	  { echo "gr-radalt set-up: $(SYSTEM_PYTHON) cannot import gnuradio; install GNU Radio 3.10 or name its Python: make SYSTEM_PYTHON=/path/to/python3" >&2; exit 2; }
+	@"$(SYSTEM_PYTHON)" tools/say_if_unknown.py
 	@echo "gr-radalt set-up: environment $(VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Error of every method and model variant against its CPU time, on the same frames, in one process, by turns.
+"""Error of every method, network and choice of the altimeter against its CPU time, on the same frames, by turns.
 
-python flowgraphs/error_vs_runtime.py                         # some minutes, into results/error_vs_runtime
-python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
-python flowgraphs/error_vs_runtime.py --resume                # go on where a run was killed
-python flowgraphs/error_vs_runtime.py --out docs              # docs/error_vs_runtime.md and its figure
+    python flowgraphs/error_vs_runtime.py                         # some minutes, into results/error_vs_runtime
+    python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
+    python flowgraphs/error_vs_runtime.py --resume                # go on where a run was killed
+    python flowgraphs/error_vs_runtime.py --publish docs          # then docs/error_vs_runtime.md and its figure
 
-Without --models every network of models/ is measured, as shipped. Variants in float16 and int8 are files of their own,
+Without --models every network of models/ is measured, as shipped. Networks in float16 and int8 are files of their own,
 made by training/export.py --precision in the training environment (make train), since that needs the package onnx; name
 them with --models to have them in the comparison:
 
@@ -16,84 +16,73 @@ them with --models to have them in the comparison:
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure errors, times and memory and write the report; returns 0, or 2 after one line about what does not fit."""
-    parser = argparse.ArgumentParser(
-        prog="error_vs_runtime", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
+PROGRAM = "error_vs_runtime"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add(
         "--models",
         nargs="*",
         type=Path,
-        help="ONNX files of tcae, float16 and int8 variants among them (default: all of models/)",
+        help="ONNX files of tcae, float16 and int8 ones among them (default: all of models/)",
     )
-    parser.add_argument(
-        "--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)"
-    )
-    parser.add_argument("--frames", type=int, default=100, help="frames a point (default: %(default)s)")
-    parser.add_argument("--rounds", type=int, default=20, help="rounds of timing (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=1, help="of the frames (default: %(default)s)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/error_vs_runtime"), help="folder (default: %(default)s)"
-    )
-    parser.add_argument("--resume", action="store_true", help="complete the run that --out holds")
+    add("--interferers", nargs="+", metavar="NAME", help="some of those compared, as the report names them")
+    add("--sir-db", default="-10:-50:-5", help="SIRs, list or start:stop:step (default: %(default)s)")
+    add("--frames", type=int, default=100, help="frames per interferer and SIR (default: %(default)s)")
+    add("--rounds", type=int, default=20, help="rounds of timing (default: %(default)s)")
+    add("--seed", type=int, default=1, help="of the frames (default: %(default)s)")
+    add_options(parser, out=f"results/{PROGRAM}", time_limit_s=600.0)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure errors, times and memory and write the report; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
     args = parser.parse_args(argv)
+    options = options_of(args, parser, command=command_of(args, parser))
     if args.frames < 2 or args.rounds < 2 or args.seed < 0:
         parser.error("--frames and --rounds have to be at least 2, --seed at least 0")
 
-    from gnuradio.radalt.core.mitigation import MitigationError
     from gnuradio.radalt.core.paths import model_path
+    from gnuradio.radalt.evaluation.engine.command import main as run
     from gnuradio.radalt.evaluation.overlap.points import parse_axis
-    from gnuradio.radalt.evaluation.results.folder import versions
-    from gnuradio.radalt.evaluation.results.journal import Journal, JournalError
-    from gnuradio.radalt.evaluation.runtime import study as runtime
-    from gnuradio.radalt.evaluation.runtime.report import write_runtime_report
+    from gnuradio.radalt.evaluation.runtime.study import INTERFERERS, RuntimeStudy, compared_chains
 
+    interferers = args.interferers or list(INTERFERERS)
+    stray = [name for name in interferers if name not in INTERFERERS]
+    if stray:
+        parser.error(f"--interferers names {stray[0]!r}; known: {'; '.join(INTERFERERS)}")
     models = args.models if args.models is not None else sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
-    candidates = runtime.variants(models)
-
-    def progress(text: str) -> None:
-        print(text, flush=True)
-
     try:
-        sirs = parse_axis(args.sir_db, "--sir-db")
-        hashes = {v.label: getattr(v.build()[0], "sha256", None) for v in candidates}
-        head = {
-            "kind": "head",
-            "frames": args.frames,
-            "rounds": args.rounds,
-            "seed": args.seed,
-            "sirs_db": sirs,
-        }
-        head |= {"variants": hashes, "versions": versions(True)}
-        journal = Journal(args.out / "error_vs_runtime.partial", head, resume=args.resume)
-        study = runtime.run_study(candidates, sirs, args.frames, args.rounds, args.seed, journal, progress)
-    except (MitigationError, JournalError, ValueError, OSError) as error:
-        print(f"error_vs_runtime: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"error_vs_runtime: stopped; --resume --out {args.out} goes on", file=sys.stderr)
-        return 130
-    command = "python flowgraphs/error_vs_runtime.py"
-    if journal.resumed:
-        command += " --resume"
-    defaults = parser.parse_args([])
-    for name in ("sir_db", "frames", "rounds", "seed"):
-        if getattr(args, name) != getattr(defaults, name):
-            command += f" --{name.replace('_', '-')}={getattr(args, name)}"
-    if args.models:
-        command += " --models " + " ".join(m.name for m in args.models)
-    print(write_runtime_report(args.out, *study, command))
-    journal.close()
-    return 0
+        sirs_db = parse_axis(args.sir_db, "--sir-db")
+    except ValueError as error:
+        parser.error(str(error))
+
+    def study() -> RuntimeStudy:
+        chains = compared_chains(models)
+        return RuntimeStudy(chains, sirs_db, args.frames, args.rounds, args.seed, tuple(interferers))
+
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
+
+
+def _describe(rows: Sequence[dict]) -> str:
+    """A measured point in a line."""
+    first = rows[0]
+    if "round" in first:
+        return f"times, round {first['round']}"
+    if "memory_bytes" in first:
+        return f"memory of {first['chain']}: {first['memory_bytes'] / 2**20:.1f} MiB"
+    where = first["interferer"] + ("" if first["sir_db"] is None else f" SIR {first['sir_db']:g} dB")
+    return f"{where}: Pd " + ", ".join(f"{r['chain']} {r['pd']:.3g}" for r in rows)
 
 
 if __name__ == "__main__":

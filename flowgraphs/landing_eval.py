@@ -5,7 +5,7 @@
     python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
     python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
 
-Writes rows.csv, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
+Writes tables, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
 stopped run goes on. No GNU Radio and no hardware is needed.
 """
 
@@ -13,49 +13,35 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import os
 import sys
-import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
 HERE = Path(__file__).resolve().parent
+PROGRAM = "landing_eval"
 
 try:
-    from tqdm import tqdm
-except ImportError:
-    print(
-        "landing_eval: this Python lacks the module's packages; run 'make setup', then .venv/bin/python",
-        file=sys.stderr,
-    )
+    try:
+        from gnuradio.radalt.evaluation.engine import command, options
+        from gnuradio.radalt.evaluation.landing import config as landing
+        from gnuradio.radalt.evaluation.landing.study import LandingStudy
+    except ImportError:  # without GNU Radio the package is importable by its own name
+        from radalt.evaluation.engine import command, options
+        from radalt.evaluation.landing import config as landing
+        from radalt.evaluation.landing.study import LandingStudy
+except ImportError as error:
+    print(f"{PROGRAM}: {sys.executable}: {error}; run 'make setup', then .venv/bin/python", file=sys.stderr)
     sys.exit(2)
 
-try:
-    from gnuradio.radalt.evaluation.engine import pool
-    from gnuradio.radalt.evaluation.landing import figures as landing_figures
-    from gnuradio.radalt.evaluation.landing import points as landing_points
-    from gnuradio.radalt.evaluation.landing import report as landing_report
-    from gnuradio.radalt.evaluation.landing import rows as landing_rows
-    from gnuradio.radalt.evaluation.landing import study as landing
-except ImportError:  # without GNU Radio the package is importable by its own name
-    from radalt.evaluation.engine import pool
-    from radalt.evaluation.landing import figures as landing_figures
-    from radalt.evaluation.landing import points as landing_points
-    from radalt.evaluation.landing import report as landing_report
-    from radalt.evaluation.landing import rows as landing_rows
-    from radalt.evaluation.landing import study as landing
 
-POINT_LIMIT_S = 1800.0  # a point takes seconds; on a slow machine with a slow network, minutes
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def _parser() -> options.Parser:
+    parser = options.Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add("study", nargs="?", type=Path, default=HERE / "landing" / "study.yaml", help="YAML file")
-    add("--out", type=Path, default=Path("results/landing"), help="folder (default: %(default)s)")
-    add("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
-    add("--resume", action="store_true", help="go on with the run that --out holds a part of")
+    options.add_options(parser, out="results/landing", time_limit_s=1800.0)
     add("--trajectory", type=Path, help="CSV: a track, or ADS-B state vectors")
     add("--aircraft", help="icao24 or callsign to take from the trajectory file")
     add("--altitude-offset-m", type=float, help="added to the trajectory's altitudes (datum)")
@@ -66,21 +52,21 @@ def _parser() -> argparse.ArgumentParser:
     add("--sir-db", type=float, help="SIR of the approach and the sensitivity table")
     add("--methods", help="comma-separated, e.g. none,whitening,tcae")
     add("--frames", type=int, help="frames of the approach; 0 leaves it out")
-    add("--trials", type=int, help="frames a point of the curves; 0 leaves them out")
-    add("--sensitivity-trials", type=int, help="frames a row of the sensitivity table; 0: no table")
+    add("--trials", type=int, help="frames per point of the curves; 0 leaves them out")
+    add("--sensitivity-trials", type=int, help="frames per row of the sensitivity table; 0: no table")
     add("--seed", type=int, help="of scatterers, noise and interference (default: the study's)")
     return parser
 
 
-def _study(args: argparse.Namespace) -> landing.LandingStudy:
+def _config(args: argparse.Namespace) -> landing.LandingConfig:
     """The study file with the command line's changes; its file names are relative to where one is."""
-    study = landing.load_study(args.study)
+    config = landing.load_config(args.study)
 
     def changed(part: object, **values: object) -> object:
         return dataclasses.replace(part, **{k: v for k, v in values.items() if v is not None})
 
     trajectory = changed(
-        study.trajectory,
+        config.trajectory,
         file=str(args.trajectory.resolve()) if args.trajectory else None,
         aircraft=args.aircraft,
         altitude_offset_m=args.altitude_offset_m,
@@ -89,11 +75,11 @@ def _study(args: argparse.Namespace) -> landing.LandingStudy:
     files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)
     try:
         return changed(
-            study,
+            config,
             trajectory=trajectory,
-            terrain=changed(study.terrain, files=files, void=args.void, flat_m=args.flat_m),
-            approach=changed(study.approach, sir_db=args.sir_db, frames=args.frames),
-            curve=changed(study.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
+            terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
+            approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
+            curve=changed(config.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
             methods=tuple(m.strip() for m in args.methods.split(",")) if args.methods else None,
             seed=args.seed,
         )
@@ -101,55 +87,25 @@ def _study(args: argparse.Namespace) -> landing.LandingStudy:
         raise landing.StudyError(str(error)) from None
 
 
-def _measure(task: tuple[landing.LandingStudy, landing.Point]) -> list[dict]:
-    return landing_points.run_point(*task)
+def _describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line."""
+    if "time_s" in rows[0]:
+        return f"approach from {rows[0]['time_s']:.0f} to {rows[-1]['time_s']:.0f} s"
+    sinr = rows[0].get("asked_sinr_db")
+    level = "no interference" if sinr is None else f"overlap {rows[0]['overlap']:g}, SINR {sinr:g} dB"
+    return f"{rows[0].get('assumption', level)}: Pd " + ", ".join(
+        f"{r['method']} {r['pd']:.3g}" for r in rows
+    )
 
 
-def _run(
-    study: landing.LandingStudy, todo: list[landing.Point], rows: landing_rows.RowFile, jobs: int
-) -> None:
-    """Measure points, in several processes; whatever finishes is on disk at once."""
-    tasks = [(study, point) for point in todo]
-    if jobs == 1:
-        results = ((k, _measure(task)) for k, task in enumerate(tasks))
-    else:
-        results = pool.run_tasks(
-            _measure, tasks, jobs=jobs, time_limit_s=POINT_LIMIT_S, label=lambda task: task[1].name
-        )
-    for _, measured in tqdm(results, total=len(tasks), unit="point", disable=not sys.stderr.isatty()):
-        rows.append(measured)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run the study; returns 0, or 2 after one line about what does not fit."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = _parser()
     args = parser.parse_args(argv)
-    if args.jobs < 1:
-        parser.error(f"--jobs is {args.jobs}; it has to be at least 1")
-    started = time.monotonic()
-    try:
-        study = _study(args)
-        landing.check_study(study)
-        head = landing_report.open_folder(args.out, study, resume=args.resume)
-        rows = landing_rows.RowFile(args.out / "rows.csv")
-        points = study.points()
-        todo = [p for p in points if p.name not in rows.points]
-        _run(study, todo, rows, args.jobs)
-        rows.sort([p.name for p in points])
-        figures = landing_figures.draw_figures(study, rows.rows, args.out)
-        run = {"jobs": args.jobs, "points": len(points), "points_resumed": len(points) - len(todo)}
-        run["wall_s"] = time.monotonic() - started
-        landing_report.write_report(study, rows.rows, args.out, figures, head=head, run=run)
-    except (*landing.EXPECTED_ERRORS, pool.WorkerError, OSError) as error:
-        print(f"landing_eval: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(
-            f"landing_eval: stopped; the same command with --resume goes on from {args.out}", file=sys.stderr
-        )
-        return 130
-    print(f"{args.out / 'report.md'}  ({len(rows.rows)} rows, {time.monotonic() - started:.0f} s)")
-    return 0
+    how = options.options_of(args, parser)
+    return command.main(
+        lambda: LandingStudy(_config(args)), how, program=PROGRAM, dry_run=args.dry_run, describe=_describe
+    )
 
 
 if __name__ == "__main__":

@@ -1,65 +1,61 @@
 #!/usr/bin/env python3
 """What leaving out saves: time and memory of scenes as planned against the same scenes with everything built.
 
-python flowgraphs/leaving_out.py                    # some minutes, into results/leaving_out
-python flowgraphs/leaving_out.py --out docs         # docs/leaving_out.md
+    python flowgraphs/leaving_out.py                    # some minutes, into results/leaving_out
+    python flowgraphs/leaving_out.py --publish docs     # then docs/leaving_out.md
+
+Exits with 1 if leaving out changed a result.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
+
+PROGRAM = "leaving_out"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add("--frames", type=int, default=100, help="frames at each altitude (default: %(default)s)")
+    add("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
+    add_options(parser, out=f"results/{PROGRAM}", time_limit_s=1800.0, sampled=False)
+    return parser
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure every scene of the table; returns 0, 1 if leaving out changed a result, 2 after one line."""
-    parser = argparse.ArgumentParser(
-        prog="leaving_out", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--frames", type=int, default=100, help="frames at each altitude (default: %(default)s)"
-    )
-    parser.add_argument("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/leaving_out"), help="folder (default: %(default)s)"
-    )
+    parser = _parser()
     args = parser.parse_args(argv)
+    options = options_of(args, parser, command=command_of(args, parser))
     if args.frames < 1 or args.repeats < 1:
         parser.error("--frames and --repeats have to be at least 1")
 
-    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
-    from gnuradio.radalt.evaluation.leaving_out.study import SCENES, compare, compare_shared, markdown
+    from gnuradio.radalt.evaluation.engine.command import main as run
+    from gnuradio.radalt.evaluation.leaving_out.study import LeavingOutStudy
+    from gnuradio.radalt.evaluation.results.folder import read_report
 
-    rows = []
-    try:
-        for row in compare(tuple(SCENES), args.frames, args.repeats):
-            rows.append(row)
+    def after(folder: Path) -> int:
+        summary = read_report(folder)["summary"]
+        for s in summary:
             print(
-                f"{row['scene']}: CPU x{row['cpu_ratio']:.1f}, memory x{row['memory_ratio']:.2f} with all built; "
-                f"results {'identical' if row['identical'] else 'DIFFER'}",
-                flush=True,
+                f"{s['scene']}: CPU x{s['cpu_ratio']:.1f}, memory x{s['memory_ratio']:.2f} with all built; "
+                f"results {'identical' if s['identical'] else 'DIFFER'}"
             )
-        shared = compare_shared(args.frames, args.repeats)
-        print(
-            f"{' and '.join(shared['methods'])}: {shared['shared_ms']:.2f} ms a frame sharing spectra, "
-            f"{shared['apart_ms']:.2f} apart; results {'identical' if shared['identical'] else 'DIFFER'}",
-            flush=True,
-        )
-    except FlowgraphError as error:
-        print(f"leaving_out: {error}", file=sys.stderr)
-        return 2
-    args.out.mkdir(parents=True, exist_ok=True)
-    page = markdown(rows, shared, "python flowgraphs/leaving_out.py", args.repeats)
-    (args.out / "leaving_out.md").write_text(page, encoding="utf-8")
-    (args.out / "leaving_out.json").write_text(
-        json.dumps({"scenes": rows, "shared": shared}, indent=1) + "\n", encoding="utf-8"
-    )
-    return 0 if all(row["identical"] for row in (*rows, shared)) else 1
+        return 0 if all(s["identical"] for s in summary) else 1
+
+    study = LeavingOutStudy(args.frames, args.repeats)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=after)
+
+
+def _describe(rows: Sequence[dict]) -> str:
+    """A measured point in a line."""
+    return f"{rows[0]['scene']}: " + ", ".join(f"{r['built']} {r['cpu_s']:.2f} s" for r in rows)
 
 
 if __name__ == "__main__":

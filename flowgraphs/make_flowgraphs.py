@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 def made() -> dict[str, dict[str, Any]]:
     """File name -> flowgraph."""
     from gnuradio.radalt.evaluation.flowgraph.embedded import embed
-    from gnuradio.radalt.evaluation.flowgraph.run import load_grc, simulate
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, simulate
 
     air, live = load_grc(HERE / "ota_b210.grc"), load_grc(HERE / "ota_live.grc")
     return {
@@ -33,7 +33,7 @@ def made() -> dict[str, dict[str, Any]]:
 
 def main() -> int:
     """Write the files beside this one."""
-    from gnuradio.radalt.evaluation.flowgraph.run import save_grc
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import save_grc
 
     for name, data in made().items():
         save_grc(data, HERE / name)

@@ -140,16 +140,17 @@ def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
     return {name: {key: str(path.resolve())} for name, key, path in given if path is not None}
 
 
-def _require_radios(needed: int) -> None:
-    """Raise SceneError unless enough B210s are connected."""
+def _require_radios(scene: Any, needed: int) -> None:
+    """Raise SceneError unless enough of the scene's radios are connected."""
     from gnuradio import uhd
 
     from gnuradio.radalt.core.scene import SceneError
 
-    found = len(uhd.find(uhd.device_addr("type=b200")))
+    limits = scene.radio.limits
+    found = len(uhd.find(uhd.device_addr(f"type={limits.uhd_type}")))
     if found < needed:
         raise SceneError(
-            f"{found} of {needed} B210s found; connect them (uhd_find_devices lists what is there), "
+            f"{found} of {needed} {limits.title}s found; connect them (uhd_find_devices lists what is there), "
             "or add --sim for the simulated channel"
         )
 
@@ -216,7 +217,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     from gnuradio.radalt.evaluation.radios.hardware import calibrate
 
     scene = _scene(args)
-    _require_radios(1)
+    _require_radios(scene, 1)
     latency, path = calibrate(scene, transmit=args.transmit)
     print(f"{PROGRAM}: latency {latency:.3f} samples -> {path}")
     return 0
@@ -255,7 +256,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
     study = OverlapStudy(scene, None if args.sim else {"transmit": args.transmit}, args.capture)
     study.check()
     if not (args.sim or args.dry_run):
-        _require_radios(2 if scene.has_jammer else 1)
+        _require_radios(scene, 2 if scene.has_jammer else 1)
     if options.out is None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/

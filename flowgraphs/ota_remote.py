@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
     args = parser.parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
+    from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
     from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
     try:

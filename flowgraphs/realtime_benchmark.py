@@ -11,7 +11,6 @@ drop policy of the air (latency, drops). The simulated transmitters and channel 
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -20,17 +19,13 @@ from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, expected_errors
+
 PROGRAM = "realtime_benchmark"
 
 
-def _parser() -> argparse.ArgumentParser:
-    summary, _, details = __doc__.partition("\n\n")
-    parser = argparse.ArgumentParser(
-        prog=PROGRAM,
-        description=summary,
-        epilog=details,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
     add("--methods", default="none,tcae", help="with commas (%(default)s)")
@@ -48,8 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
     args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.flowgraph.run import FlowgraphError
-    from gnuradio.radalt.evaluation.realtime.study import long_scene, measure, prepare_benchmark
+    from gnuradio.radalt.evaluation.realtime.study import fly_benchmark, long_scene, prepare_benchmark
 
     methods = tuple(m.strip() for m in args.methods.split(","))
     numbers = {}
@@ -63,16 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 options["own_process"] = not args.one_process
                 prepared = prepare_benchmark(scene, methods, Path(folder), **options)
                 limit = 20.0 * args.seconds + 60.0
-                result = measure(
-                    prepared,
-                    scene,
-                    realtime=realtime,
-                    time_limit_s=limit,
-                )
+                result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
                 numbers["held to real time" if realtime else "as fast as it goes"] = result
                 _print(result, realtime)
-    except (ValueError, FlowgraphError, OSError) as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
+    except (ValueError, *expected_errors()) as error:
+        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     if args.json:
         args.json.write_text(json.dumps({k: _numbers(r) for k, r in numbers.items()}, indent=1))

@@ -50,15 +50,17 @@ def _arguments() -> argparse.Namespace:
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
     """The top block of the simulated live view, with the controls where the command line wants them."""
-    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+    from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, simulate
+    from gnuradio.radalt.evaluation.flowgraph.run import load_class
 
-    data = flowgraph.simulate(flowgraph.load_grc(HERE / "ota_live.grc"), "ota_live_sim")
+    data = simulate(load_grc(HERE / "ota_live.grc"), "ota_live_sim")
     start = {"altitude_m": STEPS_M[-1], "sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
     for block in data["blocks"]:
         if block["name"] in start:  # the controls show what they start with
             block["parameters"]["value"] = str(start[block["name"]])
-    prepared = flowgraph.Prepared(flowgraph.generate(data, folder), "ota_live_sim", (), ())
-    top = flowgraph.load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
+    prepared = Prepared(generate(data, folder), "ota_live_sim", (), ())
+    top = load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.set_altitude_m(STEPS_M[0])
     return top

@@ -3,72 +3,78 @@
 
     python flowgraphs/stability.py                                # all cases, some minutes, into results/stability
     python flowgraphs/stability.py --methods none,whitening --groups numbers --out results/numbers
-    python flowgraphs/stability.py --out docs                     # docs/stability.md and docs/figures/stability.png
+    python flowgraphs/stability.py --publish docs                 # then docs/stability.md, its figure and its rows
 
 Exits with 1 if a case did not pass, after naming it.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import _startup  # noqa: F401 - one core, a quiet log, the package on the path
 
+from gnuradio.radalt.evaluation.engine.options import Parser, add_options, command_of, options_of
+
+PROGRAM = "stability"
 METHODS = "none,whitening,blanking,nlms,lms_reference_input,lms,tcae"
-GROUPS = ("stiff", "scene", "waveform", "numbers")
+GROUPS = "stiff,scene,waveform,numbers"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
+    add("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
+    add("--groups", default=GROUPS, help="groups of cases (default: %(default)s)")
+    add("--no-checks", action="store_true", help="leave out long runs, determinism and flowgraph")
+    add_options(parser, out=f"results/{PROGRAM}", time_limit_s=600.0, sampled=False)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the cases and checks; returns 0, 1 where something did not pass, 2 after one line about what does not fit."""
-    parser = argparse.ArgumentParser(
-        prog="stability", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
-    parser.add_argument("--models", nargs="*", type=Path, help="ONNX files of tcae (default: all of models/)")
-    parser.add_argument("--groups", default=",".join(GROUPS), help="groups of cases (default: %(default)s)")
-    parser.add_argument(
-        "--no-checks", action="store_true", help="leave out long runs, determinism and flowgraph"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/stability"), help="folder (default: %(default)s)"
-    )
+    parser = _parser()
     args = parser.parse_args(argv)
+    options = options_of(args, parser, command=command_of(args, parser))
 
     from gnuradio.radalt.core.mitigation import METHODS as KNOWN
     from gnuradio.radalt.core.paths import model_path
-    from gnuradio.radalt.evaluation.stability import checks as stability_checks
-    from gnuradio.radalt.evaluation.stability.cases import all_cases
-    from gnuradio.radalt.evaluation.stability.report import failures, write_stability_report
-    from gnuradio.radalt.evaluation.stability.study import run_cases, subjects
+    from gnuradio.radalt.evaluation.engine.command import main as run
+    from gnuradio.radalt.evaluation.results.folder import read_report
+    from gnuradio.radalt.evaluation.stability.study import StabilityStudy, compared_chains
 
-    methods = tuple(args.methods.split(","))
-    groups = args.groups.split(",")
-    for name, value, known in (("--methods", methods, KNOWN), ("--groups", groups, GROUPS)):
+    methods, groups = tuple(args.methods.split(",")), tuple(args.groups.split(","))
+    for name, value, known in (("--methods", methods, KNOWN), ("--groups", groups, GROUPS.split(","))):
         stray = [v for v in value if v not in known]
         if stray:
-            print(f"stability: {name} names {stray[0]!r}; known: {', '.join(known)}", file=sys.stderr)
-            return 2
+            parser.error(f"{name} names {stray[0]!r}; known: {', '.join(known)}")
     models = args.models or sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
-    rows = []
-    for row in run_cases((c for c in all_cases() if c.group in groups), subjects(methods, models)):
-        rows.append(row)
-        print(f"{row['verdict']:8}{row['group']:10}{row['method']:22}{row['case']}", flush=True)
-    steps, checks = [], []
-    if not args.no_checks:
-        steps = list(stability_checks.step_limit_rows()) if "lms" in methods else []
-        for title, check in stability_checks.CHECKS.items():
-            for row in check(methods):
-                checks.append(row)
-                print(f"{row['verdict']:8}{title:12}{row['check']}", flush=True)
-    report = write_stability_report(args.out, rows, steps, checks, command="python flowgraphs/stability.py")
-    bad = failures(report)
-    print(f"{args.out / 'stability.md'}: {len(rows)} rows, {len(bad)} did not pass")
-    for line in bad:
-        print(f"  {line}")
-    return 1 if bad else 0
+
+    def study() -> StabilityStudy:
+        return StabilityStudy(compared_chains(methods, models), groups, () if args.no_checks else methods)
+
+    def after(folder: Path) -> int:
+        report = read_report(folder)
+        print(f"{len(report['rows'])} rows, {len(report['failures'])} did not pass")
+        for line in report["failures"]:
+            print(f"  {line}")
+        return 1 if report["failures"] else 0
+
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=after)
+
+
+def _describe(rows: Sequence[dict]) -> str:
+    """A measured point in a line."""
+    first = rows[0]
+    if "case" in first:
+        return f"{first['group']}: {first['case']}: " + ", ".join(
+            f"{r['chain']} {r['verdict']}" for r in rows
+        )
+    if "check" in first:
+        return "; ".join(f"{r['check']}: {r['verdict']}" for r in rows)
+    return f"LMS step limit at spread {first['spread']:.0e}: {first['verdict']}"
 
 
 if __name__ == "__main__":

@@ -76,16 +76,16 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
 def main() -> None:
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+    from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
+    from gnuradio.radalt.evaluation.flowgraph.run import load_class
 
     app = Qt.QApplication(sys.argv[:1])
     folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]
     name = "ota_live" if air else "ota_live_sim"
-    prepared = flowgraph.Prepared(
-        flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ()
-    )
+    prepared = Prepared(generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), folder), name, (), ())
     parameters, calls = on_the_air(folder) if air else ({"drop_when_slow": 0}, [])
-    top = flowgraph.load_class(prepared)(**parameters)
+    top = load_class(prepared)(**parameters)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.show()
     top.start()
@@ -108,7 +108,9 @@ def main() -> None:
     report["method"] = top.mitigation_selected.status()["method"]
     report["calls"] = [call[:2] for call in calls]
     report["in time"] = time.monotonic() < deadline
-    report["errors"] = [str(b.error) for b in vars(top).values() if getattr(b, "error", None)]
+    # what the guard stored; GNU Radio 3.10.12 keeps a logger in the top block, which has a method of that name
+    stored = [getattr(block, "error", None) for block in vars(top).values()]
+    report["errors"] = [str(error) for error in stored if isinstance(error, Exception)]
     top.grab().save(str(folder / "live.png"))
     print("PROBE " + json.dumps(report), flush=True)
     os._exit(0)  # nothing more to be learnt from taking the window down

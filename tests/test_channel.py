@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
-from radalt.core.interference.placement import QpskEmitter
+from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform

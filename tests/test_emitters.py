@@ -1,13 +1,18 @@
 """Other radars as interferers: their phase, what of them passes our receiver, and their power."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
-from radalt.core.interference.faa_91_220 import FaaMask
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters import NamedEmitter, emitter_class, emitter_names, register
+from radalt.core.interference.emitters.faa_91_220 import FaaMask
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from radalt.core.interference.nr import NrEmitter
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from radalt.core.interference.radars import FmcwEmitter, PulsedRadarEmitter
 from radalt.core.interference.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
@@ -203,3 +208,44 @@ def test_a_mixture_has_the_total_sir_asked_for():
     mixture = [Interferer(emitter, sir_db=-15.0, overlap=0.5) for emitter in EVERY_TYPE.values()]
     frames = interference_frames(mixture, 3, 7500, RATE_HZ, np.random.default_rng(2), total_sir_db=-21.0)
     np.testing.assert_allclose(-10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), -21.0, atol=0.01)
+
+
+# -- by name ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_emitter_file_holds_the_emitter_of_its_name():
+    for name in emitter_names():
+        emitter = emitter_class(name)()
+        assert emitter.scene_name == name
+        assert emitter.label.startswith(name) and " " not in emitter.label
+        assert emitter.title(7.5e6)
+
+
+def test_an_emitter_is_imported_when_a_scene_names_it():
+    code = (
+        f"import sys; sys.path[:0] = {sys.path!r}\n"
+        "from radalt.core.scene import parse_scene\n"
+        "from radalt.core.interference.emitters import emitter_class\n"
+        "def loaded(): return {m.rpartition('.')[2] for m in sys.modules if '.emitters.' in m}\n"
+        "parse_scene({'interference': {'qpsk': {}}})\n"
+        "assert loaded() == {'qpsk', 'tones'}, loaded()\n"
+        "parse_scene({'interference': {'nr': {}}})\n"
+        "assert loaded() == {'qpsk', 'tones', 'nr'}, loaded()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["qpsk", "nr", "", "two words"])
+def test_a_name_that_is_taken_or_none_is_refused(name):
+    with pytest.raises(ValueError, match="scene_name"):
+        register(type("Mine", (NamedEmitter,), {"scene_name": name}))
+
+
+def test_multipath_adds_its_profile_to_an_emitters_names():
+    plain = QpskEmitter()
+    through = FadedEmitter(emitter=plain, channel=FadingChannel(profile="EVA"))
+    assert through.label == f"{plain.label}_EVA" == "qpsk_rectangular_EVA"
+    assert through.title(7.5e6) == "QPSK, rectangular pulses, 26.7 % of the band through EVA"

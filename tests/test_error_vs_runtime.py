@@ -1,4 +1,4 @@
-"""Error against run time: paired frames, fronts and break points, and the command that writes the report."""
+"""Error against run time: paired frames, fronts and gains, and the command that writes the report."""
 
 import json
 
@@ -6,17 +6,15 @@ import error_vs_runtime
 import numpy as np
 import pytest
 
-from gnuradio.radalt.evaluation.results.journal import Journal, JournalError
+from gnuradio.radalt.evaluation.engine.options import Options
+from gnuradio.radalt.evaluation.engine.run import run
+from gnuradio.radalt.evaluation.results.chain import Chain
+from gnuradio.radalt.evaluation.results.folder import FolderError
 from gnuradio.radalt.evaluation.runtime import study as runtime
-from gnuradio.radalt.evaluation.runtime.figure import place_labels
-from gnuradio.radalt.evaluation.runtime.study import (
-    Variant,
-    break_point_db,
-    measure_errors,
-    measure_times,
-    pareto,
-    summarise_times,
-)
+from gnuradio.radalt.evaluation.runtime.figure import pareto, place_labels
+from gnuradio.radalt.evaluation.runtime.study import RuntimePoint, RuntimeStudy
+
+TONES = "5 tones, all"
 
 
 def test_nothing_on_the_front_is_beaten_and_everything_off_it_is():
@@ -29,135 +27,131 @@ def test_nothing_on_the_front_is_beaten_and_everything_off_it_is():
     assert front == sorted(front, key=lambda label: points[label][0])
 
 
-def test_break_point_counts_from_the_top_without_a_gap():
-    def row(sir_db, pd):
-        return {"sir_db": sir_db, "pd": pd}
-
-    assert break_point_db([row(-30.0, 0.95), row(-10.0, 1.0), row(-20.0, 0.5)]) == -10.0
-    assert break_point_db([row(-30.0, 0.9), row(-20.0, 1.0)]) == -30.0
-    assert break_point_db([row(-10.0, 0.89)]) is None
-
-
-def test_all_variants_see_the_same_frames_and_whitening_gains_on_tones():
-    candidates = [Variant("none", "none"), Variant("twin", "none"), Variant("whitening", "whitening")]
-    points = [(None, 0.0), ("5 tones, all", -40.0)]
-    measured = measure_errors(candidates, points, 20, 1, lambda text: None)
-    by = {(r["interferer"], r["variant"]): r for rows in measured for r in rows}
-    for name in ("clean", "5 tones, all"):
-        same = [{k: v for k, v in by[name, label].items() if k != "variant"} for label in ("none", "twin")]
-        assert same[0] == same[1]
+def test_all_chains_see_the_same_frames_and_whitening_gains_on_tones():
+    chains = (Chain("none", "none"), Chain("twin", "none"), Chain("whitening", "whitening"))
+    study = RuntimeStudy(chains, (-40.0,), frames=20, interferers=(TONES,))
+    points = [p for p in study.points() if p.table == "rows"]
+    by = {(r["interferer"], r["chain"]): r for p in points for r in study.measure(p)}
+    for name in ("clean", TONES):
+        same = [{k: v for k, v in by[name, label].items() if k != "chain"} for label in ("none", "twin")]
+        np.testing.assert_equal(*same)  # where nothing was detected there is no mean
     assert by["clean", "none"]["pd"] == 1.0
-    assert by["5 tones, all", "whitening"]["pd"] > by["5 tones, all", "none"]["pd"] + 0.5
+    assert by[TONES, "whitening"]["pd"] > by[TONES, "none"]["pd"] + 0.5
+
+
+def test_more_batches_are_other_frames_and_their_counts_add():
+    study = RuntimeStudy((Chain("none", "none"),), (-20.0,), frames=20, interferers=(TONES,))
+    point = RuntimePoint("p", 20, interferer=TONES, sir_db=-20.0)
+    batches = [[runtime._TABLES["rows"].row(r) for r in study.measure(point, b)] for b in (0, 1)]
+    assert batches[0] != batches[1]
+    (both,) = study.pooled(batches)
+    for name in ("trials", "correct", "detections", "correct_even", "correct_odd", "squared_correct_m2"):
+        assert both[name] == pytest.approx(sum(b[0][name] for b in batches))
+    assert study.pooled(batches[:1]) == batches[0]
 
 
 def test_times_are_of_method_and_altimeter_together():
-    rounds = list(
-        measure_times([Variant("none", "none"), Variant("nlms", "nlms")], (1, 2), 2, lambda text: None)
-    )
-    assert len(rounds) == 2  # the one that warms up is not among them
-    times = summarise_times(rounds)
-    by = {(t["variant"], t["batch"]): t for t in times}
-    assert len(by) == 4
-    for t in times:
-        assert 0 <= t["ms_method"] <= t["ms_median"] <= t["ms_p99"]
-    assert by["nlms", 1]["ms_method"] > by["none", 1]["ms_method"]  # hundreds of block updates against a copy
+    rows = list(runtime._times((Chain("none", "none"), Chain("nlms", "nlms")), 1))
+    frames = {1: 16, 8: 16}
+    for label in ("none", "nlms"):
+        for batch, count in frames.items():
+            mine = [r for r in rows if (r["chain"], r["batch"]) == (label, batch)]
+            assert len(mine) * batch == count  # the turn that warms up is not among them
+            assert all(r["ms_method"] >= 0 and r["ms_altimeter"] > 0 and r["round"] == 1 for r in mine)
+    middle = {
+        label: np.median([r["ms_method"] for r in rows if r["chain"] == label and r["batch"] == 1])
+        for label in ("none", "nlms")
+    }
+    assert middle["nlms"] > middle["none"]  # hundreds of block updates against a copy
 
 
 @pytest.fixture(scope="module")
-def small():
-    """A study of two interferers, without the memory, which takes a process a variant."""
-    interferers = {k: runtime.INTERFERERS[k] for k in ("QPSK rectangular, 30 %", "5 tones, all")}
-    patch = pytest.MonkeyPatch()
-    patch.setattr(runtime, "INTERFERERS", interferers)
-    patch.setattr("gnuradio.radalt.evaluation.runtime.report.INTERFERERS", interferers)
-    patch.setattr(runtime, "measure_memory", lambda variant, batch: 1)
-    yield ["--models", "--frames", "6", "--rounds", "2", "--sir-db=-15,-45"]
-    patch.undo()
-
-
-@pytest.fixture(scope="module")
-def report(small, tmp_path_factory):
+def report(tmp_path_factory):
+    """Of the command, with two interferers and no network; its page is published beside it."""
     out = tmp_path_factory.mktemp("runtime")
-    assert error_vs_runtime.main([*small, "--out", str(out)]) == 0
+    arguments = ["--models", "--frames", "6", "--rounds", "2", "--sir-db=-15,-45"]
+    arguments += ["--interferers", "QPSK rectangular, 30 %", TONES, "--publish", str(out / "docs")]
+    assert error_vs_runtime.main([*arguments, "--out", str(out / "run")]) == 0
     return out
 
 
+@pytest.mark.timeout(300)  # a process per chain, for its memory
 def test_command_writes_the_whole_report(report):
-    data = json.loads((report / "error_vs_runtime.json").read_text())
-    by = {s["variant"]: s for s in data["summary"]}
+    data = json.loads((report / "run" / "report.json").read_text())
+    by = {s["chain"]: s for s in data["summary"]}
     assert by["none"]["clean"]["pd"] == 1.0
     assert by["none"]["clean"]["rmse_forced_m"] > 0.5 * data["crb_m"]
-    assert by["whitening"]["break_point_db"]["5 tones, all"] == -45.0
-    assert by["whitening"]["protection_gain_db"]["5 tones, all"] == 30.0
-    assert by["none"]["mean_gain_db"] == 0.0
-    assert set(data["fronts"]) == {"pooled", "QPSK rectangular, 30 %", "5 tones, all"}
-    assert (report / "figures" / "error_vs_runtime.png").stat().st_size > 20_000
-    text = (report / "error_vs_runtime.md").read_text()
+    broken = by["whitening"]["break_points"][TONES]
+    assert (broken["sir_db"], broken["mark"]) == (-45.0, "<=")
+    gain = by["whitening"]["protection_gains"][TONES]
+    assert gain["mark"] == ">=" and 0 < gain["db"] < 30.0  # no mitigation holds at -15 dB and breaks below
+    assert by["none"]["mean_gain"] == {"db": 0.0, "mark": "", "text": "0.0"}
+    for times in (s["times"][batch] for s in data["summary"] for batch in ("1", "8")):
+        assert 0 <= times["ms_method"] <= times["ms_median"] <= times["ms_p99"]
+    assert set(data["fronts"]) == {"pooled", "QPSK rectangular, 30 %", TONES}
+    assert all(s["memory_bytes"] >= 0 for s in data["summary"])
+    assert (report / "run" / "figures" / "error_vs_runtime.png").stat().st_size > 20_000
+    text = (report / "run" / "report.md").read_text()
     assert "## Pareto fronts" in text and "| whitening |" in text
+    assert "python flowgraphs/error_vs_runtime.py --models --interferers" in text
 
 
-def test_a_model_that_is_not_there_is_one_line(capsys):
-    assert error_vs_runtime.main(["--models", "nowhere.onnx", "--frames", "2", "--rounds", "2"]) == 2
+def test_the_page_is_published_with_its_figure_under_the_names_of_the_documentation(report):
+    assert sorted(str(p.relative_to(report / "docs")) for p in (report / "docs").rglob("*.*")) == [
+        "error_vs_runtime.md",
+        "figures/error_vs_runtime.png",
+    ]
+    page = (report / "docs" / "error_vs_runtime.md").read_text()
+    assert "](figures/error_vs_runtime.png)" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [(["--models", "nowhere.onnx"], "nowhere.onnx"), (["--sir-db", "loud"], "--sir-db holds 'loud'")],
+)
+def test_what_is_not_there_is_one_line(capsys, tmp_path, arguments, expected):
+    options = [*arguments, "--frames", "2", "--rounds", "2", "--out", str(tmp_path / "run")]
+    try:
+        assert error_vs_runtime.main(options) == 2
+    except SystemExit as ended:
+        assert ended.code == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "nowhere.onnx" in error
+    assert expected in error
+    assert not (tmp_path / "run").exists()
 
 
-def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(
-    small, report, tmp_path, monkeypatch, capsys
-):
-    """Killed within a point and again within the times: nothing whole is measured twice."""
-    arguments = [*small, "--out", str(tmp_path)]
-    score, timed = runtime._scored, runtime._timed
-    calls = {"scored": 0, "timed": 0}
+@pytest.mark.timeout(300)
+def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(tmp_path):
+    """Stopped among the errors and again among the times: no point is measured twice."""
+    chains = (Chain("none", "none"), Chain("whitening", "whitening"))
+    study = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,))
+    points = len(study.points())
+    measured = []
 
-    def counting(name, function, end):
-        def call(*arguments):
-            calls[name] += 1
-            if calls[name] == end:
+    def stop_after(count):
+        def progress(p):
+            measured.extend(p.rows and [p.done])
+            if len(measured) == count:
                 raise KeyboardInterrupt
-            return function(*arguments)
 
-        return call
+        return progress
 
-    variants = len(json.loads((report / "error_vs_runtime.json").read_text())["summary"])
-    monkeypatch.setattr(runtime, "_scored", counting("scored", score, 2 * variants + 3))
-    assert error_vs_runtime.main(arguments) == 130
-    assert "--resume" in capsys.readouterr().err
-    assert error_vs_runtime.main(arguments) == 2
-    assert "add --resume" in capsys.readouterr().err
-    assert error_vs_runtime.main([*arguments, "--resume", "--seed", "2"]) == 2
-    assert "seed is 1 there and 2 here" in capsys.readouterr().err
-    with (tmp_path / "error_vs_runtime.partial").open("a") as file:
-        file.write('{"kind": "errors", "interferer": "5 to')  # cut by the kill
-    monkeypatch.setattr(runtime, "_timed", counting("timed", timed, 4 * variants + 1))
-    assert error_vs_runtime.main([*arguments, "--resume"]) == 130
-    monkeypatch.setattr(runtime, "_timed", counting("timed", timed, 0))
-    assert error_vs_runtime.main([*arguments, "--resume"]) == 0
-    # five points, of them the third begun twice; two rounds, each after one that warms up, and the one that was cut
-    assert calls["scored"] == 5 * variants + 3
-    assert calls["timed"] == 4 * variants + 1 + 4 * variants
-    assert not (tmp_path / "error_vs_runtime.partial").exists()
-    one, other = (json.loads((folder / "error_vs_runtime.json").read_text()) for folder in (report, tmp_path))
-    assert one["rows"] == other["rows"]
-
-
-def test_a_journal_keeps_whole_lines_and_says_whose_it_is(tmp_path):
-    path = tmp_path / "deep" / "run.partial"
-    journal = Journal(path, {"seed": 1, "sirs_db": (1.0, 2.0)}, resume=False)
-    journal.add({"kind": "a", "n": 1})
-    path.write_text(path.read_text() + '{"kind": "a", "n": 2')
-    again = Journal(path, {"seed": 1, "sirs_db": [1, 2]}, resume=True)
-    assert again.resumed and again.of("a") == [{"kind": "a", "n": 1}]
-    for head, resume, message in (
-        ({"seed": 1}, True, "sirs_db"),
-        ({"seed": 1, "sirs_db": [1, 2]}, False, "--resume"),
-    ):
-        with pytest.raises(JournalError, match=message):
-            Journal(path, head, resume=resume)
-    path.write_text("no journal\n")
-    with pytest.raises(JournalError, match="delete it"):
-        Journal(path, {}, resume=True)
+    run(study, Options(tmp_path / "whole"))
+    out = tmp_path / "killed"
+    with pytest.raises(KeyboardInterrupt):
+        run(study, Options(out), stop_after(4))
+    with pytest.raises(FolderError, match="add --resume"):
+        run(study, Options(out))
+    other = RuntimeStudy(chains, (-15.0, -45.0), frames=6, rounds=2, interferers=(TONES,), seed=2)
+    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
+        run(other, Options(out, resume=True))
+    with pytest.raises(KeyboardInterrupt):
+        run(study, Options(out, resume=True), stop_after(points - 1))
+    run(study, Options(out, resume=True), stop_after(0))
+    assert measured == list(range(1, points + 1))
+    assert (out / "rows.csv").read_bytes() == (tmp_path / "whole" / "rows.csv").read_bytes()
+    assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] == points - 1
 
 
 def test_labels_cover_neither_each_other_nor_points_nor_bars():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radalt.core.interference.faa_91_220 import (
+from radalt.core.interference.emitters.faa_91_220 import (
     AttenuationTable,
     ButterworthFilter,
     FaaMask,

@@ -10,6 +10,8 @@ import os
 import shlex
 import subprocess
 import sys
+import threading
+import types
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +19,11 @@ import pytest
 from gnuradio import gr, radalt
 
 from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
-from gnuradio.radalt.evaluation.flowgraph.run import (
-    FlowgraphError,
-    load_grc,
-    prepare,
-    prune,
-    run_point,
-    simulate,
-)
+from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+from gnuradio.radalt.evaluation.flowgraph.generate import generate, prepare
+from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
+from gnuradio.radalt.evaluation.flowgraph.run import run_point, write_scene
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
@@ -121,7 +119,7 @@ def test_prune_disables_what_the_scene_does_not_need_and_nothing_else(b210):
 
 
 def test_unknown_method_and_missing_radio_are_named(b210):
-    with pytest.raises(FlowgraphError, match="unknown method 'magic'; the flowgraph has: .*whitening"):
+    with pytest.raises(FlowgraphError, match="unknown method 'magic'; known: .*whitening"):
         prune(b210, ["magic"], jammer=True)
     with pytest.raises(FlowgraphError, match="flowgraph ota_sim has no block radar_usrp_sink"):
         simulate(simulate(b210))
@@ -365,7 +363,7 @@ def test_what_was_left_out_is_listed(clear, jammed):
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
     """DESIGN.md 7: the scene decides what is built, and what is not built is not imported."""
-    scene = flowgraph.write_scene(scene_of(), tmp_path / "scene.yaml")
+    scene = write_scene(scene_of(), tmp_path / "scene.yaml")
     statements = (
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
         f"import {clear.name} as module\n"
@@ -396,6 +394,55 @@ def test_run_beyond_its_time_is_stopped_and_says_so(clear):
         run_point(clear, scene_of(altitude=altitude), time_limit_s=0.5)
 
 
+class Endless:
+    """A flowgraph without an end of its own, as far as the loop that runs it can see."""
+
+    def __init__(self):
+        self.stopped = threading.Event()
+        self.block = types.SimpleNamespace(work=None, error=None)
+
+    def start(self):
+        pass
+
+    def wait(self):
+        self.stopped.wait()
+
+    def stop(self):
+        self.stopped.set()
+
+
+def test_what_looks_at_a_run_ends_it():
+    top, looks = Endless(), []
+    elapsed = run_to_end(top, over=lambda: looks.append(1) or len(looks) == 3, poll_s=0.001)
+    assert top.stopped.is_set() and len(looks) == 3 and elapsed > 0
+
+
+def test_a_run_is_stopped_at_its_limit_with_the_callers_words():
+    top = Endless()
+    with pytest.raises(FlowgraphError, match="no end in 0.01 s"):
+        run_to_end(top, time_limit_s=0.01, too_long=lambda limit_s: f"no end in {limit_s:g} s")
+    assert top.stopped.is_set()
+
+
+def test_an_interrupt_leaves_no_flowgraph_running():
+    top = Endless()
+
+    def interrupt():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_to_end(top, over=interrupt, poll_s=0.001)
+    assert top.stopped.is_set()
+
+
+def test_what_a_block_raised_is_raised_when_the_run_has_ended():
+    top = Endless()
+    top.block.error = ValueError("the third rail is missing")
+    with pytest.raises(ValueError, match="third rail"):
+        run_to_end(top, over=lambda: True)
+    assert top.stopped.is_set()
+
+
 # -- the companion's Run button ---------------------------------------------------------------------------------------
 
 
@@ -416,7 +463,7 @@ def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
 
 
 def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
-    module = flowgraph.generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
+    module = generate(load_grc(ROOT / "flowgraphs/ota_sim.grc"), tmp_path)
     scene = tmp_path / "wrong.yaml"
     scene.write_text("altitude: {frames: -3}\n")
     done = run_button(module, "--scene-file", str(scene))

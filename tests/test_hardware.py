@@ -13,20 +13,17 @@ from gnuradio import radalt
 
 from gnuradio.radalt.core.radio.calibration import (
     CalibrationError,
+    CalibrationKey,
     load_latency_samples,
     store_latency_samples,
 )
 from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
-from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm, tx_power_dbm
+from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.run import (
-    FlowgraphError,
-    Prepared,
-    generate,
-    load_class,
-    load_grc,
-    write_scene,
-)
+from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
+from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
+from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
+from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
 from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios.setup import describe, plan
 
@@ -44,6 +41,9 @@ RADIO = {
     "radar_rx_gain_db": 20.0,
     "clock_source": "external",
 }
+
+
+KEY = CalibrationKey("B210", "R", 30e6, 7.5e6)
 
 
 def a_scene(jammer=True, **radio):
@@ -166,13 +166,14 @@ def test_one_b210_without_jammer(air):
     ]
 
 
-def test_calibrated_latency_is_stored_by_clock_and_rate_and_subtracted(air, monkeypatch):
+def test_calibrated_latency_is_stored_by_radio_clock_and_rate_and_subtracted(air, monkeypatch):
     scene = a_scene(jammer=False, clock_source="internal")
     options = {"transmit": True, "log": lambda line: None, "sleep": air.sleep}
     latency, path = calibrate(scene, **options)
     assert latency == pytest.approx(uhd_double.LATENCY, abs=0.05)
-    assert load_latency_samples(30e6, 7.5e6) == pytest.approx(latency, abs=1e-5)
-    assert load_latency_samples(30e6, 3.75e6) is None
+    assert load_latency_samples(KEY) == pytest.approx(latency, abs=1e-5)
+    for change in ({"device_type": "X310"}, {"serial": "J"}, {"master_clock_hz": 15e6}, {"rate_hz": 3.75e6}):
+        assert load_latency_samples(dataclasses.replace(KEY, **change)) is None
     assert path.name == "calibration.yaml"
     # five samples more of path are c / (2 F_s) metres each, on top of every altitude
     other = uhd_double.Air()
@@ -185,7 +186,11 @@ def test_calibrated_latency_is_stored_by_clock_and_rate_and_subtracted(air, monk
 
 @pytest.mark.parametrize(
     ("changes", "message"),
-    [({"master_clock_hz": 32e6}, "rate S/s"), ({"locks": False}, "lo_locked is false")],
+    [
+        ({"master_clock_hz": 32e6}, "rate S/s"),
+        ({"locks": False}, "lo_locked is false"),
+        ({"mboard_id": "X310"}, "the radio is a X310, and radio.device b210 a B210"),
+    ],
 )
 def test_a_radio_that_did_something_else_is_refused(monkeypatch, changes, message):
     air = uhd_double.Air(**changes)
@@ -218,9 +223,18 @@ def test_interlock_refuses_what_could_harm(radio, message):
         require_enclosure(a_scene(**radio), True)
 
 
+def test_a_sweep_beyond_the_radio_is_refused():
+    scene = a_scene()
+    waveform = dataclasses.replace(scene.waveform, carrier_hz=5.9995e9)
+    with pytest.raises(
+        InterlockError, match=r"waveform\.carrier_hz is 5.9995e\+09, and a B210 has 7e\+07..6e\+09"
+    ):
+        require_enclosure(dataclasses.replace(scene, waveform=waveform), True)
+
+
 def test_receiver_level_is_the_power_sum_less_attenuation():
     radio = dataclasses.replace(a_scene().radio, radar_tx_gain_db=59.75, jammer_tx_gain_db=59.75)
-    assert tx_power_dbm(89.75) == pytest.approx(20.0)
+    assert radio.limits.tx_power_dbm(89.75) == pytest.approx(20.0)
     assert rx_level_dbm(radio, jammer=False) == pytest.approx(20 - 30 - 40)
     assert rx_level_dbm(radio, jammer=True) == pytest.approx(20 - 30 - 40 + 10 * np.log10(2))
 
@@ -247,7 +261,26 @@ def test_a_calibration_file_that_is_none_is_named(tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("latency_samples: [1, 2]\n")
     with pytest.raises(CalibrationError, match=r"calibration\.yaml.*calibrate anew"):
-        store_latency_samples(1.0, 30e6, 7.5e6, path)
+        store_latency_samples(1.0, KEY, path)
+
+
+def test_an_entry_that_names_no_radio_is_used_for_none(tmp_path):
+    path = tmp_path / "calibration.yaml"
+    path.write_text("latency_samples: {30000000/7500000: 150.0}\n")
+    with pytest.raises(CalibrationError, match=r"names no radio; .*'B210/R/30000000/7500000'"):
+        load_latency_samples(KEY, path)
+    assert load_latency_samples(dataclasses.replace(KEY, rate_hz=3.75e6), path) is None
+    store_latency_samples(151.0, KEY, path)
+    assert load_latency_samples(KEY, path) == 151.0
+    with pytest.raises(CalibrationError, match="names no radio"):
+        load_latency_samples(dataclasses.replace(KEY, serial="J"), path)
+
+
+def test_a_radio_without_a_serial_is_not_calibrated(tmp_path):
+    nameless = dataclasses.replace(KEY, serial="")
+    with pytest.raises(CalibrationError, match=r"set radio\.radar_serial"):
+        store_latency_samples(1.0, nameless, tmp_path / "calibration.yaml")
+    assert load_latency_samples(nameless, tmp_path / "calibration.yaml") is None
 
 
 def test_check_prints_the_plan_and_fails_where_the_interlock_would(tmp_path, capsys):
@@ -324,7 +357,7 @@ def test_run_button_sets_up_in_order_and_ends_with_the_programme(generated, pres
 
 def test_run_button_subtracts_the_stored_calibration(generated, press_run, capsys):
     """Five samples of path more than the calibration cable are 100 m on top of every altitude: none is right."""
-    store_latency_samples(uhd_double.LATENCY - 5, 30e6, 7.5e6)
+    store_latency_samples(uhd_double.LATENCY - 5, KEY)
     press_run(generated("ota_b210"), a_scene())
     scores = {
         line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if " of 12" in line

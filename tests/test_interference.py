@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from radalt.core.interference.placement import (
+from radalt.core.interference import (
     Interferer,
     QpskEmitter,
     ToneEmitter,
     interference_frame,
     interference_frames,
-    rrc_taps,
 )
+from radalt.core.interference.emitters.qpsk import rrc_taps
 from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
 from radalt.core.waveform import Waveform

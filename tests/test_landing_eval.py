@@ -1,8 +1,10 @@
 """The landing study end to end: rows by seed alone, resumable, any flight, physics that must hold."""
 
+import csv
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -14,11 +16,15 @@ from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.landing import config as landing
 from radalt.evaluation.landing import points as landing_points
 from radalt.evaluation.landing import report as landing_report
-from radalt.evaluation.landing import rows as landing_rows
-from radalt.evaluation.landing import study as landing
-from radalt.evaluation.landing.variants import VARIANTS
+from radalt.evaluation.landing.assumptions import ASSUMPTIONS
+from radalt.evaluation.landing.study import LandingStudy
+from radalt.evaluation.results.folder import SCHEMA
+from radalt.evaluation.results.score import score_frames
 
 SMALL = """
 seed: 3
@@ -40,56 +46,130 @@ def small(tmp_path, root):
     return path
 
 
-def _study(root, **changes):
-    study = landing.parse_study({}, folder=str(root / "flowgraphs" / "landing"))
-    return dataclasses.replace(study, methods=("none",), **changes)
+TABLES = ("approach.csv", "curve.csv")
+
+
+def _config(root, **changes):
+    config = landing.parse_config({}, folder=str(root / "flowgraphs" / "landing"))
+    return dataclasses.replace(config, **{"methods": ("none",), **changes})
+
+
+def _rows(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def test_shipped_study_states_the_defaults(root):
-    shipped = landing.load_study(root / "flowgraphs" / "landing" / "study.yaml")
-    assert shipped == landing.parse_study({}, folder=shipped.folder)
+    shipped = landing.load_config(root / "flowgraphs" / "landing" / "study.yaml")
+    assert shipped == landing.parse_config({}, folder=shipped.folder)
     # what is written beside the results is a study file again
-    assert landing.parse_study(landing.study_dict(shipped), folder=shipped.folder) == shipped
+    assert landing.parse_config(landing.config_dict(shipped), folder=shipped.folder) == shipped
 
 
 def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     assert landing_eval.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
     assert landing_eval.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
-    assert (one / "rows.csv").read_bytes() == (two / "rows.csv").read_bytes()
+    for name in TABLES:
+        assert (one / name).read_bytes() == (two / name).read_bytes()
     report = json.loads((one / "report.json").read_text())
-    assert report["schema"] == landing_report.SCHEMA and report["seed"] == 3
+    assert report["schema"] == SCHEMA and report["seed"] == 3
     assert {p.name for p in one.iterdir()} == {
-        "rows.csv",
-        "report.json",
-        "report.md",
-        "study.yaml",
+        *(*TABLES, "report.json", "report.md", "study.yaml", "run.json", "points.jsonl", ".lock"),
         *report["figures"],
     }
     assert len(report["figures"]) == 3
     assert any("onnxruntime was not imported" in line for line in report["left_out"])
     assert all(len(digest) == 64 for digest in report["inputs_sha256"].values())
     # 8 frames: once without interference, once for each of two methods
-    rows = landing_rows.read_rows(one / "rows.csv")
-    assert sum(r["kind"] == "approach" for r in rows) == 24
-    assert sum(r["kind"] == "curve" for r in rows) == 2 * (1 + 4)
+    assert len(_rows(one / "approach.csv")) == 24
+    assert len(_rows(one / "curve.csv")) == 2 * (1 + 4)
 
 
 def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
     out = tmp_path / "run"
     arguments = [str(small), "--out", str(out), "--jobs", "1"]
     assert landing_eval.main(arguments) == 0
-    whole = (out / "rows.csv").read_text()
-    # cut in the middle of a line and of a point, and inside the very last number
-    for cut in (int(0.6 * len(whole)), len(whole) - 1):
-        (out / "rows.csv").write_text(whole[:cut])
+    whole = {name: (out / name).read_bytes() for name in ("points.jsonl", *TABLES)}
+    # cut in the middle of a line, and at the very last character
+    text = whole["points.jsonl"]
+    for cut in (int(0.6 * len(text)), len(text) - 1):
+        (out / "points.jsonl").write_bytes(text[:cut])
+        (out / "curve.csv").write_text("half of")
         assert landing_eval.main([*arguments, "--resume"]) == 0
-        assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] > 0
-        assert (out / "rows.csv").read_text() == whole
+        assert 0 < json.loads((out / "report.json").read_text())["run"]["points_resumed"] < 7
+        assert all((out / name).read_bytes() == whole[name] for name in TABLES)
     assert landing_eval.main(arguments) == 2
     assert "--resume" in capsys.readouterr().err
     assert landing_eval.main([*arguments, "--resume", "--seed", "4"]) == 2
     assert "holds another run: seed is 3 there and 4 here" in capsys.readouterr().err
+
+
+def test_precision_samples_the_curves_and_leaves_the_approach_alone(small, tmp_path):
+    config = landing.load_config(small)
+    study = LandingStudy(
+        dataclasses.replace(config, curve=dataclasses.replace(config.curve, sinr_db=(-40.0,)))
+    )
+    run(study, Options(tmp_path / "out", jobs=2, precision=0.2))
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert len(_rows(tmp_path / "out" / "approach.csv")) == 24
+    rows = _rows(tmp_path / "out" / "curve.csv")
+    assert all(float(r["pd_high"]) - float(r["pd_low"]) <= 0.4 for r in rows)
+    assert report["trials"][0] == 6 and report["trials"][-1] > 6
+    assert "Trials per point: 6 to" in (tmp_path / "out" / "report.md").read_text()
+
+
+def test_batches_of_a_point_pool_to_the_score_of_all_their_frames(root):
+    config = _config(root, curve=landing.CurveSpec(trials=8))
+    point = next(p for p in landing_points.study_points(config) if p.sinr_db == -20.0 and p.overlap == 1.0)
+    study = LandingStudy(config)
+    batches = [study.measure(point, b) for b in range(3)]
+    assert study.measure(point, 1) == batches[1] and batches[0] != batches[1]
+    (row,) = study.pooled(batches)
+    results, heights = [], []
+    for b in range(3):
+        truth = landing_points.trial_frames(config, 8, b)
+        rng = landing_points.rng_of(config, point.name, b)
+        frames, _, _ = landing_points.impaired(config, truth, rng, overlap=1.0, sinr_db=-20.0)
+        results.append(landing_points.altitudes(config, frames, "none")[0])
+        heights.append(truth.height_m)
+    whole = score_frames(np.concatenate(results), np.concatenate(heights))
+    assert (row["trials"], row["correct"]) == (24, whole.correct)
+    assert row["rmse_detected_m"] == pytest.approx(whole.rmse_detected_m)
+    assert row["rmse_detected_low_m"] < row["rmse_detected_m"] < row["rmse_detected_high_m"]
+    speeds = [b[0]["speed_rmse_m_per_s"] for b in batches]
+    assert min(speeds) <= row["speed_rmse_m_per_s"] <= max(speeds)
+    # a mean of independent batches is known better than any of them
+    widths = [b[0]["rmse_detected_high_m"] - b[0]["rmse_detected_low_m"] for b in batches]
+    assert row["rmse_detected_high_m"] - row["rmse_detected_low_m"] < max(widths)
+
+
+def test_a_worker_elsewhere_needs_only_the_files_that_travel(root, tmp_path):
+    """Other folders, other names: the same rows."""
+    study = LandingStudy(_config(root, methods=("none", "tcae"), approach=landing.ApproachSpec(2)))
+    point = study.points()[0]
+    copies = {}
+    for k, (name, path) in enumerate(study.files().items()):
+        copies[name] = tmp_path / f"{k}{path.suffix}"
+        shutil.copy(path, copies[name])
+    assert set(copies) == {"trajectory", "terrain 0", "terrain 1", "tcae model"}
+    moved = study.with_files(copies)
+    assert all(path.parent == tmp_path for path in moved.files().values())
+    assert moved.measure(point) == study.measure(point)
+
+
+def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root):
+    config = _config(root, curve=landing.CurveSpec(overlap=(1.0,), sinr_db=(-20.0, -10.0, 0.0)))
+    pds = {None: 0.7, 0.0: 0.7, -10.0: 0.68, -20.0: 0.18}
+    rows = [
+        {"method": "none", "overlap": 0.0 if sinr is None else 1.0, "asked_sinr_db": sinr}
+        | {"pd": pd, "pd_low": pd - 0.1, "pd_high": pd + 0.1}
+        for sinr, pd in pds.items()
+    ]
+    (found,) = landing_report.break_points(config, rows)
+    assert found["pd_needed"] == pytest.approx(0.63)
+    assert found["sir_db"] == pytest.approx(-10 - 10 * 0.05 / 0.5) and found["text"] == "-11.0"
+    assert found["low_db"] < found["sir_db"] < found["high_db"]
 
 
 def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
@@ -107,7 +187,7 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
     arguments = [str(small), "--out", str(tmp_path / "out"), "--jobs", "1", "--trajectory", str(path)]
     arguments += ["--altitude-offset-m", "34", "--terrain", *files, "--trials", "0"]
     assert landing_eval.main(arguments) == 0
-    heights = [r["height_m"] for r in landing_rows.read_rows(tmp_path / "out" / "rows.csv")]
+    heights = [float(r["height_m"]) for r in _rows(tmp_path / "out" / "approach.csv")]
     assert max(heights) == pytest.approx(356.0, abs=4.0)
 
 
@@ -149,7 +229,7 @@ def test_what_does_not_fit_gets_one_line(small, tmp_path, root, capsys, argument
 )
 def test_study_files_are_checked(data, message):
     with pytest.raises(landing.StudyError, match=message) as caught:
-        landing.parse_study(data, source="x.yaml")
+        landing.parse_config(data, source="x.yaml")
     assert str(caught.value).startswith("x.yaml: ")
 
 
@@ -159,36 +239,36 @@ def test_accuracy_bands_in_feet():
 
 
 def test_frames_have_the_sir_and_sinr_they_state(root):
-    study = _study(root, snr_db=12.0)
-    samples = study.waveform.samples_per_frame
+    config = _config(root, snr_db=12.0)
+    samples = config.waveform.samples_per_frame
     silent = landing_points.Truth(np.zeros((40, 1, samples), np.complex64), *[np.full(40, 12.0)] * 5)
     rng = np.random.default_rng(0)
-    frames, sir, sinr = landing_points.impaired(study, silent, rng, overlap=0.4, sir_db=-15.0)
+    frames, sir, sinr = landing_points.impaired(config, silent, rng, overlap=0.4, sir_db=-15.0)
     power = np.mean(np.abs(frames) ** 2)
     assert 10 * np.log10(power) == pytest.approx(-sinr[0], abs=0.02)
     assert sir == pytest.approx(-15.0)
     active = np.mean(np.abs(frames[0, 0]) ** 2 > 5.0)
     assert active == pytest.approx(0.4, abs=0.01)
-    _, sir, sinr = landing_points.impaired(study, silent, rng, overlap=1.0, sinr_db=-20.0)
+    _, sir, sinr = landing_points.impaired(config, silent, rng, overlap=1.0, sinr_db=-20.0)
     assert sinr == pytest.approx(-20.0) and sir[0] > -20.0
-    _, sir, sinr = landing_points.impaired(study, silent, rng, overlap=0.0, sinr_db=-20.0)
+    _, sir, sinr = landing_points.impaired(config, silent, rng, overlap=0.0, sinr_db=-20.0)
     assert sinr == pytest.approx(-20.0) and np.isinf(sir).all()
-    _, _, sinr = landing_points.impaired(study, silent, rng, overlap=1.0, sinr_db=30.0)
+    _, _, sinr = landing_points.impaired(config, silent, rng, overlap=1.0, sinr_db=30.0)
     assert sinr == pytest.approx(12.0)  # no SINR above the SNR
 
 
 def test_doppler_cancels_in_altitude_and_shows_as_vertical_speed(root):
     """A point descending at 3.8 m/s: same altitude as standing still, right vertical speed."""
-    study = _study(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
+    config = _config(root, snr_db=30.0, point_target=True, altimeter=AltimeterSettings())
     truth = landing_points.approach_frames(
-        dataclasses.replace(study, approach=landing.ApproachSpec(12)), 0, 12
+        dataclasses.replace(config, approach=landing.ApproachSpec(12)), 0, 12
     )
-    results, _ = landing_points.measure(study, truth.frames, "none")
-    still = dataclasses.replace(study, doppler=False)
+    results, _ = landing_points.altitudes(config, truth.frames, "none")
+    still = dataclasses.replace(config, doppler=False)
     flat = landing_points.approach_frames(
         dataclasses.replace(still, approach=landing.ApproachSpec(12)), 0, 12
     )
-    at_rest, _ = landing_points.measure(still, flat.frames, "none")
+    at_rest, _ = landing_points.altitudes(still, flat.frames, "none")
     assert results["valid"].all()
     assert results["altitude_m"] == pytest.approx(at_rest["altitude_m"], abs=0.5)
     # the flare apart, where the altitude is below a range cell, vertical speed follows the trajectory
@@ -200,10 +280,10 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
     """The interference-free ceiling: a point is measured to a metre; ground is not, eight sweeps help."""
     rms = {}
     for name, changes in {"point": {"point_target": True}, "ground": {}, "looks": {"looks": 8}}.items():
-        study = _study(root, **changes)
-        truth = landing_points._trial_truth(study, 24)
-        frames, _, _ = landing_points.impaired(study, truth, np.random.default_rng(1))
-        results, _ = landing_points.measure(study, frames, "none")
+        config = _config(root, **changes)
+        truth = landing_points.trial_frames(config, 24)
+        frames, _, _ = landing_points.impaired(config, truth, np.random.default_rng(1))
+        results, _ = landing_points.altitudes(config, frames, "none")
         assert results["valid"].all()
         rms[name] = np.sqrt(np.mean((results["altitude_m"] - truth.height_m) ** 2))
     # 24 frames of speckle: the ratio itself scatters by some tenth around 0.7
@@ -211,10 +291,10 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
 
 
 def test_statistics_count_misses_against_pd(root):
-    study = _study(root, altimeter=AltimeterSettings())
+    config = _config(root, altimeter=AltimeterSettings())
     heights = np.array([20.0, 100.0, 200.0, 300.0])
-    frames = point_return(study.waveform, heights)[:, None]
-    results, _ = landing_points.measure(study, frames, "none")
+    frames = point_return(config.waveform, heights)[:, None]
+    results, _ = landing_points.altitudes(config, frames, "none")
     truth = landing_points.Truth(frames, heights + [0, 0, 0, 9.0], heights, 0 * heights, 0 * heights, heights)
     results["valid"][0] = False
     figures = landing_points.statistics(results, truth, [1])
@@ -222,24 +302,24 @@ def test_statistics_count_misses_against_pd(root):
     assert figures["pd"] == 0.5
     # Wilson interval of 2 in 4
     assert (figures["pd_low"], figures["pd_high"]) == pytest.approx((0.150, 0.850), abs=1e-3)
-    assert figures["rmse_m"] == pytest.approx(9.0 / np.sqrt(3), abs=0.7)
-    assert figures["forced_trials"] == 4
+    assert figures["rmse_detected_m"] == pytest.approx(9.0 / np.sqrt(3), abs=0.7)
+    assert figures["forced"] == 4
 
 
-def test_every_variant_changes_one_thing(root):
-    study = _study(
+def test_every_assumption_changes_one_thing(root):
+    config = _config(
         root, curve=landing.CurveSpec(trials=0, sensitivity_trials=2), approach=landing.ApproachSpec(0)
     )
-    points = study.points()
-    assert [p.variant for p in points] == [v.name for v in VARIANTS]
-    assert len({v.name for v in VARIANTS}) == len(VARIANTS)
-    rows = [row for p in points[:3] + points[-3:] for row in landing_points.run_point(study, p)]
-    table = {r["variant"]: r for r in landing_report.sensitivity(rows)}
+    points = landing_points.study_points(config)
+    assert [p.assumption for p in points] == [a.name for a in ASSUMPTIONS]
+    assert len({a.name for a in ASSUMPTIONS}) == len(ASSUMPTIONS)
+    rows = [row for p in points[:3] + points[-3:] for row in LandingStudy(config).measure(p)]
+    table = {r["assumption"]: r for r in landing_report.sensitivity(rows)}
     assert table["baseline"]["sir_db"] == -15.0
     assert table["sir_minus_25"]["sir_db"] == -40.0
     assert np.isinf(table["no_interference"]["sir_db"])
-    for variant in VARIANTS[1:]:
-        assert variant.shift_db or variant.change(study) != study, variant.name
+    for assumption in ASSUMPTIONS[1:]:
+        assert assumption.shift_db or assumption.change(config) != config, assumption.name
 
 
 def test_live_profile_plays_the_same_echoes(root):

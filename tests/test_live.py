@@ -287,9 +287,10 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
 @pytest.mark.parametrize("name", ["ota_live", "ota_b210", "ota_embedded"])
 def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
     """main() of the generated Python: construction (interlock first), set-up, start."""
-    from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
+    from gnuradio.radalt.evaluation.flowgraph.generate import generate
+    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
 
-    text = flowgraph.generate(flowgraph.load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
+    text = generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
     main = text[text.index("def main(") :]
     assert (
         main.index("= top_block_cls(") < main.index("snippets_main_after_init(tb)") < main.index("tb.start(")
@@ -305,11 +306,13 @@ def test_view_transmits_nothing_without_an_enclosure(tmp_path):
         "from PyQt5 import Qt; app = Qt.QApplication([])\n"
         "from gnuradio import uhd\n"
         "from gnuradio.radalt.core.radio.interlock import InterlockError\n"
-        "from gnuradio.radalt.evaluation.flowgraph import run as flowgraph\n"
+        "from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate\n"
+        "from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc\n"
+        "from gnuradio.radalt.evaluation.flowgraph.run import load_class\n"
         "uhd.usrp_sink = uhd.usrp_source = lambda *args: print('a radio was made')\n"
-        "data = flowgraph.load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
-        "made = flowgraph.Prepared(flowgraph.generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"
-        "try: flowgraph.load_class(made)(transmit=1)\n"
+        "data = load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
+        "made = Prepared(generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"
+        "try: load_class(made)(transmit=1)\n"
         "except InterlockError as error: print('REFUSED', error)\n"
     )
     printed = run("-c", script, ROOT, tmp_path)

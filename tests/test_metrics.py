@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from radalt.core.interference.placement import Interferer, QpskEmitter
+from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene, SweepSpec

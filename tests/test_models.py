@@ -11,7 +11,7 @@ from math import prod
 import numpy as np
 import pytest
 
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from radalt.core.interference import nr, nr_sequences
-from radalt.core.interference.nr import Element
+from radalt.core.interference import nr_sequences
+from radalt.core.interference.emitters import nr
+from radalt.core.interference.emitters.nr import Element
 
 RATE_HZ = 7.5e6
 

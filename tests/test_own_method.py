@@ -16,8 +16,17 @@ from gnuradio.radalt.core.mitigation import MitigationError, create
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
 from gnuradio.radalt.evaluation.flowgraph.embedded import embed
+from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate, prepare
+from gnuradio.radalt.evaluation.flowgraph.rewrite import (
+    from_recording,
+    load_grc,
+    prune,
+    simulate,
+    with_chain,
+)
+from gnuradio.radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
@@ -127,8 +136,8 @@ def test_missing_file_is_named():
 
 
 def test_own_method_is_one_more_chain_and_nothing_else_changes():
-    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
-    more = flowgraph.with_custom(data)
+    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
+    more = with_chain(data, "custom")
     assert more["blocks"][: len(data["blocks"])] == data["blocks"]
     added = {b["name"]: b["parameters"]["method"] for b in more["blocks"][len(data["blocks"]) :]}
     assert added == {"mitigation_custom": '"custom"', "altimeter_custom": "custom"}
@@ -139,12 +148,12 @@ def test_own_method_is_one_more_chain_and_nothing_else_changes():
 
 
 @pytest.mark.parametrize(
-    "rewrite", [lambda data: data, flowgraph.simulate, flowgraph.replay], ids=["air", "sim", "replay"]
+    "rewrite", [lambda data: data, simulate, from_recording], ids=["air", "sim", "replay"]
 )
 def test_own_chain_is_there_where_it_is_asked_for(rewrite):
-    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
+    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
     for methods, there in ((["none", "custom"], True), (["none"], False)):
-        pruned = rewrite(flowgraph.prune(data, methods, True))
+        pruned = rewrite(prune(data, methods, True))
         enabled = {b["name"] for b in pruned["blocks"] if b["states"]["state"] == "enabled"}
         assert ({"mitigation_custom", "altimeter_custom"} <= enabled) == there
         assert "mitigation_whitening" not in enabled
@@ -155,21 +164,21 @@ def plain(tmp_path_factory):
     """The simulated flowgraph with a method from a file, and what it measured."""
     folder = tmp_path_factory.mktemp("plain")
     scene = small_scene(method_options={"custom": {"file": str(OWN)}})
-    prepared = flowgraph.prepare(scene, ["none", "lms", "whitening", "tcae", "custom"], folder)
-    return scene, flowgraph.run_point(prepared, scene, time_limit_s=60.0).results
+    prepared = prepare(scene, ["none", "lms", "whitening", "tcae", "custom"], folder)
+    return scene, run_point(prepared, scene, time_limit_s=60.0).results
 
 
 def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str, np.ndarray]:
     """Results of the altimeters of any flowgraph."""
     name = data["options"]["parameters"]["id"]
-    prepared = flowgraph.Prepared(flowgraph.generate(data, folder), name, (), ())
-    parameters = {"scene_file": str(flowgraph.write_scene(scene, folder / "scene.yaml"))}
+    prepared = Prepared(generate(data, folder), name, (), ())
+    parameters = {"scene_file": str(write_scene(scene, folder / "scene.yaml"))}
     if any(block["name"] == "drop_when_slow" for block in data["blocks"]):
         parameters["drop_when_slow"] = 0
     if any(block["name"] == "sir_db" for block in data["blocks"]):
         parameters["sir_db"] = 999
-    top = flowgraph.load_class(prepared)(**parameters)
-    flowgraph.run_flowgraph(top, 60.0)
+    top = load_class(prepared)(**parameters)
+    run_to_end(top, time_limit_s=60.0)
     return {name: getattr(top, f"altimeter_{name}").results() for name in names}
 
 
@@ -182,7 +191,7 @@ def same(first: np.ndarray, second: np.ndarray) -> None:
 def test_embedded_block_measures_what_the_file_does(plain, tmp_path):
     """bring_your_own.grc, its block and the file hold the same method, and the shipped ones stand beside it."""
     scene, results = plain
-    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    data = load_grc(FLOWGRAPHS / "bring_your_own.grc")
     own = run_flowgraph(data, scene, tmp_path, ["mine", "none", "whitening", "tcae"])
     same(own["mine"], results["custom"])
     for name in ("none", "whitening", "tcae"):
@@ -191,16 +200,16 @@ def test_embedded_block_measures_what_the_file_does(plain, tmp_path):
 
 
 def test_embedded_method_is_ten_lines():
-    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    data = load_grc(FLOWGRAPHS / "bring_your_own.grc")
     (block,) = (b for b in data["blocks"] if b["id"] == "epy_block")
     code = block["parameters"]["_source_code"].split('"""')[2]
     assert len([line for line in code.splitlines() if line.strip()]) <= 10
 
 
 def test_bring_your_own_prints_the_scores(tmp_path):
-    data = flowgraph.load_grc(FLOWGRAPHS / "bring_your_own.grc")
-    module = flowgraph.generate(data, tmp_path)
-    scene = flowgraph.write_scene(small_scene(), tmp_path / "scene.yaml")
+    data = load_grc(FLOWGRAPHS / "bring_your_own.grc")
+    module = generate(data, tmp_path)
+    scene = write_scene(small_scene(), tmp_path / "scene.yaml")
     printed = call(module, "--scene-file", scene)
     assert printed.returncode == 0, printed.stderr
     rows = [line.split() for line in printed.stdout.splitlines()]
@@ -215,8 +224,8 @@ def test_bring_your_own_prints_the_scores(tmp_path):
 def test_embedded_flowgraph_gives_equal_results(plain, tmp_path):
     scene, results = plain
     names = ["none", "lms", "whitening", "tcae"]
-    data = flowgraph.simulate(flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc"), "ota_embedded_sim")
-    data = embed(flowgraph.prune(data, names, True), "ota_embedded_sim")
+    data = simulate(load_grc(FLOWGRAPHS / "ota_b210.grc"), "ota_embedded_sim")
+    data = embed(prune(data, names, True), "ota_embedded_sim")
     assert not [b for b in data["blocks"] if b["id"].startswith("radalt_")]
     embedded = run_flowgraph(data, scene, tmp_path, names)
     for name in names:
@@ -224,7 +233,7 @@ def test_embedded_flowgraph_gives_equal_results(plain, tmp_path):
 
 
 def test_embedding_changes_our_blocks_and_the_places_alone():
-    data = flowgraph.load_grc(FLOWGRAPHS / "ota_b210.grc")
+    data = load_grc(FLOWGRAPHS / "ota_b210.grc")
     embedded = embed(data)
     assert embedded["connections"] == data["connections"]
     for before, after in zip(data["blocks"], embedded["blocks"], strict=True):
@@ -243,7 +252,7 @@ def test_shipped_flowgraphs_are_the_mechanical_ones():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, data in module.made().items():
-        assert flowgraph.load_grc(FLOWGRAPHS / name) == data, name
+        assert load_grc(FLOWGRAPHS / name) == data, name
 
 
 # -- the command line -------------------------------------------------------------------------------------------------

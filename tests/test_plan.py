@@ -7,18 +7,22 @@ import ota_eval
 import pytest
 
 from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.paths import share_dir
 from gnuradio.radalt.core.receiver import altimeter
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph import plan
-from gnuradio.radalt.evaluation.flowgraph import run as flowgraph
-from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
+from gnuradio.radalt.evaluation.engine.options import Options
+from gnuradio.radalt.evaluation.engine.run import run
+from gnuradio.radalt.evaluation.flowgraph.plan import left_out, make_plan
+from gnuradio.radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
 from gnuradio.radalt.evaluation.leaving_out import study as leaving_out
+from gnuradio.radalt.evaluation.leaving_out.report import summarise
 
 RUN = """
 import sys, tempfile
 from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
+from gnuradio.radalt.evaluation.flowgraph.generate import prepare
+from gnuradio.radalt.evaluation.flowgraph.run import run_point
 scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
 with tempfile.TemporaryDirectory() as folder:
     result = run_point(prepare(scene, scene.methods, folder), scene)
@@ -37,22 +41,26 @@ def scene(**data):
 )
 def test_left_out_parts_change_no_bit_of_the_results(name):
     """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""
-    pruned, full = (leaving_out._in_process(name, 2, unpruned) for unpruned in (False, True))
+    pruned, full = (leaving_out.run_apart(name, 2, built) for built in ("pruned", "all"))
     assert pruned["digest"] == full["digest"]
     assert pruned["declared"] == full["declared"] > 0
     assert "onnxruntime" in full["modules"]
-    assert pruned["modules"] == []
+    assert pruned["modules"] == ""
     assert pruned["memory_bytes"] < full["memory_bytes"]
 
 
-def test_methods_of_one_flowgraph_transform_a_received_frame_once():
-    """Two methods that look at the same spectra, in threads of their own: as many spectra as frames, the same bits."""
-    once, apart = (leaving_out._in_process(leaving_out.SHARING, 3, False, each) for each in (False, True))
-    frames = leaving_out.scene_of(leaving_out.SHARING, 3).altitude.programme.total_frames
-    assert frames <= once["spectra"] <= frames + 3  # the channel runs on for a frame or two
-    assert apart["spectra"] == 0  # each computed its own, past the memory
-    assert once["digest"] == apart["digest"]
-    assert once["declared"] == apart["declared"] > 0
+@pytest.mark.timeout(300)
+def test_the_report_says_what_was_saved_and_that_nothing_changed(tmp_path):
+    study = leaving_out.LeavingOutStudy(frames=2, repeats=1, scenes=("no interference, whitening",))
+    page = run(study, Options(tmp_path)).read_text()
+    assert "| no interference, whitening | none, whitening |" in page and "| yes |" in page
+    assert "Imported all the same: none of onnxruntime, matplotlib, UHD, Qt." in page
+    changed = [
+        {"scene": "no interference, whitening", "built": b, "cpu_s": 1.0, "memory_bytes": 1, "digest": b}
+        | {"frames": 1, "modules": ""}
+        for b in ("pruned", "all")
+    ]
+    assert [s["identical"] for s in summarise(changed, 2)] == [False]
 
 
 def test_what_the_plan_leaves_out_is_not_imported():
@@ -76,12 +84,10 @@ def test_without_interference_there_is_no_jammer_chain_and_no_second_radio():
     jammed = make_plan(scene(interference={"qpsk": {}}), ("none",))
     silent = make_plan(scene(interference={"qpsk": {"overlap": 0.0}}), ("none",))
     assert (clear.radios, jammed.radios, silent.radios) == (1, 2, 1)
-    data = flowgraph.prune(
-        flowgraph.load_grc(flowgraph.share_dir() / "flowgraphs" / "ota_b210.grc"), ("none",), False
-    )
+    data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), ("none",), False)
     state = {b["name"]: b["states"]["state"] for b in data["blocks"]}
-    assert state[flowgraph.JAMMER_SINK] == state["jammer_source"] == "disabled"
-    assert state[flowgraph.RADAR_SINK] == "enabled"
+    assert state[JAMMER_SINK] == state["jammer_source"] == "disabled"
+    assert state[RADAR_SINK] == "enabled"
 
 
 def test_beat_band_decimation_and_fft_follow_the_highest_altitude():
@@ -107,11 +113,7 @@ def test_every_part_has_a_reason_and_the_flowgraph_lists_the_same():
     shipped = load_scene("paper_qpsk")
     made = make_plan(shipped, shipped.methods)
     assert all(part.why for part in made.parts)
-    assert (
-        flowgraph.left_out(shipped, shipped.methods)
-        == plan.left_out(shipped, shipped.methods)
-        == made.left_out
-    )
+    assert left_out(shipped, shipped.methods) == made.left_out
 
 
 def test_methods_share_one_altimeter():

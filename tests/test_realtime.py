@@ -10,7 +10,7 @@ from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.realtime.study import long_scene, measure, prepare_benchmark
+from gnuradio.radalt.evaluation.realtime.study import fly_benchmark, long_scene, prepare_benchmark
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -39,7 +39,7 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
         skip_clean=False,
         own_process=False,
     )
-    result = measure(prepared, scene, realtime=realtime, time_limit_s=50)
+    result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=50)
     total = scene.altitude.programme.total_frames
     for count in result.frames.values():
         assert total <= count + result.dropped_frames <= total + 3

@@ -9,13 +9,14 @@ import sigmf
 import uhd_double
 
 from gnuradio.radalt.core.mitigation import CUSTOM, METHODS
-from gnuradio.radalt.core.radio.calibration import store_latency_samples
+from gnuradio.radalt.core.radio.calibration import CalibrationKey, store_latency_samples
 from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.flowgraph.generate import prepare
 from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
-from gnuradio.radalt.evaluation.flowgraph.run import prepare, run_point
+from gnuradio.radalt.evaluation.flowgraph.run import run_point
 from gnuradio.radalt.evaluation.radios.hardware import run_hardware
 
 pytestmark = pytest.mark.timeout(60)
@@ -77,12 +78,13 @@ def test_a_replay_off_the_air_is_the_live_run_to_the_bit(tmp_path, monkeypatch, 
     uhd_double.install(monkeypatch, air)
     radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 60.0}
     scene = a_scene(channel={}, radio=radio, altimeter={"max_altitude_m": 1500.0})
-    clock_hz, rate_hz = scene.radio.master_clock_hz, scene.waveform.rate_hz
+    rate_hz = scene.waveform.rate_hz
+    key = CalibrationKey("B210", "R", scene.radio.master_clock_hz, rate_hz)
     if calibrated:
-        store_latency_samples(uhd_double.LATENCY - 5, clock_hz, rate_hz)
+        store_latency_samples(uhd_double.LATENCY - 5, key)
     options = {"transmit": True, "log": lambda line: None, "sleep": air.sleep, "time_limit_s": 50}
     result = run_hardware(scene, ("none", "tcae"), capture=tmp_path / "air", **options)
-    store_latency_samples(uhd_double.LATENCY - 11, clock_hz, rate_hz)
+    store_latency_samples(uhd_double.LATENCY - 11, key)
     path = tmp_path / "air.sigmf-meta"
     placed, known = replay_scene(open_capture(path))
     again = run_replay(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures

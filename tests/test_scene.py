@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from radalt.core.interference.placement import QpskEmitter, ToneEmitter
+from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_from_parameters, scene_to_mapping
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -125,7 +125,12 @@ WRONG = [
     ({"interference": {"qpsk": {"overlap": 1.2}}}, "interference.qpsk", "1.2", "0..1"),
     ({"interference": {"qpsk": {"pulse": "gauss"}}}, "qpsk.pulse", "'gauss'", "allowed: rectangular, rrc"),
     ({"interference": {"qpsk": {"sir": 3}}}, "'interference.qpsk.sir'", "unknown key", "allowed:"),
-    ({"interference": {"laser": {}}}, "'interference.laser'", "laser", "allowed: qpsk, tones"),
+    (
+        {"interference": {"laser": {}}},
+        "'interference.laser'",
+        "laser",
+        "nr, pulsed_radar, qpsk, tones",
+    ),
     ({"interference": [{"qpsk": {}, "tones": {}}]}, "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ({"interference": 7}, "interference", "7", "expected a mapping"),
     ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "1..16"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.interference.registry import interference_notes
 from gnuradio.radalt.core.scene import load_scene, parse_scene, scene_to_mapping
 
 SCENES = ("nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw", "qpsk_shaped", "paper_qpsk")
@@ -72,9 +71,17 @@ def test_faa_mask_states_interference_to_noise_and_sir():
     scene = parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200}}})
     report = scene.interference[0].emitter.report()
     assert scene.interference[0].sir_db == pytest.approx(report.sir_db)
-    (note,) = interference_notes(scene.interference)
+    (note,) = scene.interference[0].emitter.notes
     assert f"I/N {report.i_over_n_db:+.1f} dB" in note
     assert f"SIR {report.sir_db:+.1f} dB" in note
+
+
+def test_faa_mask_keeps_its_level_through_multipath():
+    direct, heard = (
+        parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200} | more}}).interference[0]
+        for more in ({}, {"multipath": {}})
+    )
+    assert heard.sir_db == direct.sir_db
 
 
 @pytest.mark.timeout(170)

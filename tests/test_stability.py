@@ -11,16 +11,22 @@ from gnuradio.radalt.core.mitigation.base import Mitigation
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.engine.options import Options
+from gnuradio.radalt.evaluation.engine.run import run
+from gnuradio.radalt.evaluation.engine.study import Run
+from gnuradio.radalt.evaluation.results.chain import Chain
+from gnuradio.radalt.evaluation.results.folder import RunFolder
 from gnuradio.radalt.evaluation.stability import cases, checks
-from gnuradio.radalt.evaluation.stability.report import failures, write_stability_report
-from gnuradio.radalt.evaluation.stability.study import Subject, judge, run_cases, subjects
+from gnuradio.radalt.evaluation.stability.judge import judge, judge_all
+from gnuradio.radalt.evaluation.stability.report import failures, write_report
+from gnuradio.radalt.evaluation.stability.study import StabilityStudy, compared_chains
 
 W = Waveform()
 
 
 def not_passed(rows):
     return [
-        f"{r['case']}: {r['method']}: {r['verdict']} {r['reasons']}"
+        f"{r['case']}: {r['chain']}: {r['verdict']} {r['reasons']}"
         for r in rows
         if r["verdict"] not in ("pass", "refused")
     ]
@@ -29,21 +35,23 @@ def not_passed(rows):
 @pytest.mark.parametrize("method", ["none", "whitening", "blanking", "nlms"])
 def test_number_range_and_converters(method):
     """Zeros, denormals, NaN, infinity, 1e38, one bit: no exception, no wrong altitude, the next frame right again."""
-    assert not not_passed(run_cases(cases.number_cases(), subjects([method])))
+    assert not not_passed(judge_all(cases.number_cases(), compared_chains([method])))
 
 
 def test_extreme_altitudes_and_speeds():
     everything = [*cases._altitude_cases(), *cases._speed_cases()]
-    assert not not_passed(run_cases(everything, subjects(["none", "whitening"])))
+    assert not not_passed(judge_all(everything, compared_chains(["none", "whitening"])))
 
 
 def test_other_sweeps():
     """10 us to 10 ms, 6.7 to 20 MHz, B T_h not whole; the command has 0.1 to 200 MHz and 100 ms."""
-    assert not not_passed(run_cases(islice(cases.waveform_cases(), 6), subjects(["none", "whitening"])))
+    assert not not_passed(
+        judge_all(islice(cases.waveform_cases(), 6), compared_chains(["none", "whitening"]))
+    )
 
 
 def test_stiff_inputs():
-    assert not not_passed(run_cases(cases.stiff_cases(), subjects(["none", "whitening"])))
+    assert not not_passed(judge_all(cases.stiff_cases(), compared_chains(["none", "whitening"])))
 
 
 @pytest.mark.parametrize("speed", [220.0, 250.0, 300.0, -300.0])
@@ -75,7 +83,7 @@ def test_shipped_network_keeps_altitudes_without_noise_and_makes_nothing_of_noth
 
 
 def test_lms_steps_are_stable_to_two_over_lambda_max():
-    rows = list(checks.step_limit_rows((1.0, 1e6)))
+    rows = [checks.step_limit(spread) for spread in (1.0, 1e6)]
     assert rows[1]["condition"] > 1e5
     for row in rows:
         assert 0.7 < row["ratio"] < 1.5
@@ -99,11 +107,11 @@ def test_other_processes_give_the_same_silenced_frames(monkeypatch):
     monkeypatch.setattr(checks, "altitudes_of", lambda method, batches=(12,): whole)
     given = {"1": (whole.copy(), ""), "2": (whole + [0, 0, 1e-9], "")}
     monkeypatch.setattr(checks, "_altitudes_in_process", lambda method, threads: given[threads])
-    rows = {r["check"]: r["verdict"] for r in checks.determinism_rows(("none",))}
+    rows = {r["check"]: r["verdict"] for r in checks.determinism_rows("none")}
     assert rows.pop("none: a process of 2 threads") == "FAIL"
     assert set(rows.values()) == {"pass"}
     given["1"] = (np.array([100.0, 200.0, 300.0]), "")
-    assert [r["verdict"] for r in checks.determinism_rows(("none",))][2] == "FAIL"
+    assert [r["verdict"] for r in checks.determinism_rows("none")][2] == "FAIL"
 
 
 def test_a_process_that_fails_is_a_row_that_says_why(monkeypatch):
@@ -113,7 +121,17 @@ def test_a_process_that_fails_is_a_row_that_says_why(monkeypatch):
 
 
 def test_broken_frames_in_a_running_flowgraph():
-    assert [r for r in checks.flowgraph_rows(("whitening",)) if r["verdict"] != "pass"] == []
+    assert checks.flowgraph_row("whitening")["verdict"] == "pass"
+
+
+def test_a_block_that_fails_in_the_flowgraph_is_a_row_that_says_why(monkeypatch, capfd):
+    def fail(self, *args, **kwargs):
+        raise FloatingPointError("as it was")
+
+    monkeypatch.setattr("gnuradio.radalt.core.mitigation.whitening.Whitening.process", fail)
+    monkeypatch.setattr(checks, "create", lambda name, waveform: create("none", waveform))
+    row = checks.flowgraph_row("whitening")
+    assert (row["value"], row["verdict"]) == (None, "FAIL as it was")
 
 
 # -- the judge can fail -----------------------------------------------------------------------------------------------
@@ -126,9 +144,9 @@ def case():
 
 def test_a_wrong_truth_is_a_wrong_altitude(case):
     lie = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
-    row = judge(lie, Subject("none", "none"))
+    row = judge(lie, Chain("none", "none"))
     assert (row["verdict"], row["wrong"]) == ("FAIL", 4)
-    assert judge(lie, Subject("whitening", "whitening"))["verdict"] == "WRONG"
+    assert judge(lie, Chain("whitening", "whitening"))["verdict"] == "WRONG"
 
 
 class Grudge(Mitigation):
@@ -150,15 +168,42 @@ class Overflow(Mitigation):
 @pytest.mark.parametrize("method", [Grudge, Overflow])
 def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
     monkeypatch.setattr(
-        "gnuradio.radalt.evaluation.stability.study.create", lambda name, waveform: method(waveform)
+        "gnuradio.radalt.evaluation.results.chain.create", lambda name, waveform: method(waveform)
     )
-    assert judge(case, Subject("bad", "bad"))["verdict"] == "FAIL"
+    assert judge(case, Chain("bad", "bad"))["verdict"] == "FAIL"
 
 
-def test_report_names_what_did_not_pass(case, tmp_path):
+def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     bad = dataclasses.replace(case, truth_m=case.truth_m + 50.0)
-    rows = list(run_cases([case, bad], subjects(["none"])))
-    report = write_stability_report(tmp_path, rows, [], [], command="test")
-    assert failures(report) == ["8-bit converter: none: FAIL"]
-    assert "- **none**, 1: 8-bit converter (4 of 4 wrong)" in (tmp_path / "stability.md").read_text()
+    rows = list(judge_all([case, bad], compared_chains(["none"])))
+    tables = {"rows": rows, "step_limits": [], "checks": []}
+    folder = RunFolder(tmp_path, {"study": "StabilityStudy", "versions": {"radalt": "0"}})
+    write_report(folder, tables, Run(1, 2, 0, 1.0, 1, "python flowgraphs/stability.py"))
+    assert failures(tables) == ["8-bit converter: none: FAIL"]
+    page = (tmp_path / "report.md").read_text()
+    assert "- **none**, 1: 8-bit converter (4 of 4 wrong)" in page
+    assert "| none | float32 | 2 | 1 | 0 | 0 | 0 | 1 |" in page
     assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
+
+
+@pytest.mark.timeout(300)
+def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path):
+    study = StabilityStudy(compared_chains(["none"]), ("numbers",), ("none",))
+    points = study.points()
+    assert len({p.name for p in points}) == len(points)
+    judged = []
+
+    def progress(p):
+        judged.extend(p.rows and [p.done])
+        if p.rows and len(judged) == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(study, Options(tmp_path, jobs=1), progress)
+    page = run(study, Options(tmp_path, jobs=2, resume=True), progress)
+    assert judged == list(range(1, len(points) + 1))
+    lines = (tmp_path / "rows.csv").read_text().splitlines()
+    assert [line.split(",")[1] for line in lines[1:3]] == ["all zeros", "a constant"]
+    assert len(lines) == 1 + len(list(cases.number_cases()))
+    text = page.read_text()
+    assert "Nothing." in text and "a process of 2 threads" in text and "[rows.csv](rows.csv)" in text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
-from radalt.core.interference.placement import Interferer, QpskEmitter
+from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter

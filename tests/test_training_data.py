@@ -1,6 +1,8 @@
-"""Training examples: reproducible, from the core, at the powers they claim. Needs no PyTorch."""
+"""Training examples and the evaluation of models: reproducible, from the core. Needs no PyTorch."""
 
 import itertools
+import json
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -105,3 +107,65 @@ def test_configurations_without_a_converter_keep_their_description(data):
     """The recorded hash of the paper's set holds its description; a field added later must not change it."""
     assert "converter" not in data.description(data.CONFIGS["paper"])
     assert "converter" in data.description(data.CONFIGS["heard"])
+
+
+@pytest.fixture(scope="module")
+def evaluate(data):
+    """The module `training/evaluate.py`."""
+    import evaluate
+
+    yield evaluate
+    del sys.modules["evaluate"], sys.modules["evaluate_report"]
+
+
+def test_a_method_leaves_a_case_after_two_levels_at_which_it_has_failed(evaluate, root):
+    chains = tuple(evaluate.chain_of(name, root / "models") for name in ("none", "lms"))
+    study = evaluate.MethodStudy(chains, trials=4)
+    point = next(p for p in study.points() if p.name == "tones, overlap 1")
+    rows = [evaluate.COLUMNS.row(row) for row in study.measure(point)]
+    by_method = {m: [r for r in rows if r["method"] == m] for m in ("none", "lms")}
+    # block LMS never has the altitude; without a method tones are borne to some -24 dB
+    assert [r["sir_db"] for r in by_method["lms"]] == [0.0, -2.5]
+    assert -40 < by_method["none"][-1]["sir_db"] < -22.5
+    for mine in by_method.values():
+        assert [r["pd"] < 0.3 for r in mine[-2:]] == [True, True]
+    ((case, broken),) = evaluate.break_points(rows).items()
+    assert case == ("tones", 1.0) and broken["lms"].mark == ">=" and -30 < broken["none"].sir_db < -18
+    assert [evaluate.COLUMNS.row(row) for row in study.measure(point)] == rows
+
+
+def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        str(root / "training" / "evaluate.py"),
+        "--out",
+        str(out),
+        "--methods",
+        "none,whitening",
+    ]
+    command += ["--trials", "0", "--clean-trials", "3"]
+    environment = {"PYTHONPATH": str(root / "python"), "PATH": "", "OMP_NUM_THREADS": "1"}
+
+    def run(*more):
+        done = subprocess.run(
+            [*command, *more], capture_output=True, text=True, timeout=300, check=False, env=environment
+        )
+        return done.returncode, done.stderr
+
+    assert run() == (0, "")
+    report = json.loads((out / "report.json").read_text())
+    rows = (out / "rows.csv").read_bytes()
+    assert len(report["rows"]) == 2 * 10 and report["models"] == {}
+    assert {r["interferer"] for r in report["rows"]} >= {
+        "clean",
+        "qpsk_rectangular_sinr_-15",
+        "nr5, extended",
+    }
+    assert "| none | 1.000" in (out / "report.md").read_text()
+    journal = (out / "points.jsonl").read_bytes()
+    (out / "points.jsonl").write_bytes(journal[: int(0.6 * len(journal))])
+    assert run("--resume") == (0, "")
+    assert (out / "rows.csv").read_bytes() == rows
+    code, error = run("--resume", "--clean-trials", "4")
+    assert code == 2 and error.count("\n") == 1 and "special_trials is 3 there and 4 here" in error

@@ -23,8 +23,15 @@ class Air:
     """
 
     def __init__(
-        self, *, master_clock_hz: float = 30e6, locks: bool = True, gain: float = 0.5, ticking: bool = False
+        self,
+        *,
+        master_clock_hz: float = 30e6,
+        locks: bool = True,
+        gain: float = 0.5,
+        ticking: bool = False,
+        mboard_id: str = "B210",
     ) -> None:
+        self.mboard_id = mboard_id
         self.calls: list[tuple] = []
         self.master_clock_hz, self.locks, self.gain = master_clock_hz, locks, gain
         self.ticking, self.slept, self.zero = ticking, 100.25, {}
@@ -93,6 +100,9 @@ class _Radio:
 
     def get_clock_rate(self, mboard: int = 0) -> float:
         return self.air.master_clock_hz
+
+    def get_usrp_info(self, chan: int = 0) -> dict[str, str]:
+        return {"mboard_id": self.air.mboard_id, "mboard_serial": self.device[0].upper()}
 
     def get_gain(self, chan: int = 0) -> float:
         return self.state["set_gain"]

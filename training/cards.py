@@ -1,19 +1,22 @@
-"""Write the model cards from the files' own metadata and the rows of `evaluate.py`.
+"""Write the model cards from the files' own metadata and the result folder of `evaluate.py`.
 
-PYTHONPATH=python .venv/bin/python training/cards.py --rows results/tcae/rows.csv
+PYTHONPATH=python .venv/bin/python training/cards.py --results results/tcae
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
+
+from radalt.evaluation.results.folder import read_report
+from radalt.evaluation.results.table import metres, table
 
 ROOT = Path(__file__).resolve().parent.parent
 METHOD = {"tcae": "compact", "paper": "paper", "cnn": "cnn", "fc": "fc"}
@@ -95,37 +98,29 @@ def metadata(path: Path) -> dict[str, str]:
     return dict(session.get_modelmeta().custom_metadata_map)
 
 
-def results(rows: list[dict[str, str]], method: str) -> str:
+def results(rows: list[dict[str, Any]], method: str) -> str:
     """Clean scene, SINR -15 dB, and Pd at three SIRs over the whole frame."""
-    out = []
-    for name, label in (
-        ("clean", "clean scene"),
-        ("qpsk_rectangular_sinr_-15", "rectangular QPSK, SINR -15 dB"),
-    ):
-        for row in rows:
-            if row["interferer"] == name and row["method"] == method:
-                out.append(
-                    f"- {label}: Pd {float(row['pd']):.3f}, forced RMSE {float(row['rmse_forced_m']):.3g} m "
-                    f"({row['trials']} frames)"
-                )
-    lines = ["| interferer | overlap | " + " | ".join(f"Pd at {s} dB" for s in (-20, -30, -40)) + " |"]
-    lines.append("|---|---|---|---|---|")
-    cases = dict.fromkeys((r["interferer"], r["overlap"]) for r in rows if r["sir_db"] == "-20.0")
-    for name, overlap in cases:
-        cells = []
-        for sir_db in ("-20.0", "-30.0", "-40.0"):
-            key = (name, overlap, sir_db, method)
-            found = [r for r in rows if (r["interferer"], r["overlap"], r["sir_db"], r["method"]) == key]
-            cells.append(f"{float(found[0]['pd']):.2f}" if found else "below 0.3")
-        lines.append(f"| {name} | {overlap} | " + " | ".join(cells) + " |")
-    return "\n".join(out) + "\n\n" + "\n".join(lines)
+    mine = [r for r in rows if r["method"] == method]
+    labels = {"clean": "clean scene", "qpsk_rectangular_sinr_-15": "rectangular QPSK, SINR -15 dB"}
+    out = [
+        f"- {labels[r['interferer']]}: Pd {r['pd']:.3f}, forced RMSE {metres(r['rmse_forced_m'])} m "
+        f"({r['trials']} frames)"
+        for r in mine
+        if r["interferer"] in labels
+    ]
+    pd = {(r["interferer"], r["overlap"], r["sir_db"]): f"{r['pd']:.2f}" for r in mine}
+    levels = (-20.0, -30.0, -40.0)
+    cases = dict.fromkeys((r["interferer"], r["overlap"]) for r in rows if r["sir_db"] == levels[0])
+    lines = [[name, rho, *(pd.get((name, rho, s), "below 0.3") for s in levels)] for name, rho in cases]
+    header = ["interferer", "overlap", *(f"Pd at {s:g} dB" for s in levels)]
+    return "\n".join(out) + "\n\n" + table(header, lines)
 
 
 def _span(config: dict, key: str) -> str:
     return "{:g}..{:g}".format(*config[key])
 
 
-def card(stem: str, models: Path, rows: list[dict[str, str]]) -> str:
+def card(stem: str, models: Path, rows: list[dict[str, Any]]) -> str:
     """Markdown of one card."""
     path = models / f"{stem}.onnx"
     info = metadata(path)
@@ -179,11 +174,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--rows", type=Path, default=ROOT / "results" / "tcae" / "rows.csv")
+    parser.add_argument(
+        "--results", type=Path, default=ROOT / "results" / "tcae", help="folder of evaluate.py"
+    )
     parser.add_argument("--models", type=Path, default=ROOT / "models")
     args = parser.parse_args()
-    with args.rows.open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_report(args.results)["rows"]
     for stem in METHOD:
         if (args.models / f"{stem}.onnx").is_file():
             (args.models / f"{stem}.md").write_text(card(stem, args.models, rows))

@@ -15,8 +15,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from radalt.core.interference.nr import NrEmitter
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frame
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
+from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 

@@ -1,48 +1,57 @@
 """Evidence for the TCAE: every method on the same unseen frames, over SIR x overlap x interferer.
 
     PYTHONPATH=python .venv/bin/python training/evaluate.py --out results/tcae
+    PYTHONPATH=python .venv/bin/python training/evaluate.py --trials 0    # without the sweep over SIR
 
-Writes a report. Runs in the runtime environment, without PyTorch. A method is scored down to the SIR where it
-has clearly failed; the break-point SIR is the lowest one with Pd(|error| < 5 m) of at least 0.9, interpolated
-between the grid's points. Rows are appended as they are measured and a killed run resumes.
+Writes a report. Runs in the runtime environment, without PyTorch. A point is one interferer at one overlap, down to
+the SIR where a method has clearly failed: two SIRs with Pd below 0.3. A killed run goes on with --resume.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import hashlib
-import json
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from data import SceneConfig, return_parts
-from evaluate_report import break_point_db, write_report
+from evaluate_report import PAPER_CASE, break_points, write_report
 
-from radalt.core.interference.nr import NrEmitter
-from radalt.core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from radalt.core.mitigation import Mitigation, create
-from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
-from radalt.evaluation.results.score import wilson_interval
+from radalt.evaluation.engine import command, options
+from radalt.evaluation.engine.study import Point, Run, Study
+from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
+from radalt.evaluation.results.folder import RunFolder
+from radalt.evaluation.results.rows import Columns
+from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
 
+PROGRAM = "evaluate"
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 31_415_926  # no training configuration uses it
 SNR_DB = 10.0
-TOLERANCE_M = 5.0
-SIRS_DB = tuple(np.arange(0.0, -62.6, -2.5))
+GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
+SIRS_DB = tuple(float(sir) for sir in np.arange(0.0, -62.6, -2.5))
 OVERLAPS = (0.3, 0.6, 1.0)
-OTHER_RETURNS = (("clean", ""), ("qpsk_shaped", -30.0), ("qpsk_rectangular_delayed", -27.5), ("nr5", -30.0))
+# interference plus noise at SINR -15 dB, the paper's case
+PAPER_SIR_DB = float(-10.0 * np.log10(10.0**1.5 - 10.0 ** (-SNR_DB / 10.0)))
+OTHER_RETURNS = (("clean", None), ("qpsk_shaped", -30.0), ("qpsk_rectangular_delayed", -27.5), ("nr5", -30.0))
+# returns by the number of their scenes: points for sweep and special cases, echoes (1-3, 6-25 dB down, 5-120 m behind),
+# extended ground
+RETURNS = (None, None, SceneConfig(multipath=1.0, extended=0.0), SceneConfig(multipath=0.0, extended=1.0))
 CLASSICAL = ("none", "lms", "lms_reference_input", "nlms", "whitening", "blanking")
 NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
-COLUMNS = (
-    "interferer", "overlap", "sir_db", "method", "trials", "detected", "pd", "pd_low", "pd_high",
-    "rmse_detected_m", "rmse_forced_m", "diverged_frames",
-)  # fmt: skip
+COLUMNS = Columns(
+    ("interferer", "overlap", "sir_db", "method", *SCORE_COLUMNS, "diverged_frames"),
+    text=frozenset({"interferer", "method"}),
+    whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
+    | {"diverged_frames"},
+)
 
 
 def emitters() -> dict[str, list[object]]:
@@ -121,186 +130,166 @@ class Scenes:
         return (self.frames + extra).astype(np.complex64)
 
 
-def score(
-    altimeter: Altimeter, method: Mitigation, frames: np.ndarray, altitude_m: np.ndarray
-) -> dict[str, object]:
-    """Pd with its interval, RMSE over detections and over all frames with a forced decision."""
-    method.reset()
-    result = altimeter.process(method.process(frames))
-    valid = result["valid"]
-    error = result["altitude_m"] - altitude_m
-    hits = int(np.sum(np.abs(error[valid]) < TOLERANCE_M))
-    forced = result["forced_altitude_m"] - altitude_m
-    # a frame without any decision (silent or diverged output) counts as if its altitude were read as zero
-    forced = np.where(np.isfinite(forced), forced, -altitude_m)
-    low, high = wilson_interval(hits, frames.shape[0])
-    return {
-        "trials": frames.shape[0],
-        "detected": int(valid.sum()),
-        "pd": hits / frames.shape[0],
-        "pd_low": round(low, 4),
-        "pd_high": round(high, 4),
-        "rmse_detected_m": round(float(np.sqrt(np.mean(error[valid] ** 2))), 4) if valid.any() else "",
-        "rmse_forced_m": round(float(np.sqrt(np.mean(forced**2))), 4),
-        "diverged_frames": method.diverged_frames,
+@lru_cache(maxsize=4)
+def scenes_of(trials: int, number: int) -> Scenes:
+    """Scenes that several points share, made once per process."""
+    return Scenes.draw(Waveform(), trials, number, RETURNS[number])
+
+
+@dataclass(frozen=True)
+class CasePoint(Point):
+    """One interferer (of `emitters`, or ``clean``) at one overlap.
+
+    ``sirs_db`` falls and is empty without interference; ``scenes`` and ``draw`` are the seeds of the returns and of the
+    interference.
+    """
+
+    interferer: str = "clean"
+    overlap: float = 0.0
+    sirs_db: tuple[float, ...] = ()
+    scenes: int = 0
+    draw: int = 0
+
+
+@dataclass(frozen=True)
+class MethodStudy(Study):
+    """Every method on the same frames.
+
+    ``trials`` are the frames per SIR of the sweep, ``special_trials`` those of the clean scene, the paper's case and
+    other returns; 0 leaves either out.
+    """
+
+    chains: tuple[Chain, ...]
+    trials: int = 60
+    special_trials: int = 200
+
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
+    published: ClassVar[Mapping[str, str]] = {
+        "pd.png": "figures/tcae_pd.png",
+        "gain.png": "figures/tcae_gain.png",
     }
 
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return any(chain.model for chain in self.chains)
 
-def methods(waveform: Waveform, names: list[str], models: Path) -> dict[str, Mitigation]:
-    """Fresh methods; networks by file below ``models``, as they are: nothing silences what they invent."""
-    made = {}
-    for name in names:
-        made[name] = (
-            create("tcae", waveform, model=models / NETWORKS[name], shift_check=False)
-            if name in NETWORKS
-            else create(name, waveform)
-        )
-    return made
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a model does not fit."""
+        for chain in self.chains:
+            chain.build(Waveform())
 
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        files = {chain.label: chain.model for chain in self.chains if chain.model}
+        return {
+            "seed": SEED,
+            "snr_db": SNR_DB,
+            "methods": [chain.label for chain in self.chains],
+            "trials": self.trials,
+            "special_trials": self.special_trials,
+            "models": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
+        }
 
-class Rows:
-    """The CSV of a run: what is there already, and appending."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.rows: list[dict[str, str]] = []
-        if path.is_file():
-            with path.open(newline="") as file:
-                self.rows = list(csv.DictReader(file))
-        else:
-            with path.open("w", newline="") as file:
-                csv.DictWriter(file, COLUMNS).writeheader()
-
-    def find(self, **key: object) -> dict[str, str] | None:
-        """The row with these values, if it was measured."""
-        wanted = {name: str(value) for name, value in key.items()}
-        return next((r for r in self.rows if all(r[n] == v for n, v in wanted.items())), None)
-
-    def add(self, row: dict[str, object]) -> dict[str, str]:
-        """Append one row, at once."""
-        text = {name: str(row[name]) for name in COLUMNS}
-        with self.path.open("a", newline="") as file:
-            csv.DictWriter(file, COLUMNS).writerow(text)
-        self.rows.append(text)
-        return text
-
-    def pd(self, interferer: str, overlap: float, method: str) -> tuple[np.ndarray, np.ndarray]:
-        """SIRs in decibels, falling, and Pd of one method in one case."""
-        picked = [
-            (float(r["sir_db"]), float(r["pd"]))
-            for r in self.rows
-            if r["interferer"] == interferer and float(r["overlap"]) == overlap and r["method"] == method
+    def points(self) -> list[CasePoint]:
+        """The clean scene, the paper's case, other returns, then the sweep."""
+        n, swept = self.special_trials, self.trials * len(SIRS_DB)
+        special = [
+            CasePoint("clean", n, scenes=1),
+            CasePoint(PAPER_CASE, n, "rows", "qpsk_rectangular", 1.0, (PAPER_SIR_DB,), scenes=1, draw=90),
+        ] + [
+            CasePoint(
+                f"{name}, {ground}", n, "rows", name, 1.0, () if sir is None else (sir,), number, draw=91
+            )
+            for number, ground in ((2, "multipath"), (3, "extended"))
+            for name, sir in OTHER_RETURNS
         ]
-        picked.sort(reverse=True)
-        return np.array([p[0] for p in picked]), np.array([p[1] for p in picked])
+        sweep = [
+            CasePoint(f"{name}, overlap {rho:g}", swept, "rows", name, rho, SIRS_DB, draw=case)
+            for case, name in enumerate(emitters())
+            for rho in OVERLAPS
+        ]
+        return (special if n else []) + (sweep if swept else [])
 
-
-def sweep(rows: Rows, altimeter: Altimeter, made: dict[str, Mitigation], trials: int, say: Callable) -> None:
-    """Measure what is missing; a method leaves a case after two points with Pd below 0.3."""
-    waveform = altimeter.waveform
-    scenes = Scenes.draw(waveform, trials, 0)
-    for case, (name, parts) in enumerate(emitters().items()):
-        for overlap in OVERLAPS:
-            alive = dict.fromkeys(made, 0)
-            for sir_db in SIRS_DB:
-                frames = None
-                for method in [m for m, failures in alive.items() if failures < 2]:
-                    key = {"interferer": name, "overlap": overlap, "sir_db": float(sir_db), "method": method}
-                    row = rows.find(**key)
-                    if row is None:
-                        if frames is None:
-                            frames = scenes.with_interference(parts, overlap, float(sir_db), case)
-                        row = rows.add(key | score(altimeter, made[method], frames, scenes.altitude_m))
-                    alive[method] = alive[method] + 1 if float(row["pd"]) < 0.3 else 0
-                if all(failures >= 2 for failures in alive.values()):
-                    break
-            say(f"{name} overlap {overlap}: " + ", ".join(_breaks(rows, name, overlap, list(made))))
-
-
-def _breaks(rows: Rows, name: str, overlap: float, names: list[str]) -> list[str]:
-    out = []
-    for method in names:
-        value, mark = break_point_db(*rows.pd(name, overlap, method))
-        out.append(f"{method} {mark}{value:.1f}")
-    return out
-
-
-def clean_and_paper(rows: Rows, altimeter: Altimeter, made: dict[str, Mitigation], trials: int) -> None:
-    """The clean scene, and the paper's case: rectangular QPSK over the whole frame at SINR -15 dB."""
-    scenes = Scenes.draw(altimeter.waveform, trials, 1)
-    noise = 10.0 ** (-SNR_DB / 10.0)
-    sir_db = -10.0 * np.log10(10.0**1.5 - noise)  # SINR = 1 / (interference + noise)
-    cases = {("clean", 0.0, ""): scenes.frames}
-    key = ("qpsk_rectangular_sinr_-15", 1.0, round(float(sir_db), 3))
-    cases[key] = scenes.with_interference(emitters()["qpsk_rectangular"], 1.0, float(sir_db), 90)
-    for (name, overlap, sir), frames in cases.items():
-        for method, one in made.items():
-            row = {"interferer": name, "overlap": overlap, "sir_db": sir, "method": method}
-            if rows.find(**row) is None:
-                rows.add(row | score(altimeter, one, frames, scenes.altitude_m))
-
-
-def other_returns(rows: Rows, altimeter: Altimeter, made: dict[str, Mitigation], trials: int) -> None:
-    """Echoes (1-3, 6-25 dB down, 5-120 m behind) and extended ground, alone and with whole-frame interference."""
-    grounds = {
-        "multipath": SceneConfig(multipath=1.0, extended=0.0),
-        "extended": SceneConfig(multipath=0.0, extended=1.0),
-    }
-    for number, (name, ground) in enumerate(grounds.items()):
-        scenes = Scenes.draw(altimeter.waveform, trials, 2 + number, ground)
-        for interferer, sir_db in OTHER_RETURNS:
+    def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
+        """Rows by SIR and method; a method leaves a case after two SIRs with Pd below 0.3."""
+        swept = len(point.sirs_db) > 1
+        scenes = scenes_of(self.trials if swept else self.special_trials, point.scenes)
+        failures = dict.fromkeys(self.chains, 0)
+        rows = []
+        for sir_db in point.sirs_db or (None,):
             frames = scenes.frames
-            if interferer != "clean":
-                frames = scenes.with_interference(emitters()[interferer], 1.0, sir_db, 91)
-            for method, one in made.items():
-                row = {
-                    "interferer": f"{interferer}, {name}",
-                    "overlap": 1.0,
-                    "sir_db": sir_db,
-                    "method": method,
-                }
-                if rows.find(**row) is None:
-                    rows.add(row | score(altimeter, one, frames, scenes.altitude_m))
+            if sir_db is not None:
+                parts = emitters()[point.interferer]
+                frames = scenes.with_interference(parts, point.overlap, sir_db, point.draw)
+            for chain in [c for c, count in failures.items() if count < 2]:
+                results, method = chain.results(frames, scenes.waveform)
+                found = score_frames(results, scenes.altitude_m)
+                failures[chain] = failures[chain] + 1 if found.pd < GIVEN_UP_PD else 0
+                about = (point.interferer if swept else point.name, point.overlap, sir_db, chain.label)
+                row = dict(zip(COLUMNS.names, about, strict=False)) | found.row()
+                rows.append(row | {"diverged_frames": method.diverged_frames})
+            if min(failures.values()) >= 2:
+                break
+        return rows
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `evaluate_report.write_report`."""
+        return write_report(folder, rows["rows"], folder.head["methods"], run)
+
+    def seconds(self, point: CasePoint) -> float:
+        """See `Study`; on the average a method leaves a case of the sweep halfway."""
+        waveform, share = Waveform(), 0.5 if len(point.sirs_db) > 1 else 1.0
+        each = sum(seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains)
+        return point.frames * share * each
+
+    def files(self) -> dict[str, Path]:
+        """The networks."""
+        return model_files(self.chains)
+
+    def with_files(self, files: Mapping[str, Path]) -> MethodStudy:
+        """See `Study`."""
+        return replace(self, chains=chains_with(self.chains, files))
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=ROOT / "results" / "tcae")
-    parser.add_argument("--models", type=Path, default=ROOT / "models")
+def chain_of(name: str, models: Path) -> Chain:
+    """A method of `CLASSICAL` or `NETWORKS`; a network as it is: nothing silences what it invents."""
+    if name not in NETWORKS:
+        return Chain(name, name)
+    return Chain.of_model(models / NETWORKS[name], name, options=(("shift_check", False),))
+
+
+def describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line: break-points, or Pd where there is one SIR."""
+    table = break_points(rows)
+    if table:
+        ((case, found),) = table.items()
+        return f"{case[0]} overlap {case[1]:g}: " + ", ".join(f"{m} {b}" for m, b in found.items())
+    return f"{rows[0]['interferer']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    parser = options.Parser(PROGRAM, __doc__)
+    options.add_options(parser, out=str(ROOT / "results" / "tcae"), time_limit_s=7200.0, sampled=False)
+    parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
     parser.add_argument("--methods", default=",".join([*CLASSICAL, *NETWORKS]), help="comma-separated")
-    parser.add_argument("--trials", type=int, default=60)
-    parser.add_argument("--clean-trials", type=int, default=200)
-    args = parser.parse_args()
-    names = [name for name in args.methods.split(",") if name]
-    unknown = [name for name in names if name not in (*CLASSICAL, *NETWORKS)]
-    if unknown:
-        parser.error(f"unknown method {unknown[0]!r}; known: {', '.join([*CLASSICAL, *NETWORKS])}")
-    args.out.mkdir(parents=True, exist_ok=True)
-    altimeter = Altimeter(Waveform())
-    made = methods(altimeter.waveform, names, args.models)
-    rows = Rows(args.out / "rows.csv")
-    start = time.monotonic()
-    clean_and_paper(rows, altimeter, made, args.clean_trials)
-    other_returns(rows, altimeter, made, args.clean_trials)
-    sweep(rows, altimeter, made, args.trials, lambda text: print(text, flush=True))
-    hashes = {
-        n: hashlib.sha256((args.models / NETWORKS[n]).read_bytes()).hexdigest()
-        for n in names
-        if n in NETWORKS
-    }
-    write_report(
-        args.out, rows, names, {"seed": SEED, "snr_db": SNR_DB, "trials": args.trials, "models": hashes}
+    parser.add_argument("--trials", type=int, default=60, help="frames per SIR of the sweep; 0 leaves it out")
+    parser.add_argument(
+        "--clean-trials", type=int, default=200, help="frames of the clean scene and the other special cases"
     )
-    print(f"{args.out / 'report.md'}: {len(rows.rows)} rows, {time.monotonic() - start:.0f} s")
-    (args.out / "report.json").write_text(
-        json.dumps(
-            {"schema": 1, "seed": SEED, "snr_db": SNR_DB, "models": hashes, "rows": rows.rows}, indent=1
-        )
-    )
+    args = parser.parse_args(argv)
+    how = options.options_of(args, parser)
+    names = tuple(dict.fromkeys(name.strip() for name in args.methods.split(",") if name.strip()))
+    strange = next((name for name in names or ("",) if name not in (*CLASSICAL, *NETWORKS)), None)
+    if strange is not None:
+        parser.error(f"--methods holds {strange!r}; known: {', '.join([*CLASSICAL, *NETWORKS])}")
+    if min(args.trials, args.clean_trials) < 0 or not args.trials + args.clean_trials:
+        parser.error(f"--trials is {args.trials}, --clean-trials {args.clean_trials}; 0 or above, not both 0")
+    chains = tuple(chain_of(name, args.models.resolve()) for name in names)
+    study = MethodStudy(chains, args.trials, args.clean_trials)
+    return command.main(lambda: study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

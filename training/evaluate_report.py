@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,181 +14,194 @@ import numpy as np
 from matplotlib import pyplot as plt
 from scipy import signal
 
+from radalt.core.mitigation import METHODS, PlotStyle
 from radalt.core.waveform import Waveform
+from radalt.evaluation.engine.study import Run
+from radalt.evaluation.results.break_point import (
+    BREAK_PD,
+    BreakPoint,
+    Gain,
+    break_point,
+    mean_gain,
+    protection_gain,
+)
+from radalt.evaluation.results.folder import RunFolder
+from radalt.evaluation.results.page import render
+from radalt.evaluation.results.table import interval, metres, number, table
 
-__all__ = ["break_point_db", "before_after", "write_report"]
+__all__ = ["PAPER_CASE", "before_after", "break_points", "write_report"]
 
-# Okabe-Ito, and a marker and dash each, so that print in grey keeps them apart
+Row = dict[str, Any]
+Case = tuple[str, float]  # interferer and overlap
+Breaks = dict[Case, dict[str, BreakPoint]]
+
+# the methods' own, and for networks what those leave; a marker and dash each, so that print in grey keeps them apart
 STYLES = {
-    "none": ("#000000", "o", "-"),
-    "lms": ("#999999", "x", ":"),
-    "lms_reference_input": ("#999999", "+", "--"),
-    "nlms": ("#CC79A7", "1", ":"),
-    "whitening": ("#0072B2", "s", "-"),
-    "blanking": ("#56B4E9", "D", "--"),
-    "fc": ("#F0E442", "v", ":"),
-    "cnn": ("#E69F00", "^", ":"),
-    "paper": ("#009E73", "P", "--"),
-    "compact": ("#D55E00", "*", "-"),
-}
+    "fc": PlotStyle("#F0E442", "<", ":"),
+    "cnn": PlotStyle("#8C6D1F", ">", ":"),
+    "paper": PlotStyle("#5D3A9B", "X", "--"),
+    "compact": METHODS["tcae"].style,
+} | {name: method.style for name, method in METHODS.items() if method.style}
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
+PAPER_CASE = "qpsk_rectangular_sinr_-15"
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
 
 
-def break_point_db(sir_db: np.ndarray, pd: np.ndarray, level: float = 0.9) -> tuple[float, str]:
-    """Break-point SIR in decibels of a curve with falling SIR.
-
-    Returns the SIR at which Pd first falls through ``level``, linear between the grid's points, and a mark:
-    ``"<="`` where the grid ends before that, ``">="`` where Pd starts below it.
-    """
-    below = np.nonzero(pd < level)[0]
-    if below.size == 0:
-        return float(sir_db[-1]), "<="
-    i = int(below[0])
-    if i == 0:
-        return float(sir_db[0]), ">="
-    share = (pd[i - 1] - level) / (pd[i - 1] - pd[i])
-    return float(sir_db[i - 1] + share * (sir_db[i] - sir_db[i - 1])), ""
-
-
-def _cases(rows: Any) -> list[tuple[str, float]]:
-    """Interferer and overlap of every swept case, in the order measured."""
-    seen: dict[tuple[str, float], None] = {}
-    for row in rows.rows:
+def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
+    """Rows of the sweep by case and method, in the order measured: highest SIR first."""
+    found: dict[Case, dict[str, list[Row]]] = {}
+    for row in rows:
         if row["interferer"] in SWEPT:
-            seen[row["interferer"], float(row["overlap"])] = None
-    return list(seen)
+            case = found.setdefault((row["interferer"], row["overlap"]), {})
+            case.setdefault(row["method"], []).append(row)
+    return found
 
 
-def break_table(rows: Any, names: list[str]) -> dict[tuple[str, float], dict[str, tuple[float, str]]]:
-    """Break-point of every method in every case."""
-    return {case: {name: break_point_db(*rows.pd(*case, name)) for name in names} for case in _cases(rows)}
+def break_points(rows: Sequence[Row]) -> Breaks:
+    """Break-point of every method in every case (`results.break_point`)."""
+    columns = ("sir_db", "pd", "pd_low", "pd_high")
+    return {
+        case: {name: break_point(*([r[c] for r in mine] for c in columns)) for name, mine in methods.items()}
+        for case, methods in curves(rows).items()
+    }
 
 
-def _markdown(header: list[str], lines: list[list[str]]) -> str:
-    rule = ["---"] * len(header)
-    return "\n".join("| " + " | ".join(line) + " |" for line in [header, rule, *lines]) + "\n"
+def gains(breaks: Breaks, base: str, method: str) -> dict[Case, Gain]:
+    """Protection gain of ``method`` against ``base`` by case, where anything is known of it."""
+    pairs = {
+        case: protection_gain(v[base], v[method]) for case, v in breaks.items() if {base, method} <= set(v)
+    }
+    return {case: gain for case, gain in pairs.items() if gain.mark != "?"}
 
 
-def _special(rows: Any, name: str) -> list[dict[str, str]]:
-    return [row for row in rows.rows if row["interferer"] == name]
+def _special(rows: Sequence[Row], name: str) -> dict[str, Row]:
+    return {row["method"]: row for row in rows if row["interferer"] == name}
 
 
-def targets(rows: Any, names: list[str]) -> list[str]:
-    """The issue's targets that this report can decide, one line each."""
+def targets(rows: Sequence[Row], breaks: Breaks) -> list[str]:
+    """The targets that this report can decide, one line each."""
     lines = []
-    table = break_table(rows, names)
-    paper_case = {row["method"]: row for row in _special(rows, "qpsk_rectangular_sinr_-15")}
-    if {"paper", "lms", "lms_reference_input"} <= paper_case.keys():
-        paper = float(paper_case["paper"]["rmse_forced_m"])
-        lms = min(float(paper_case[m]["rmse_forced_m"]) for m in ("lms", "lms_reference_input"))
+    case = {name: row["rmse_forced_m"] for name, row in _special(rows, PAPER_CASE).items()}
+    wirings = [case[m] for m in ("lms", "lms_reference_input") if case.get(m)]
+    if case.get("paper") and wirings:
+        lower = 100 * (1 - case["paper"] / min(wirings))
         lines.append(
-            f"(a) paper at 100 % overlap, SINR -15 dB: forced RMSE {paper:.2f} m (target below 50 m), "
-            f"{100 * (1 - paper / lms):.1f} % below LMS in its better wiring, {lms:.1f} m (target 85 %)"
+            f"(a) paper at 100 % overlap, SINR -15 dB: forced RMSE {metres(case['paper'])} m (target below 50 m), "
+            f"{lower:.1f} % below LMS in its better wiring, {metres(min(wirings))} m (target 85 %)"
         )
-    if {"compact", "none"} <= set(names):
-        gains = {case: v["none"][0] - v["compact"][0] for case, v in table.items()}
-        picked = [g for (name, rho), g in gains.items() if name in GAIN_CASES and rho in GAIN_OVERLAPS]
-        worst = min(gains, key=gains.__getitem__)
+    known = gains(breaks, "none", "compact")
+    picked = [g for (name, rho), g in known.items() if name in GAIN_CASES and rho in GAIN_OVERLAPS]
+    if picked:
+        worst = min(known, key=lambda case: known[case].db)
         lines.append(
-            f"(c) compact against none: mean protection gain {np.mean(picked):.1f} dB over {len(picked)} "
-            f"cases (target 12 dB); smallest of all {len(gains)} cases {gains[worst]:.1f} dB at {worst[0]}, "
+            f"(c) compact against none: mean protection gain {mean_gain(picked)} dB over "
+            f"{len(picked)} cases (target 12 dB); smallest of all {len(known)} cases {known[worst]} dB at {worst[0]}, "
             f"overlap {worst[1]:g} (target above -1 dB)"
         )
-    if {"compact", "whitening"} <= set(names):
-        ahead = {case: v["whitening"][0] - v["compact"][0] for case, v in table.items()}
-        worst = min(ahead, key=ahead.__getitem__)
+    ahead = gains(breaks, "whitening", "compact")
+    if ahead:
+        worst = min(ahead, key=lambda case: ahead[case].db)
         lines.append(
-            f"(d) compact against whitening: at least {ahead[worst]:.1f} dB ({worst[0]}, overlap "
-            f"{worst[1]:g}; target above -3 dB), ahead in {sum(a > 0 for a in ahead.values())} of {len(ahead)} cases"
+            f"(d) compact against whitening: at worst {ahead[worst]} dB ({worst[0]}, overlap {worst[1]:g}; target "
+            f"above -3 dB), ahead in {sum(g.db > 0 for g in ahead.values())} of {len(ahead)} cases"
         )
-    clean = {row["method"]: row for row in _special(rows, "clean")}
-    if {"compact", "none"} <= clean.keys():
-        ratio = float(clean["compact"]["rmse_forced_m"]) / float(clean["none"]["rmse_forced_m"])
+    clean = {name: row["rmse_forced_m"] for name, row in _special(rows, "clean").items()}
+    if clean.get("compact") and clean.get("none"):
+        ratio = clean["compact"] / clean["none"]
         lines.append(f"(e) clean scene: RMSE of compact {ratio:.2f} times that of none (target at most 1.2)")
     return lines
 
 
-def _score_table(rows: Any, name: str) -> str:
-    header = ["method", "Pd (95 %)", "RMSE detected / m", "RMSE forced / m", "diverged frames"]
+def _break_table(breaks: Breaks, names: Sequence[str]) -> str:
     lines = []
-    for row in _special(rows, name):
-        interval = f"{float(row['pd']):.3f} ({float(row['pd_low']):.3f}-{float(row['pd_high']):.3f})"
-        lines.append(
-            [
-                row["method"],
-                interval,
-                row["rmse_detected_m"] or "-",
-                row["rmse_forced_m"],
-                row["diverged_frames"],
-            ]
-        )
-    return _markdown(header, lines)
+    for (name, overlap), found in breaks.items():
+        best = min(b.sir_db for b in found.values())
+        cells = [f"**{found[m]}**" if found[m].sir_db <= best + 1e-9 else str(found[m]) for m in names]
+        lines.append([name, f"{overlap:g}", *cells])
+    return table(["interferer", "overlap", *names], lines)
 
 
-def _rmse_table(rows: Any, names: list[str], sir_db: float) -> str:
+def _score_table(rows: Sequence[Row], name: str) -> str:
+    errors = ["RMSE detected / m", "RMSE forced / m", "without decision", "diverged frames"]
+    return table(
+        ["method", "Pd (95 %)", *errors],
+        (
+            (method, interval(r["pd"], r["pd_low"], r["pd_high"]), metres(r["rmse_detected_m"]),
+             metres(r["rmse_forced_m"]), r["trials"] - r["forced"], r["diverged_frames"])
+            for method, r in _special(rows, name).items()
+        ),
+    )  # fmt: skip
+
+
+def _error_table(rows: Sequence[Row], names: Sequence[str], sir_db: float) -> str:
     """Pd and forced RMSE at one SIR."""
     lines = []
-    for name, overlap in _cases(rows):
-        line = [name, f"{overlap:g}"]
-        for method in names:
-            row = rows.find(interferer=name, overlap=overlap, sir_db=sir_db, method=method)
-            line.append(f"{float(row['pd']):.2f} / {float(row['rmse_forced_m']):.3g}" if row else "broken")
-        lines.append(line)
-    return _markdown(["interferer", "overlap", *names], lines)
-
-
-def _returns_table(rows: Any, names: list[str]) -> str:
-    """One line a return and interferer; a name with a comma is such a case."""
-    lines = []
-    for case in dict.fromkeys(row["interferer"] for row in rows.rows if ", " in row["interferer"]):
-        found = {row["method"]: row for row in _special(rows, case)}
-        interferer, ground = case.split(", ")
-        sir_db = next(iter(found.values()))["sir_db"]
-        cells = [f"{float(found[m]['pd']):.2f} / {found[m]['rmse_detected_m'] or '-'}" for m in names]
-        lines.append([ground, interferer, sir_db or "-", *cells])
-    return _markdown(["return", "interferer, whole frame", "SIR / dB", *names], lines)
-
-
-def write_report(folder: Path, rows: Any, names: list[str], about: dict[str, Any]) -> None:
-    """``report.md`` and the figures of a finished sweep."""
-    table = break_table(rows, names)
-    text = ["# TCAE against the other methods\n"]
-    text.append(
-        f"Point return at 3-1500 m, SNR {about['snr_db']:g} dB, {about['trials']} paired frames a point, "
-        f"seed {about['seed']} (no training saw it). Pd: |error| < 5 m of all frames. Models (SHA-256): "
-        + ", ".join(f"{name} `{digest[:16]}`" for name, digest in about["models"].items())
-        + ".\n"
-    )
-    text.append("## Targets\n\n" + "\n".join(f"- {line}" for line in targets(rows, names)) + "\n")
-    text.append("## Break-point SIR in dB (Pd at least 0.9)\n")
-    lines = []
-    for (name, overlap), values in table.items():
-        best = min(value for value, _ in values.values())
-        cells = [f"{mark}{value:.1f}" for value, mark in values.values()]
-        cells = [
-            f"**{c}**" if v[0] <= best + 1e-9 else c for c, v in zip(cells, values.values(), strict=True)
-        ]
+    for (name, overlap), methods in curves(rows).items():
+        at = {m: next((r for r in mine if r["sir_db"] == sir_db), None) for m, mine in methods.items()}
+        cells = (
+            f"{at[m]['pd']:.2f} / {metres(at[m]['rmse_forced_m'])}" if at[m] else "broken" for m in names
+        )
         lines.append([name, f"{overlap:g}", *cells])
-    text.append(_markdown(["interferer", "overlap", *names], lines))
-    text.append("## Clean scene\n\n" + _score_table(rows, "clean"))
-    text.append(
-        "## Rectangular QPSK, 100 % overlap, SINR -15 dB\n\n"
-        + _score_table(rows, "qpsk_rectangular_sinr_-15")
+    return table(["interferer", "overlap", *names], lines)
+
+
+def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
+    """One line per return and interferer; a name with a comma is such a case."""
+    lines = []
+    for case in dict.fromkeys(row["interferer"] for row in rows if ", " in row["interferer"]):
+        found = _special(rows, case)
+        interferer, ground = case.split(", ")
+        cells = [f"{found[m]['pd']:.2f} / {metres(found[m]['rmse_detected_m'])}" for m in names]
+        lines.append([ground, interferer, number(found[names[0]]["sir_db"], 1), *cells])
+    return table(["return", "interferer, whole frame", "SIR / dB", *names], lines)
+
+
+def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], run: Run) -> Path:
+    """``report.md``, ``report.json`` and the figures of a finished run; returns the page."""
+    breaks = break_points(rows)
+    special = bool(_special(rows, "clean"))
+    report = folder.head | {
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "targets": targets(rows, breaks),
+        "break_points": [
+            {"interferer": case[0], "overlap": case[1], "method": name} | vars(found) | {"text": str(found)}
+            for case, methods in breaks.items()
+            for name, found in methods.items()
+        ],
+        "rows": list(rows),
+        "run": run.as_dict(),
+    }
+    figures = []
+    if breaks:
+        draw_pd(folder.path / "pd.png", rows, names)
+        figures.append(("pd.png", "Pd over SIR"))
+        if "none" in names:
+            draw_gain(folder.path / "gain.png", breaks, names)
+            figures.append(("gain.png", "Protection gain"))
+    page = render(
+        Path(__file__).with_name("evaluate.md.j2"),
+        **report,
+        break_table=_break_table(breaks, names) if breaks else "",
+        clean_table=_score_table(rows, "clean") if special else "",
+        paper_table=_score_table(rows, PAPER_CASE),
+        returns_table=_returns_table(rows, names),
+        error_tables=[(s, _error_table(rows, names, s)) for s in (-10.0, -20.0, -30.0, -40.0) if breaks],
+        figures=figures,
     )
-    text.append("## Other returns: Pd / RMSE of detections in m\n\n" + _returns_table(rows, names))
-    for sir_db in (-10.0, -20.0, -30.0, -40.0):
-        text.append(f"## Pd / forced RMSE in m at SIR {sir_db:g} dB\n\n" + _rmse_table(rows, names, sir_db))
-    draw_pd(folder / "pd.png", rows, names)
-    draw_gain(folder / "gain.png", table, names)
-    text.append("![Pd over SIR](pd.png)\n\n![Protection gain](gain.png)\n")
-    (folder / "report.md").write_text("\n".join(text))
+    path = folder.write_text("report.md", page)
+    folder.write_report(report)
+    return path
 
 
-def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
-    """Pd over SIR, one panel an interferer and overlap."""
-    cases = _cases(rows)
+def _title(method: str) -> str:
+    """A method's own title; a network goes by its name."""
+    return METHODS[method].title if method in METHODS else method
+
+
+def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
+    """Pd over SIR, one panel per interferer and overlap."""
+    cases = curves(rows)
     interferers = list(dict.fromkeys(name for name, _ in cases))
     overlaps = sorted({overlap for _, overlap in cases})
     figure, axes = plt.subplots(
@@ -196,18 +211,19 @@ def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
     for name, overlap in cases:
         axis = axes[interferers.index(name), overlaps.index(overlap)]
         for method in names:
-            colour, marker, dash = STYLES[method]
+            style = STYLES[method]
             axis.plot(
-                *rows.pd(name, overlap, method),
-                color=colour,
-                marker=marker,
-                ls=dash,
+                [r["sir_db"] for r in cases[name, overlap][method]],
+                [r["pd"] for r in cases[name, overlap][method]],
+                color=style.colour,
+                marker=style.marker,
+                ls=style.line,
                 ms=4,
                 lw=1.1,
-                label=method,
+                label=_title(method),
             )
         axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
-        axis.axhline(0.9, color="0.8", lw=0.8)
+        axis.axhline(BREAK_PD, color="0.8", lw=0.8)
         axis.grid(alpha=0.25)
     axes[0, 0].invert_xaxis()
     for axis in axes[-1]:
@@ -219,16 +235,15 @@ def draw_pd(path: Path, rows: Any, names: list[str]) -> None:
     plt.close(figure)
 
 
-def draw_gain(path: Path, table: dict, names: list[str]) -> None:
-    """Protection gain against none: one row a case, one marker a method; nothing without none to compare with."""
-    if "none" not in names:
-        return
-    figure, axis = plt.subplots(figsize=(8, 0.28 * len(table) + 1.5), layout="constrained")
-    labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in table]
+def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: Sequence[str]) -> None:
+    """Protection gain against none: one row per case, one marker per method; an open end stands at its bound."""
+    figure, axis = plt.subplots(figsize=(8, 0.28 * len(breaks) + 1.5), layout="constrained")
+    labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in breaks]
     for method in [m for m in names if m != "none"]:
-        gain = [values["none"][0] - values[method][0] for values in table.values()]
-        colour, marker, _ = STYLES[method]
-        axis.plot(gain, range(len(gain)), ls="", marker=marker, color=colour, ms=7, label=method, alpha=0.9)
+        known = gains(breaks, "none", method)
+        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": _title(method)}
+        places = [list(breaks).index(case) for case in known]
+        axis.plot([g.db for g in known.values()], places, ls="", ms=7, alpha=0.9, **look)
     axis.axvline(0, color="k", lw=0.8)
     axis.set_yticks(range(len(labels)), labels, fontsize=8)
     axis.invert_yaxis()

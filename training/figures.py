@@ -16,7 +16,7 @@ import numpy as np
 from evaluate_report import before_after
 from matplotlib import pyplot as plt
 
-from radalt.core.interference.placement import Interferer, QpskEmitter, interference_frame
+from radalt.core.interference import Interferer, QpskEmitter, interference_frame
 from radalt.core.mitigation import create
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.mitigation import Mitigation, create
+from ..core.mitigation import Mitigation, create, method_class
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
 
@@ -34,7 +34,7 @@ class mitigation(MitigationBlock):
         self, scene: Scene, method: str = "whitening", options: dict[str, Any] | None = None
     ) -> None:
         self._scene, self._name, self._options = scene, method, options or {}
-        super().__init__("radalt_mitigation", self._create(method), _batch(method))
+        super().__init__("radalt_mitigation", self._create(method), method_class(method).batch)
 
     def _create(self, method: str) -> Mitigation:
         parameters = {**self._scene.method_options.get(method, {}), **self._options}
@@ -44,9 +44,4 @@ class mitigation(MitigationBlock):
         """Another method from the next frames on, without what was learnt before."""
         if method != self._name:
             self.method, self._name = self._create(method), method
-            self._batch = _batch(method)
-
-
-def _batch(method: str) -> int:
-    """Frames a call: classical methods give the same bits in any batch, in fewer calls; a network's depend on it."""
-    return 1 if method == "tcae" else 4
+            self._batch = method_class(method).batch

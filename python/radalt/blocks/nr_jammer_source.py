@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..core.interference.nr import NrEmitter
+from ..core.interference.emitters.nr import NrEmitter
 from ..core.interference.placement import Interferer
 from ..core.scene import Scene
 from ._jammer import JammerSource

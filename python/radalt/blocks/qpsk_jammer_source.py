@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..core.interference.placement import Interferer, QpskEmitter
+from ..core.interference import Interferer, QpskEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..core.interference.placement import Interferer, ToneEmitter
+from ..core.interference import Interferer, ToneEmitter
 from ..core.scene import Scene
 from ._jammer import JammerSource
 

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy.fft import next_fast_len
 
+from ..parsing import build
 from ..waveform import exp_cycles
+from .emitters import NamedEmitter
 from .placement import Emitter
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
@@ -232,7 +235,7 @@ class FadingChannel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FadedEmitter:
+class FadedEmitter(NamedEmitter):
     """An emitter heard through multipath: emitter protocol, long-run mean power 1.
 
     The window is cut from a longer one, so that it holds the echoes of what was sent before it.
@@ -243,8 +246,37 @@ class FadedEmitter:
     emitter: Emitter
     channel: FadingChannel
 
+    @property
+    def label(self) -> str:
+        """See `NamedEmitter.label`: with the profile."""
+        return f"{self.emitter.label}_{self.channel.profile}"
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        return f"{self.emitter.title(band_hz)} through {self.channel.profile}"
+
+    @property
+    def stated_sir_db(self) -> float | None:
+        """The level that a standard gives the emitter itself; paths change none of it."""
+        return self.emitter.stated_sir_db
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the emitter itself."""
+        return self.emitter.notes
+
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`; see `Emitter`."""
         lead = int(np.ceil(self.channel.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
         sent = self.emitter.samples(count + lead + _GUARD_SAMPLES, rate_hz, rng)
         return self.channel.apply(sent, rate_hz, rng)[lead : lead + count]
+
+
+def faded(emitter: Emitter, data: Any, where: str) -> FadedEmitter:
+    """The emitter heard through a multipath profile (`FadingChannel`) given as a mapping."""
+    return FadedEmitter(emitter=emitter, channel=build(FadingChannel, data, where))
+
+
+def unfaded(emitter: Emitter) -> tuple[Emitter, FadingChannel | None]:
+    """The emitter itself and its multipath channel, None without."""
+    return (emitter.emitter, emitter.channel) if isinstance(emitter, FadedEmitter) else (emitter, None)

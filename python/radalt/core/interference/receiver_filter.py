@@ -35,6 +35,13 @@ def check_receiver(rate_hz: float, receiver_bandwidth_hz: float | None) -> float
     return float(receiver_bandwidth_hz)
 
 
+def check_positive(owner: str, **values: float) -> None:
+    """Raise ValueError, one line, unless each value is finite and above 0."""
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{owner}.{name} is {value!r}; it has to be finite and above 0")
+
+
 def check_count(count: int) -> int:
     """Number of samples as int; ValueError below 1."""
     if int(count) != count or count < 1:

@@ -10,35 +10,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import pkgutil
 
 from ..cores import allowed_cores
+from ..plugins import load_plugins
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError
+from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
 from .blanking import Blanking
 from .custom import Custom
 from .identity import Identity
-from .lms import BlockLms, Nlms
+from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .own_process import OwnProcess
 from .tcae import Tcae
 from .whitening import Whitening
 
-__all__ = ["CUSTOM", "METHODS", "Mitigation", "MitigationError", "create"]
-
-METHODS: dict[str, Callable[..., Mitigation]] = {
-    "none": Identity,
-    "lms": BlockLms,
-    "lms_reference_input": lambda waveform, **kw: BlockLms(
-        waveform, **({"wiring": "reference_input", "length": 96, "restart": True} | kw)
-    ),
-    "nlms": Nlms,
-    "whitening": Whitening,
-    "blanking": Blanking,
-    "tcae": Tcae,
-}
+__all__ = [
+    "CUSTOM",
+    "METHODS",
+    "Mitigation",
+    "MitigationError",
+    "PlotStyle",
+    "create",
+    "method_class",
+    "register",
+]
 
 # a method of the user's own, from a Python file: not among METHODS, since it is nothing without its file
 CUSTOM = Custom.name
+
+for _method in (
+    Identity,
+    BlockLms,
+    BlockLmsReferenceInput,
+    Nlms,
+    Whitening,
+    Blanking,
+    Tcae,
+):  # as reports list them
+    register(_method)
+
+
+def method_class(name: str) -> type[Mitigation]:
+    """The class of a method by its registry name, `CUSTOM` included.
+
+    Raises
+    ------
+    MitigationError
+        For an unknown name; names those that are known.
+    """
+    if name == CUSTOM:
+        return Custom
+    if name not in METHODS:
+        raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+    return METHODS[name]
 
 
 def create(
@@ -62,13 +87,18 @@ def create(
     MitigationError
         For an unknown name or parameter; names what is allowed.
     """
-    if name not in METHODS and name != CUSTOM:
-        raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
+    method = method_class(name)
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
         return OwnProcess(name, waveform, batch=batch, **parameters)
     try:
-        return (METHODS | {CUSTOM: Custom})[name](waveform, **parameters)
+        return method(waveform, **parameters)
     except TypeError as error:
         raise MitigationError(f"mitigation {name!r}: {error}") from None
+
+
+# whatever else lies in this folder, and what stands outside, registers itself
+for _file in pkgutil.iter_modules(__path__):
+    importlib.import_module(f".{_file.name}", __name__)
+load_plugins()

@@ -3,16 +3,40 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from ..waveform import Waveform
 
-__all__ = ["Mitigation", "MitigationError", "finite_frames", "peak_scale"]
+__all__ = ["METHODS", "Mitigation", "MitigationError", "PlotStyle", "finite_frames", "peak_scale", "register"]
+
+
+_RESERVED = ("custom", "mitigation")  # the method of a file, and no method's name
 
 
 class MitigationError(ValueError):
     """A method that cannot be built or does not fit; the message is one line for the user."""
+
+
+@dataclass(frozen=True)
+class PlotStyle:
+    """How a method is drawn, the same in every figure.
+
+    Attributes
+    ----------
+    colour : str
+        ``#RRGGBB``, of Okabe and Ito's palette where one is left: distinguishable with any colour vision.
+    marker : str
+        In matplotlib's letters.
+    line : str or (offset, (on, off, ...))
+        Solid ``"-"``, or dashes in points; marker and line tell methods apart in grey as well.
+    """
+
+    colour: str
+    marker: str = "o"
+    line: str | tuple[float, tuple[float, ...]] = "-"
 
 
 class Mitigation(ABC):
@@ -27,6 +51,13 @@ class Mitigation(ABC):
     ----------
     name : str
         Registry name.
+    title : str
+        In figures and tables; empty stands for the name.
+    style : PlotStyle or None
+        In figures; None takes the next of the figure's reserve.
+    batch : int
+        Frames that a block gives the method at once, unless told otherwise. More amortise a call, and must not change
+        the result where it has to be the same bits whatever the load: hence 1 for networks.
     frames : int
         Frames processed since construction or `reset`.
     diverged_frames : int
@@ -36,6 +67,9 @@ class Mitigation(ABC):
     """
 
     name = "mitigation"
+    title: ClassVar[str] = ""
+    style: ClassVar[PlotStyle | None] = None
+    batch: ClassVar[int] = 4
     outside_cpu_ns = 0
 
     def __init__(self, waveform: Waveform) -> None:
@@ -69,7 +103,7 @@ class Mitigation(ABC):
             out = np.full_like(batch, np.nan)
             if finite.any():
                 out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
-        return out.reshape(frames.shape)
+        return out.astype(np.complex64, copy=False).reshape(frames.shape)
 
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """Like `process`, (n, N) into ``out`` of the same shape."""
@@ -77,7 +111,7 @@ class Mitigation(ABC):
 
     @abstractmethod
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        """(n, N) finite complex64 in, the same shape out, as a new array."""
+        """(n, N) finite complex64 in, the same shape out, as a new array; what is wider is rounded to complex64."""
 
     @property
     def carries_altitude(self) -> bool:
@@ -92,6 +126,27 @@ class Mitigation(ABC):
             "diverged_frames": self.diverged_frames,
             "carries_altitude": self.carries_altitude,
         }
+
+
+_Class = TypeVar("_Class", bound=type[Mitigation])
+METHODS: dict[str, type[Mitigation]] = {}  # by name, those of the package first
+
+
+def register(cls: _Class) -> _Class:
+    """Class decorator: the method can be asked for by its ``name`` from now on.
+
+    Raises
+    ------
+    MitigationError
+        If the name is no identifier, or another class has it.
+    """
+    if not cls.name.isidentifier():
+        raise MitigationError(f"{cls.__name__}.name is {cls.name!r}; give it letters, digits and underscores")
+    other = METHODS.get(cls.name, cls)
+    if cls.name in _RESERVED or (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise MitigationError(f"{cls.__name__}.name {cls.name!r} is taken; choose another")
+    METHODS[cls.name] = cls
+    return cls
 
 
 def finite_frames(batch: np.ndarray) -> np.ndarray:

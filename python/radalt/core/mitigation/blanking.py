@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, signal
 
 from ..waveform import Waveform, altitude_to_delay_s
-from .base import Mitigation, MitigationError, peak_scale
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 
 __all__ = ["Blanking"]
 
@@ -31,6 +31,8 @@ class Blanking(Mitigation):
     """
 
     name = "blanking"
+    title = "blanking"
+    style = PlotStyle("#D55E00", "P", (0, (4, 1.2, 1, 1.2, 1, 1.2)))
 
     def __init__(
         self,

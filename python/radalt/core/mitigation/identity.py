@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base import Mitigation
+from .base import Mitigation, PlotStyle
 
 __all__ = ["Identity"]
 
@@ -13,6 +13,8 @@ class Identity(Mitigation):
     """Frames pass unchanged."""
 
     name = "none"
+    title = "no mitigation"
+    style = PlotStyle("#000000", "o")
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         return batch.copy()

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ..waveform import Waveform, delay_to_altitude_m
-from .base import Mitigation, MitigationError
+from .base import Mitigation, MitigationError, PlotStyle
 
-__all__ = ["BlockLms", "Nlms"]
+__all__ = ["BlockLms", "BlockLmsReferenceInput", "Nlms"]
 
 # Weights of a filter that maps a signal onto a unit-power one never need to be this large; beyond it the recursion
 # has left the region of convergence and the next blocks only overflow.
@@ -55,6 +55,8 @@ class BlockLms(Mitigation):
     """
 
     name = "lms"
+    title = "block LMS, ref. desired"
+    style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
 
     def __init__(
         self,
@@ -78,12 +80,10 @@ class BlockLms(Mitigation):
         self.length, self.block, self.step, self.wiring = length, block, step, wiring
         self.restart = restart
         if wiring == "reference_input":
-            self.name = "lms_reference_input"
+            self.name = BlockLmsReferenceInput.name
         if span_m is not None and not 0 < span_m < np.inf:
             raise MitigationError(f"lms.span_m is {span_m!r}; it has to be a finite number of metres above 0")
         self._check = self._altimeter(waveform, span_m) if wiring == "reference_input" else None
-        if self._check is not None:
-            self._check.asked_by(self)
         super().__init__(waveform)
 
     def _altimeter(self, waveform: Waveform, span_m: float | None) -> Altimeter:
@@ -163,6 +163,25 @@ class BlockLms(Mitigation):
         }
 
 
+class BlockLmsReferenceInput(BlockLms):
+    """`BlockLms` in its other wiring: 96 taps for delays up to 1900 m, a fresh start with every frame."""
+
+    name = "lms_reference_input"
+    title = "block LMS, ref. as input"
+    style = PlotStyle("#CC79A7", "^", (0, (3, 1.2, 1, 1.2)))
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        *,
+        wiring: str = "reference_input",
+        length: int = 96,
+        restart: bool = True,
+        **parameters: object,
+    ) -> None:
+        super().__init__(waveform, wiring=wiring, length=length, restart=restart, **parameters)
+
+
 class Nlms(BlockLms):
     """Block LMS with the step normalised by the block's energy: ``mu / trace(X^H X)``, 0 < ``mu`` < 2.
 
@@ -176,6 +195,8 @@ class Nlms(BlockLms):
     """
 
     name = "nlms"
+    title = "NLMS"
+    style = PlotStyle("#56B4E9", "D", (0, (5, 1.5)))
 
     def __init__(
         self,

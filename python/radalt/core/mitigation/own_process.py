@@ -33,8 +33,9 @@ _END_S = 5.0
 # or the text of an error, told apart by their first byte.
 _RESET, _STATUS = b"reset", b"status"
 _SPAN, _DONE = struct.Struct("<ii"), struct.Struct("<cqq")
-# what the process runs: this package where the parent found it, and no GNU Radio
-_PROGRAM = "import sys; sys.path.append({folder!r}); from {module} import serve; serve({link}, {memory})"
+# what the process runs: this module by the parent's name of it and path to it, so that the parent's plugins register
+# with the same package; no GNU Radio
+_PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link}, {memory})"
 
 
 class OwnProcess(Mitigation):
@@ -180,9 +181,7 @@ def _map(memory: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _start(link: Connection, memory: int) -> subprocess.Popen:
-    here = Path(__file__).resolve()
-    module = ".".join((*here.parts[-4:-1], here.stem))
-    program = _PROGRAM.format(folder=str(here.parents[3]), module=module, link=link.fileno(), memory=memory)
+    program = _PROGRAM.format(path=sys.path, module=__name__, link=link.fileno(), memory=memory)
     return subprocess.Popen(
         [sys.executable, "-c", program], pass_fds=(link.fileno(), memory), stdin=subprocess.DEVNULL
     )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, peak_scale
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 
 __all__ = ["Whitening"]
 
@@ -32,6 +32,8 @@ class Whitening(Mitigation):
     """
 
     name = "whitening"
+    title = "whitening"
+    style = PlotStyle("#009E73", "s", (0, (7, 1.5, 1, 1.5)))
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:
         if not 0 < smoothing_hz <= waveform.rate_hz:

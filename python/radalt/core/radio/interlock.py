@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..scene import Scene
-from .levels import MAX_RX_DBM, MAX_TX_DBM, rx_level_dbm
+from .levels import rx_level_dbm
 
 __all__ = ["InterlockError", "check_levels", "require_enclosure"]
 
@@ -30,7 +30,8 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
     Raises
     ------
     InterlockError
-        Without an enclosure, with too little attenuation for the gains, or without ``transmit``.
+        Without an enclosure, outside the radio's band or rates, with too little attenuation for the gains, or without
+        ``transmit``.
     """
     if not radios:
         return
@@ -39,11 +40,32 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
             f"transmit refused: {_why(scene)} and radio.enclosure is 'none'; state 'cabled' with "
             "attenuation_db, or 'shielded', in the scene"
         )
+    check_radio(scene)
     check_levels(scene)
     if not transmit:
         raise InterlockError(
             "transmit is off: add --transmit (or set the flowgraph's parameter transmit to 1)"
         )
+
+
+def check_radio(scene: Scene) -> None:
+    """Refuse a sweep that the scene's radios cannot play.
+
+    Raises
+    ------
+    InterlockError
+        If the sweep leaves what they tune to, or its rate their rates.
+    """
+    w, limits = scene.waveform, scene.radio.limits
+    for name, low, high, (bottom, top) in (
+        ("rate_hz", w.rate_hz, w.rate_hz, limits.rate_hz),
+        ("carrier_hz", w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2, limits.tuning_hz),
+    ):
+        if low < bottom or high > top:
+            raise InterlockError(
+                f"transmit refused: waveform.{name} is {getattr(w, name):g}, and a {limits.title} has "
+                f"{bottom:g}..{top:g}; change the waveform or name another radio.device"
+            )
 
 
 def check_levels(scene: Scene) -> None:
@@ -52,20 +74,21 @@ def check_levels(scene: Scene) -> None:
     Raises
     ------
     InterlockError
-        If a cabled set-up states less than 30 dB, or the level at the receiver exceeds -15 dBm (`rx_level_dbm`).
+        If a cabled set-up states less than 30 dB, or more reaches the receiver than it stands (`rx_level_dbm`).
     """
-    radio = scene.radio
+    radio, limits = scene.radio, scene.radio.limits
     if radio.enclosure == "cabled" and radio.attenuation_db < _MIN_CABLED_ATTENUATION_DB:
         raise InterlockError(
-            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a B210 "
-            f"receiver is damaged above {MAX_RX_DBM:g} dBm and transmits up to {MAX_TX_DBM:+g} dBm: "
-            f"use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
+            f"transmit refused: radio.attenuation_db is {radio.attenuation_db:g} with a cabled set-up; a "
+            f"{limits.title} receiver is damaged above {limits.max_rx_dbm:g} dBm and transmits up to "
+            f"{limits.max_tx_dbm:+g} dBm: use at least {_MIN_CABLED_ATTENUATION_DB:g} dB (40 dB is usual)"
         )
     level = rx_level_dbm(radio, scene.has_jammer)
-    if level > MAX_RX_DBM:
+    if level > limits.max_rx_dbm:
         raise InterlockError(
             f"transmit refused: up to {level:.1f} dBm would reach the receiver, which is damaged above "
-            f"{MAX_RX_DBM:g} dBm; lower the transmit gains or raise attenuation_db by {level - MAX_RX_DBM:.1f} dB"
+            f"{limits.max_rx_dbm:g} dBm; lower the transmit gains or raise attenuation_db by "
+            f"{level - limits.max_rx_dbm:.1f} dB"
         )
 
 

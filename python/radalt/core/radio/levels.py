@@ -1,9 +1,9 @@
-"""Power levels of the two B210s: what leaves the transmitters, what reaches the receiver, which digital drive gives
+"""Power levels of the two radios: what leaves the transmitters, what reaches the receiver, which digital drive gives
 the wanted SIR.
 
-The model is an upper bound, meant for the interlock and not for metrology: a B210 gives at most +20 dBm at its highest
-transmit gain, every decibel of gain is a decibel of power, and a full-scale tone is the strongest signal. At 4.3 GHz
-a real B210 stays some decibels below that.
+The model is an upper bound, meant for the interlock and not for metrology: a radio gives at most its `Device`'s
+``max_tx_dbm`` at its highest transmit gain, every decibel of gain is a decibel of power, and a full-scale tone is the
+strongest signal.
 """
 
 from __future__ import annotations
@@ -17,27 +17,15 @@ from ..scene import RadioSpec, Scene
 
 __all__ = [
     "Drive",
-    "MAX_RX_DBM",
-    "MAX_TX_DBM",
-    "MAX_TX_GAIN_DB",
     "drive",
     "jammer_stream_args",
     "radar_stream_args",
     "rx_level_dbm",
-    "tx_power_dbm",
 ]
 
-MAX_TX_DBM = 20.0  # FIELD_NOTES: a B210's transmitter reaches +20 dBm
-MAX_TX_GAIN_DB = 89.75
-MAX_RX_DBM = -15.0  # above this a B210's receiver is damaged
 _HEADROOM = 0.7  # of the converter's full scale, so that interpolation filters do not overshoot it
 _CREST_MARGIN = 1.25  # on the largest rail seen in the frames that were looked at
 _LOOK_FRAMES = 24
-
-
-def tx_power_dbm(gain_db: float) -> float:
-    """Highest power of a full-scale tone at a transmit gain, 0..89.75 dB: ``+20 dBm - (89.75 dB - gain)``."""
-    return MAX_TX_DBM - (MAX_TX_GAIN_DB - gain_db)
 
 
 def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
@@ -46,12 +34,12 @@ def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
     Parameters
     ----------
     radio : RadioSpec
-        Transmit gains and ``attenuation_db`` from each transmitter to the receiver.
+        Device, transmit gains and ``attenuation_db`` from each transmitter to the receiver.
     jammer : bool
         Whether the second transmitter exists.
     """
     gains = [radio.radar_tx_gain_db] + ([radio.jammer_tx_gain_db] if jammer else [])
-    milliwatts = sum(10.0 ** ((tx_power_dbm(g) - radio.attenuation_db) / 10.0) for g in gains)
+    milliwatts = sum(10.0 ** ((radio.limits.tx_power_dbm(g) - radio.attenuation_db) / 10.0) for g in gains)
     return float(10.0 * np.log10(milliwatts))
 
 
@@ -81,6 +69,7 @@ def drive(scene: Scene) -> Drive:
     transmitters are assumed.
     """
     radio = scene.radio
+    tx_power_dbm = radio.limits.tx_power_dbm
     radar = 1.0 / _HEADROOM
     if not scene.has_jammer:
         return Drive(

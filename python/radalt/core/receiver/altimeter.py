@@ -12,12 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from weakref import WeakSet
 
 import numpy as np
 from scipy import fft, signal
 
-from ..frame_memory import FrameMemory
 from ..waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
 from .cfar import Cfar, cell_correlation
@@ -100,8 +98,6 @@ class Altimeter:
             side_lobes=self._side_lobes,
             outshining=settings.strategy == "strongest",
         )
-        self._asking: WeakSet[object] = WeakSet()
-        self.received = FrameMemory(self._received_rows)
 
     @property
     def false_alarms_per_frame(self) -> float:
@@ -310,30 +306,18 @@ class Altimeter:
         out["valid"], out["reason"] = ok, reason
         return out
 
-    shares_spectra = True  # false computes them for each method: for measurements of what sharing saves
-
-    def asked_by(self, method: object) -> None:
-        """Count a method among those that ask `confirms`: spectra of received frames are remembered from two on."""
-        self._asking.add(method)
-
     def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
         """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is found.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
         own strongest cell: more than a first side lobe, less than the loss by interference.
         """
-        shared = self.shares_spectra and len(self._asking) > 1
-        raw_power, raw_noise = self.received(received) if shared else self._received_rows(received)
+        raw = self.spectra(received)
         reason, pair = self._pair(self.spectra(cleaned))
-        power = np.take_along_axis(raw_power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
-        noise = np.take_along_axis(raw_noise, pair[..., None], axis=-1)[..., 0]
-        strong = (power > 2.0 * noise) & (power > raw_power.max(axis=-1) / 8.0)
+        power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
+        noise = np.take_along_axis(raw.noise, pair[..., None], axis=-1)[..., 0]
+        strong = (power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)
         return strong.all(axis=-1) | (reason != Reason.OK)
-
-    def _received_rows(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Power (n, 2, J) and its noise estimate, as in `Spectra`."""
-        spectra = self.spectra(frames)
-        return spectra.power, spectra.noise
 
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)

@@ -10,6 +10,8 @@ from scipy.linalg import blas
 
 __all__ = ["Decimator"]
 
+_THREADS = 16  # that buffers are kept for; a flowgraph has an altimeter for each method
+
 
 class Decimator:
     """Keeps a band of ``width_hz`` around zero of blocks of ``samples`` samples, aliases 80 dB down.
@@ -53,7 +55,10 @@ class Decimator:
         # rows of zeros before the block, so that every output has all its terms
         self._rows = -(-self.outputs // self._run) + self._overlap - 1
         self._matrix = self._polyphase()
-        self._scratch = threading.local()  # a decimator is shared by all who measure the same sweep
+        # a decimator is shared by all who measure the same sweep. By thread, and not threading.local(): an array held
+        # there ends a flowgraph with SIGSEGV from Python 3.13 on (tests/test_threads.py)
+        self._scratch: dict[int, dict[tuple[int, ...], np.ndarray]] = {}
+        self._lock = threading.Lock()
 
     def _lowpass(self, width_hz: float) -> np.ndarray:
         if self.factor == 1:
@@ -79,7 +84,7 @@ class Decimator:
 
         The rest is zero. Each thread has one buffer a shape, which the next call with that shape hands out again.
         """
-        known = self._scratch.__dict__.setdefault("buffers", {})
+        known = self._scratch.get(threading.get_ident()) or self._new_thread()
         if shape not in known:
             if len(known) >= 8:
                 known.clear()
@@ -91,6 +96,18 @@ class Decimator:
         lead = (self._overlap - 1) * self._row
         return whole, whole[..., lead : lead + self.samples]
 
+    def _new_thread(self) -> dict[tuple[int, ...], np.ndarray]:
+        """The calling thread's place for buffers. Those that came first are forgotten: threads end without a word.
+
+        A thread forgotten while it lives holds its buffer until it is done, and gets another one with its next call. A
+        new thread with the number of one that ended takes over what that one had.
+        """
+        with self._lock:
+            known = self._scratch.setdefault(threading.get_ident(), {})
+            while len(self._scratch) > _THREADS:
+                del self._scratch[next(iter(self._scratch))]
+        return known
+
     def apply(self, buffer: np.ndarray) -> np.ndarray:
         """(..., outputs) complex64 of a buffer that was made by `buffer` and filled."""
         if self.factor == 1:
@@ -99,7 +116,7 @@ class Decimator:
         blocks = buffer.view(np.float32).reshape(-1, rows, 2 * self._row)
         share = np.empty((len(blocks), rows, terms, self._run), dtype=np.complex64)
         # one product a block: BLAS rounds differently with the number of rows, and a frame's result must not depend on
-        # how many came with it. SciPy's BLAS: NumPy below 2, which GNU Radio needs, carries one that takes processors
+        # how many came with it. SciPy's BLAS: NumPy below 2, which older GNU Radio needs, has one that takes processors
         # made after it for one of 2004, at a fifth of the speed. It counts columns first: both sides are transposed
         for block, part in zip(blocks, share.view(np.float32).reshape(len(blocks), rows, -1), strict=True):
             part[:] = blas.sgemm(1.0, self._matrix, block.T).T

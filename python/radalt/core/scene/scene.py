@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from ..channel.simulated import ChannelSettings
+from ..interference.emitters import emitter_class, emitter_names
+from ..interference.multipath import faded, unfaded
 from ..interference.placement import Interferer
-from ..interference.registry import EMITTER_NAMES, emitter_class, emitter_label, emitter_name, faded, unfaded
 from ..parsing import build, convert, plain
 from ..paths import scene_path
 from ..programme import Programme
+from ..radio.device import Device, device
 from ..receiver.altimeter import AltimeterSettings
 from ..receiver.segmenter import SegmenterSettings
 from ..returns.landing import LandingSpec
@@ -118,18 +120,20 @@ class SweepSpec:
 
 @dataclass(frozen=True)
 class RadioSpec:
-    """The two B210s; nothing of it is used in simulation.
+    """The two radios; nothing of it is used in simulation.
 
     Parameters
     ----------
+    device : str
+        Type of both: a name in `radalt.core.radio.device.DEVICES`.
     radar_serial, jammer_serial : str
         USB serial numbers (``uhd_find_devices``); empty takes the first device found.
     master_clock_hz : float
-        30 MHz divides to 7.5 MS/s by four.
+        Within the device's range; 30 MHz divides to 7.5 MS/s by four.
     lo_offset_hz : float
         LO offset out of the band, so that its leakage falls outside.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
-        Gains, 0..89.75 dB (TX) and 0..76 dB (RX).
+        Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
     enclosure : str
         ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
     attenuation_db : float
@@ -138,6 +142,7 @@ class RadioSpec:
         ``"internal"``, ``"external"`` or ``"gpsdo"``.
     """
 
+    device: str = "b210"
     radar_serial: str = ""
     jammer_serial: str = ""
     master_clock_hz: float = 30e6
@@ -156,15 +161,23 @@ class RadioSpec:
             raise ValueError(
                 f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
             )
-        for name, top in (
-            ("radar_tx_gain_db", 89.75),
-            ("jammer_tx_gain_db", 89.75),
-            ("radar_rx_gain_db", 76.0),
+        for name, (low, high) in (
+            ("radar_tx_gain_db", self.limits.tx_gain_db),
+            ("jammer_tx_gain_db", self.limits.tx_gain_db),
+            ("radar_rx_gain_db", self.limits.rx_gain_db),
+            ("master_clock_hz", self.limits.master_clock_hz),
         ):
-            if not 0 <= getattr(self, name) <= top:
-                raise ValueError(f"radio.{name} is {getattr(self, name):g}; it has to be within 0..{top:g}")
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(
+                    f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
+                )
         if self.attenuation_db < 0:
             raise ValueError(f"radio.attenuation_db is {self.attenuation_db:g}; it has to be 0 or above")
+
+    @property
+    def limits(self) -> Device:
+        """What the radios can do and stand."""
+        return device(self.device)
 
 
 @dataclass(frozen=True)
@@ -297,7 +310,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(emitter_label(i.emitter) for i in self.interference)
+        return "+".join(i.emitter.label for i in self.interference)
 
 
 def burst_db(sir_db: float, overlap: float) -> float:
@@ -369,8 +382,8 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{where} holds {item!r}; expected one 'kind: {{...}}' an entry")
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
-    if kind not in EMITTER_NAMES:
-        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(EMITTER_NAMES)}")
+    if kind not in emitter_names():
+        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(emitter_names())}")
     params = {} if params is None else params
     if not isinstance(params, dict):
         raise ValueError(f"{path} is {params!r}; expected a mapping of keys")
@@ -380,8 +393,8 @@ def _interferer(item: Any, where: str) -> Interferer:
     emitter = build(emitter_class(kind), own, path)
     if params.get("multipath") is not None:
         emitter = faded(emitter, params["multipath"], f"{path}.multipath")
-    if "sir_db" not in placement and hasattr(emitter, "report"):
-        placement["sir_db"] = float(emitter.report().sir_db)  # its level is given by a standard
+    if "sir_db" not in placement and emitter.stated_sir_db is not None:
+        placement["sir_db"] = emitter.stated_sir_db
     try:
         return Interferer(emitter, **placement)
     except ValueError as error:
@@ -411,4 +424,4 @@ def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
     """``{kind: {emitter and placement keys}}`` of one interferer."""
     emitter, channel = unfaded(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
-    return {emitter_name(emitter): keys if channel is None else keys | {"multipath": plain(channel)}}
+    return {emitter.scene_name: keys if channel is None else keys | {"multipath": plain(channel)}}

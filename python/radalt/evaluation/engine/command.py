@@ -8,8 +8,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..results.folder import FolderError
 from .options import Options, duration, expected_errors
 from .precision import check_precision, most_batches
+from .publish import publish
 from .run import Progress, estimate, run
 from .study import Study
 
@@ -47,7 +49,7 @@ class Bar:
 
 
 def main(
-    study: Study,
+    study: Study | Callable[[], Study],
     options: Options,
     *,
     program: str,
@@ -55,18 +57,29 @@ def main(
     describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(str(v) for v in rows[0].values())[
         :120
     ],
-    after: Callable[[Path], None] = lambda page: None,
+    after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
-    """Run a study that has been checked; 0, 2 after one line about what does not fit, 130 when interrupted."""
+    """Run a study, or check and run the one that a callable makes; returns the exit status.
+
+    0, 2 after one line about what does not fit, 130 when interrupted.
+
+    ``after`` gets the result folder, prints what the terminal should show, and may return another status.
+    """
     begin = time.monotonic()
     bar = Bar(describe)
     try:
+        if not isinstance(study, Study):
+            study = study()
+            study.check()
         print(f"{program}: {_cost(study, options)} -> {options.out}", flush=True)
         if dry_run:
             return 0
+        if options.publish is not None and not study.published:
+            raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
         page = run(study, options, bar)
         bar.close()
-        after(options.out)
+        shown = [page] if options.publish is None else publish(options.out, study.published, options.publish)
+        status = after(options.out)
     except expected_errors() as error:
         bar.close()
         print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)
@@ -75,8 +88,8 @@ def main(
         bar.close()
         print(f"\n{program}: stopped; go on with: {_resuming(options)}", file=sys.stderr)
         return 130
-    print(f"\n{page}  ({duration(time.monotonic() - begin)})")
-    return 0
+    print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
+    return status or 0
 
 
 def _cost(study: Study, options: Options) -> str:

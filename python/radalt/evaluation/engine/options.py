@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-__all__ = ["Options", "Parser", "add_options", "duration", "expected_errors", "options_of", "out_folder"]
+__all__ = [
+    "Options",
+    "Parser",
+    "add_options",
+    "command_of",
+    "duration",
+    "expected_errors",
+    "options_of",
+    "out_folder",
+]
 
 
 @dataclass(frozen=True)
@@ -30,6 +40,8 @@ class Options:
         Half width of the 95 % interval of Pd to be reached; None measures one batch of every point.
     command : str
         As in the report.
+    publish : Path or None
+        Folder that receives the study's page, figures and data under their stable names.
     """
 
     out: Path
@@ -39,6 +51,7 @@ class Options:
     time_limit_s: float = 120.0
     precision: float | None = None
     command: str = ""
+    publish: Path | None = None
 
 
 MAX_JOBS = 256
@@ -76,7 +89,7 @@ def add_options(
     time_limit_s: float = 120.0,
     sampled: bool = True,
 ) -> None:
-    """``--out --resume --jobs --scheduler --time-limit-s --precision --dry-run``, alike for every study.
+    """``--out --resume --publish --jobs --scheduler --time-limit-s --precision --dry-run``, alike for every study.
 
     ``--seed`` is the study's own, since it belongs to what is measured.
     """
@@ -84,6 +97,12 @@ def add_options(
     default = f" (default: {out})" if out else ""
     add("--out", type=out_folder, default=out and Path(out), help=f"result folder{default}")
     add("--resume", action="store_true", help="complete the run that --out holds")
+    add(
+        "--publish",
+        type=out_folder,
+        metavar="DIR",
+        help="at the end, copy page, figures and data into DIR under the names that the documentation links to",
+    )
     add("--jobs", type=int, default=2, help="local worker processes (default: %(default)s); changes no row")
     add(
         "--scheduler",
@@ -130,7 +149,32 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
         time_limit_s=args.time_limit_s,
         precision=precision,
         command=command,
+        publish=args.publish,
     )
+
+
+# how a run is done, which changes none of its rows
+_NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
+
+
+def command_of(args: argparse.Namespace, parser: argparse.ArgumentParser) -> str:
+    """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
+    words = [f"python flowgraphs/{parser.prog}.py"]
+    for name, value in vars(args).items():
+        if name in _NO_ROW or value == parser.get_default(name):
+            continue
+        option = f"--{name.replace('_', '-')}"
+        if value is True:
+            words.append(option)
+        elif isinstance(value, list):
+            words += [option, *(shlex.quote(_word(v)) for v in value)]
+        else:
+            words.append(f"{option}={shlex.quote(_word(value))}")
+    return " ".join(words)
+
+
+def _word(value: object) -> str:
+    return value.name if isinstance(value, Path) else str(value)
 
 
 def expected_errors() -> tuple[type[Exception], ...]:
@@ -141,8 +185,8 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ...core.radio.recording import RecordingError
     from ...core.returns.terrain import TerrainError, TrajectoryError
     from ...core.scene import SceneError
-    from ..flowgraph.run import FlowgraphError
-    from ..landing.study import StudyError
+    from ..flowgraph import FlowgraphError
+    from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
     from .precision import PrecisionError

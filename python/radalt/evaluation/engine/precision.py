@@ -41,7 +41,7 @@ def batches_needed(pilot: Sequence[dict[str, Any]], wanted: float) -> int:
 
     Parameters
     ----------
-    pilot : rows of the first batch, with ``correct`` and ``trials``.
+    pilot : rows of the first batch, with ``correct`` and ``trials``; rows without trials ask for no more.
     wanted : float
         Half width, within 0..0.5.
 
@@ -54,7 +54,7 @@ def batches_needed(pilot: Sequence[dict[str, Any]], wanted: float) -> int:
     """
     most = 1
     for row in pilot:
-        trials = row["trials"]
+        trials = row.get("trials")  # rows of times and facts have none
         if not trials or half_width(row["correct"], trials) <= wanted:
             continue
         low, high = wilson_interval(row["correct"], trials)

@@ -135,7 +135,10 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
     ready = study.begin(folder.path)
     watch.stage(ready, [(point, 0) for point in points])
     if options.precision is not None:
-        more = {p.name: batches_needed(folder.done[p.name, 0], options.precision) for p in points}
+        more = {
+            p.name: batches_needed(folder.done[p.name, 0], options.precision) if p.sampled else 1
+            for p in points
+        }
         watch.stage(ready, [(p, b) for p in points for b in range(1, more[p.name])])
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
     for point in points:

@@ -34,6 +34,11 @@ class Point:
     frames: int = 0
     table: str = "rows"
 
+    @property
+    def sampled(self) -> bool:
+        """Whether more batches make its rows sharper, in a study that is `Study.sampled`."""
+        return True
+
 
 @dataclass(frozen=True)
 class Run:
@@ -64,11 +69,14 @@ class Study:
         (``--precision``).
     max_jobs : int or None
         Most points measured at once; 1 where times are measured.
+    published : mapping of file -> name
+        Files of the result folder that the documentation holds, and their names there (``--publish``).
     """
 
     tables: ClassVar[Mapping[str, Columns]]
     sampled: ClassVar[bool] = False
     max_jobs: ClassVar[int | None] = None
+    published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:
         """Find what does not fit before anything is measured; raises an expected error, one line."""

@@ -12,7 +12,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .run import grc_dirs, load_grc
+from .generate import grc_dirs
+from .rewrite import load_grc
 
 __all__ = ["embed", "source_of"]
 

@@ -85,8 +85,8 @@ class Plan:
             f"{self.band_hz[1] / 1e3:.1f} kHz, decimation {self.decimation}, FFT of {self.fft_size} "
             f"(1500 m: {self.full_decimation}, {self.full_fft_size}); half sweeps differ by at most "
             f"{self.doppler_cells} cells",
-            "  once for all methods: reference sweep, segmenting, tables of altimeters that measure alike, spectra of "
-            "received frames that two methods look at; each method: its own frames and their spectra",
+            "  once for all methods: reference sweep, segmenting, tables of altimeters that measure alike; each "
+            "method: its own frames, and the spectra it looks at",
             f"  radios on the air: {self.radios}",
         ]
         return "\n".join(lines)

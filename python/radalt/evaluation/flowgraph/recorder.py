@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,10 @@ import numpy as np
 from ...core.paths import share_dir
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.scene import Scene
-from .run import (
-    PointResult,
-    Prepared,
-    collect,
-    generate,
-    load_class,
-    load_grc,
-    prune,
-    replay,
-    run_flowgraph,
-    write_scene,
-)
+from .generate import Prepared, generate
+from .rewrite import from_recording, load_grc, prune
+from .run import PointResult, make_top, result_of
+from .watch import run_to_end
 
 __all__ = ["Recorder", "attach_recorder", "prepare_replay", "replay_scene", "run_replay", "summary"]
 
@@ -102,7 +93,7 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
     """Generate the flowgraph with a recording in the place of the receiver and without transmitters."""
     name = "ota_replay"
-    data = replay(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
+    data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
     out = ("transmitters and channel: the samples come from a recording",)
     return Prepared(generate(data, Path(build_dir)), name, tuple(methods), out)
 
@@ -125,19 +116,13 @@ def run_replay(
         counts as zero, and lock is kept for any altitude of the span.
     """
     capture = open_capture(path)
-    scene_file = write_scene(scene, prepared.module.parent / "replay.yaml")
-    top = load_class(prepared)(
-        scene_file=str(scene_file),
-        drop_when_slow=0,
-        capture_file=str(capture.path),
-        follow_programme=int(known),
+    top = make_top(
+        prepared, scene, drop_when_slow=0, capture_file=str(capture.path), follow_programme=int(known)
     )
     if "full_scale" in capture.radio:
         top.frame_segmenter.set_full_scale(capture.radio["full_scale"])
     top.frame_segmenter.set_calibration(capture.radio.get("calibration_samples"))
-    begin = time.perf_counter()
-    run_flowgraph(top, time_limit_s)
-    return collect(top, prepared, scene, time.perf_counter() - begin)
+    return result_of(top, prepared, scene, run_to_end(top, time_limit_s=time_limit_s))
 
 
 def summary(result: PointResult) -> list[dict[str, Any]]:

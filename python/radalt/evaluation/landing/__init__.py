@@ -1,5 +1,5 @@
-"""The landing study: altitude error over an approach, RMSE against SINR (`flowgraphs/landing_eval.py`).
+"""The landing study: altitude error over an approach, error against SINR (`flowgraphs/landing_eval.py`).
 
-`study` what is asked, `points` how one point is measured, `variants` the sensitivity table's assumptions, `rows`,
-`report` and `figures` what is written.
+`config` the study's file, `points` how one point is measured, `assumptions` the rows of the sensitivity table, `study`
+what the engine runs, `report` and `figures` what is written.
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,46 +12,57 @@ from ...core.mitigation import create
 from ...core.receiver.altimeter import Altimeter
 from ..overlap.figures import series_style
 from ..results.score import CORRECT_LIMIT_M
-from .points import _seed, approach_frames, impaired
-from .report import asked_db, clean_rows, condition, curve
-from .study import LandingStudy, accuracy_limit_m
+from .config import LandingConfig, accuracy_limit_m
+from .points import approach_frames, impaired, rng_of
 
-__all__ = ["draw_figures"]
+__all__ = ["condition", "curve_of", "draw_figures"]
 
 IMAGE_FRAMES = 300
 FEWEST_DETECTIONS = 5
 
 
-def draw_figures(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> list[str]:
-    """Draw what the rows have material for; returns the file names, in report order."""
+def condition(row: dict[str, Any]) -> str:
+    """Label of a frame of the approach: its method, or ``no interference``."""
+    return "no interference" if row["overlap"] == 0 else row["method"]
+
+
+def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> list[dict[str, Any]]:
+    """One curve of figure 2, by rising SINR asked for (what a point got is limited by its SNR)."""
+    wanted = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
+    return sorted((r for r in wanted if r["asked_sinr_db"] is not None), key=lambda r: r["asked_sinr_db"])
+
+
+def draw_figures(
+    config: LandingConfig, rows: Mapping[str, Sequence[dict[str, Any]]], folder: Path
+) -> list[str]:
+    """Draw what the tables have material for; returns the file names, in report order."""
     import matplotlib
 
     matplotlib.use("Agg")
     names = []
-    if any(r["kind"] == "approach" for r in rows):
-        names.append(_approach(study, rows, folder))
-        names.append(_range_time(study, folder))
-    if any(r["kind"] == "curve" for r in rows):
-        names.append(_error_against_sinr(study, rows, folder))
+    if rows["approach"]:
+        names.append(_approach(config, rows["approach"], folder))
+        names.append(_range_time(config, folder))
+    if rows["curve"]:
+        names.append(_error_against_sinr(config, rows["curve"], folder))
     return names
 
 
-def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> str:
+def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
     """Altitude and error over time, a column a condition."""
     from matplotlib import pyplot
 
-    approach = [r for r in rows if r["kind"] == "approach"]
-    labels = list(dict.fromkeys(condition(r) for r in approach))
+    labels = list(dict.fromkeys(condition(r) for r in rows))
     figure, axes = pyplot.subplots(
         2, len(labels), figsize=(2.6 * len(labels) + 1, 6), sharex=True, sharey="row", squeeze=False
     )
     for column, label in enumerate(labels):
-        mine = sorted((r for r in approach if condition(r) == label), key=lambda r: r["time_s"])
+        mine = sorted((r for r in rows if condition(r) == label), key=lambda r: r["time_s"])
         t = np.array([r["time_s"] for r in mine])
         height = np.array([r["height_m"] for r in mine])
         measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
         top, bottom = axes[0, column], axes[1, column]
-        style = series_style(mine[0]["method"], study.methods)
+        style = series_style(mine[0]["method"], config.methods)
         top.plot(t, height, color="#999999", lw=2, label="height above ground")
         top.plot(t, measured, ".", ms=2.5, color=style["color"], label="measured")
         top.set_title(label)
@@ -67,34 +78,36 @@ def _approach(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path)
     axes[0, 0].legend(fontsize=7)
     axes[1, 0].legend(fontsize=7)
     figure.suptitle(
-        f"SIR {study.approach.sir_db:g} dB, overlap {study.approach.overlap:g}; dots: declared altitudes"
+        f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}; dots: declared altitudes"
     )
     return _save(figure, folder, "figure_1_approach.png")
 
 
-def _range_time(study: LandingStudy, folder: Path) -> str:
+def _range_time(config: LandingConfig, folder: Path) -> str:
     """Beat power over range and time: without interference, with it, after whitening or the last method."""
     from matplotlib import pyplot
 
-    step = max(1, study.approach.frames // IMAGE_FRAMES)
-    times = study.approach_times_s()[::step]
-    after = "whitening" if "whitening" in study.methods else study.methods[-1]
+    step = max(1, config.approach.frames // IMAGE_FRAMES)
+    times = config.approach_times_s()[::step]
+    after = "whitening" if "whitening" in config.methods else config.methods[-1]
     panels = {"no interference": [], "with interference": [], f"after {after}": []}
     altimeter, stage = (
-        Altimeter(study.waveform, study.altimeter),
-        create(after, study.waveform, **study.method_options.get(after, {})),
+        Altimeter(config.waveform, config.altimeter),
+        create(after, config.waveform, **config.method_options.get(after, {})),
     )
-    rng = np.random.default_rng(_seed(study, "range-time"))
-    for first in range(0, study.approach.frames, step):
-        truth = approach_frames(study, first, 1)
-        clean, _, _ = impaired(study, truth, rng)
-        hit, _, _ = impaired(study, truth, rng, overlap=study.approach.overlap, sir_db=study.approach.sir_db)
+    rng = rng_of(config, "range-time")
+    for first in range(0, config.approach.frames, step):
+        truth = approach_frames(config, first, 1)
+        clean, _, _ = impaired(config, truth, rng)
+        hit, _, _ = impaired(
+            config, truth, rng, overlap=config.approach.overlap, sir_db=config.approach.sir_db
+        )
         for name, frame in zip(panels, (clean[:, 0], hit[:, 0], stage.process(hit[:, 0])), strict=True):
             spectra = altimeter.spectra(frame)
             panels[name].append(spectra.power[0].mean(axis=0) / spectra.power[0].max())
-    metres = spectra.beat_hz / study.waveform.altitude_to_beat_hz(1.0)
-    starts = range(0, study.approach.frames, step)
-    heights = np.array([approach_frames(study, k, 1).height_m[0] for k in starts])
+    metres = spectra.beat_hz / config.waveform.altitude_to_beat_hz(1.0)
+    starts = range(0, config.approach.frames, step)
+    heights = np.array([approach_frames(config, k, 1).height_m[0] for k in starts])
     shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
     figure, axes = pyplot.subplots(1, 3, figsize=(13, 4.2), sharey=True, layout="constrained")
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
@@ -110,36 +123,36 @@ def _range_time(study: LandingStudy, folder: Path) -> str:
     return _save(figure, folder, "figure_1_range_time.png", tight=False)
 
 
-def _error_against_sinr(study: LandingStudy, rows: Sequence[dict[str, Any]], folder: Path) -> str:
+def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
     """Error over all frames, error over detections and Pd against SINR, a column an overlap."""
     from matplotlib import pyplot
 
-    overlaps = study.curve.overlap
+    overlaps = config.curve.overlap
     figure, axes = pyplot.subplots(
         3, len(overlaps), figsize=(3.2 * len(overlaps) + 1, 9), sharex=True, sharey="row", squeeze=False
     )
     panels = (
-        ("forced_rmse_m", "forced_rmse_low_m", "forced_rmse_high_m", "RMSE, all frames / m"),
-        ("rmse_m", "rmse_low_m", "rmse_high_m", "RMSE, detections / m"),
+        ("rmse_forced_m", "rmse_forced_low_m", "rmse_forced_high_m", "RMSE, all frames / m"),
+        ("rmse_detected_m", "rmse_detected_low_m", "rmse_detected_high_m", "RMSE, detections / m"),
         ("pd", "pd_low", "pd_high", "Pd (|error| < 5 m)"),
     )
-    ceiling = clean_rows(rows).get("none")
+    ceiling = next((r for r in rows if r["asked_sinr_db"] is None and r["method"] == "none"), None)
     for column, overlap in enumerate(overlaps):
         for line, (value, low, high, label) in enumerate(panels):
             axis = axes[line, column]
             if ceiling and ceiling[value] is not None:
                 axis.axhline(ceiling[value], color="#999999", lw=1.5)
                 axis.axhspan(ceiling[low], ceiling[high], color="#999999", alpha=0.25)
-            for method in study.methods:
-                mine = curve(rows, overlap, method)
-                if value == "rmse_m":  # the error of a handful of detections says nothing
+            for method in config.methods:
+                mine = curve_of(rows, overlap, method)
+                if value == "rmse_detected_m":  # the error of a handful of detections says nothing
                     mine = [r for r in mine if r["detections"] >= FEWEST_DETECTIONS]
-                x = [asked_db(r) for r in mine]
+                x = [r["asked_sinr_db"] for r in mine]
                 y, bottom, top = (
                     np.array([np.nan if r[c] is None else r[c] for r in mine], dtype=float)
                     for c in (value, low, high)
                 )
-                style = series_style(method, study.methods)
+                style = series_style(method, config.methods)
                 axis.plot(x, y, ms=4, **style)
                 axis.fill_between(x, bottom, top, color=style["color"], alpha=0.15)
             if line < 2:

@@ -1,9 +1,10 @@
-"""Rows of the landing study: one point at a time, from (study, point) alone."""
+"""Rows of the landing study: one batch of a point at a time, from (config, point, batch) alone."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import time
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
@@ -11,28 +12,96 @@ from typing import Any
 import numpy as np
 
 from ...core.interference.placement import interference_frames
-from ...core.mitigation import create
-from ...core.receiver.altimeter import Altimeter, Spectra
 from ...core.returns.point import point_return
 from ...core.returns.terrain import GroundReturn
-from ..results.score import CORRECT_LIMIT_M, wilson_interval
-from .study import LandingStudy, Point, accuracy_limit_m
-from .variants import VARIANTS
+from ..engine.study import Point
+from ..results.chain import Chain, seconds_per_frame
+from ..results.rows import Columns
+from ..results.score import SCORE_COLUMNS, pool, score_frames
+from .assumptions import ASSUMPTIONS
+from .config import LandingConfig, accuracy_limit_m
 
-__all__ = ["COLUMNS", "Truth", "approach_frames", "impaired", "measure", "run_point", "statistics"]
-
-COLUMNS = (
-    "point", "rows", "kind", "method", "overlap", "sinr_db", "sir_db", "snr_db", "variant",
-    "time_s", "height_m", "nearest_m", "climb_m_per_s",
-    "valid", "reason", "altitude_m", "forced_altitude_m", "vertical_speed_m_per_s",
-    "trials", "detections", "correct", "pd", "pd_low", "pd_high", "in_band",
-    "rmse_m", "rmse_low_m", "rmse_high_m", "bias_m",
-    "forced_trials", "forced_rmse_m", "forced_rmse_low_m", "forced_rmse_high_m",
-    "speed_bias_m_per_s", "speed_rmse_m_per_s", "diverged_frames",
-)  # fmt: skip
-"""Columns of rows.csv; a row of one kind leaves those of the other empty."""
+__all__ = [
+    "TABLES",
+    "LandingPoint",
+    "Truth",
+    "accuracy",
+    "altitudes",
+    "approach_frames",
+    "assumed_methods",
+    "impaired",
+    "point_rows",
+    "pooled_row",
+    "rng_of",
+    "seconds",
+    "statistics",
+    "study_points",
+    "trial_frames",
+]
 
 RESAMPLES = 400
+_MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s")
+_LEVELS = ("sinr_db", "sir_db", "snr_db")
+_ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
+_INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
+_WHOLE = frozenset(
+    {"valid", "reason", "trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}
+    | {"diverged_frames"}
+)
+
+
+def _columns(*names: str) -> Columns:
+    return Columns(names, frozenset({"method", "assumption"}), _WHOLE)
+
+
+_STATISTICS = (*_LEVELS, *SCORE_COLUMNS, *_INTERVALS, *_ACCURACY, "diverged_frames")
+TABLES = {
+    "approach": _columns(
+        *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
+        *("valid", "reason", *_MEASURED),
+    ),
+    "curve": _columns("method", "overlap", "asked_sinr_db", *_STATISTICS),
+    "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
+}
+"""Tables of the result: frames of the approach; points of figure 2, those without ``asked_sinr_db`` without
+interference; rows of the sensitivity table."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LandingPoint(Point):
+    """A part of the approach from frame ``first``, a level of figure 2, or an assumption, by its ``table``."""
+
+    first: int = 0
+    overlap: float = 0.0
+    sinr_db: float | None = None
+    assumption: str = ""
+
+    @property
+    def sampled(self) -> bool:
+        """The approach is flown once, and all assumptions meet the same frames."""
+        return self.table == "curve"
+
+
+def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
+    """Every point, in report order."""
+    approach, curve = config.approach, config.curve
+    points = [
+        LandingPoint(f"approach/{k:05d}", min(approach.chunk, approach.frames - k), "approach", first=k)
+        for k in range(0, approach.frames, approach.chunk)
+    ]
+    if curve.trials:
+        points.append(LandingPoint("curve/clean", curve.trials, "curve"))
+        points += [
+            LandingPoint(f"curve/{rho:g}/{sinr:g}", curve.trials, "curve", overlap=rho, sinr_db=sinr)
+            for rho in curve.overlap
+            for sinr in curve.sinr_db
+        ]
+    if curve.sensitivity_trials:
+        points += [
+            LandingPoint(f"assumption/{a.name}", curve.sensitivity_trials, "assumptions", assumption=a.name)
+            for a in ASSUMPTIONS
+        ]
+    return tuple(dict.fromkeys(points))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,17 +124,17 @@ class Truth:
     time_s: np.ndarray
 
 
-def _returns(study: LandingStudy, times_s: np.ndarray) -> list[GroundReturn]:
-    radar = _radar(_key(study))
+def _returns(config: LandingConfig, times_s: np.ndarray) -> list[GroundReturn]:
+    radar = _radar(_key(config))
     results = []
-    for state in study.states(times_s):
+    for state in config.states(times_s):
         result = radar(state)
-        if study.point_target:
+        if config.point_target:
             # the phase is the echo's own; its level is that of the ground it stands for
             echo = point_return(
-                study.waveform,
+                config.waveform,
                 result.height_m,
-                vertical_speed_m_per_s=result.climb_m_per_s if study.doppler else 0.0,
+                vertical_speed_m_per_s=result.climb_m_per_s if config.doppler else 0.0,
             )
             result = dataclasses.replace(result, frame=echo * np.sqrt(result.power_w))
         results.append(result)
@@ -74,52 +143,52 @@ def _returns(study: LandingStudy, times_s: np.ndarray) -> list[GroundReturn]:
 
 @lru_cache(maxsize=8)
 def _truth(key: str, times: tuple[float, ...]) -> Truth:
-    study = _STUDIES[key]
-    offsets = (np.arange(study.looks) - 0.5 * (study.looks - 1)) * study.waveform.sweep_s
-    samples = study.waveform.samples_per_frame
-    frames = np.empty((len(times), study.looks, samples), dtype=np.complex64)
+    config = _CONFIGS[key]
+    offsets = (np.arange(config.looks) - 0.5 * (config.looks - 1)) * config.waveform.sweep_s
+    samples = config.waveform.samples_per_frame
+    frames = np.empty((len(times), config.looks, samples), dtype=np.complex64)
     rows = []
     for k, time_s in enumerate(times):
-        looks = _returns(study, time_s + offsets)
+        looks = _returns(config, time_s + offsets)
         frames[k] = [r.frame / np.sqrt(r.power_w) for r in looks]
         rows.append(
             [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
         )
-        rows[-1].append(looks[0].snr_db if study.snr_db is None else study.snr_db)
+        rows[-1].append(looks[0].snr_db if config.snr_db is None else config.snr_db)
     height, nearest, climb, snr = np.array(rows).reshape(-1, 4).T
     return Truth(frames, height, nearest, climb, snr, np.array(times))
 
 
-# studies hold dictionaries and are not hashable; caches are keyed by their digest instead
-_STUDIES: dict[str, LandingStudy] = {}
+# they hold dictionaries and are not hashable; caches are keyed by their digest instead
+_CONFIGS: dict[str, LandingConfig] = {}
 
 
-def _key(study: LandingStudy) -> str:
+def _key(config: LandingConfig) -> str:
     """Digest of what the frames without interference depend on."""
-    parts = (study.trajectory, study.terrain, study.antenna, study.ground, study.link, study.waveform)
-    more = (study.seed, study.snr_db, study.doppler, study.point_target, study.looks, study.folder)
+    parts = (config.trajectory, config.terrain, config.antenna, config.ground, config.link, config.waveform)
+    more = (config.seed, config.snr_db, config.doppler, config.point_target, config.looks, config.folder)
     key = hashlib.sha256(repr((parts, more)).encode()).hexdigest()
-    _STUDIES.setdefault(key, study)
+    _CONFIGS.setdefault(key, config)
     return key
 
 
 @lru_cache(maxsize=8)
 def _radar(key: str):  # noqa: ANN202 - TerrainReturn
-    return _STUDIES[key].radar()
+    return _CONFIGS[key].radar()
 
 
-@lru_cache(maxsize=8)
-def _altimeter(waveform, settings) -> Altimeter:  # noqa: ANN001
-    return Altimeter(waveform, settings)
+def approach_frames(config: LandingConfig, first: int, count: int) -> Truth:
+    """Frames of a part of figure 1, as the ground returns them."""
+    return _truth(_key(config), tuple(config.approach_times_s()[first : first + count].tolist()))
 
 
-def approach_frames(study: LandingStudy, first: int, count: int) -> Truth:
-    """Frames of a part of figure 1."""
-    return _truth(_key(study), tuple(study.approach_times_s()[first : first + count].tolist()))
+def trial_frames(config: LandingConfig, trials: int, batch: int = 0) -> Truth:
+    """Frames of a batch of trials, as the ground returns them."""
+    return _truth(_key(config), tuple(config.trial_times_s(trials, batch).tolist()))
 
 
 def impaired(
-    study: LandingStudy,
+    config: LandingConfig,
     truth: Truth,
     rng: np.random.Generator,
     *,
@@ -141,7 +210,7 @@ def impaired(
     n, looks, samples = truth.frames.shape
     noise_w = 10.0 ** (-truth.snr_db / 10.0)
     jam_w = np.zeros(n)
-    jammed = bool(study.interference) and overlap > 0
+    jammed = bool(config.interference) and overlap > 0
     if sir_db is not None and jammed:
         jam_w[:] = 10.0 ** (-sir_db / 10.0)
     elif sinr_db is not None and jammed:
@@ -153,166 +222,182 @@ def impaired(
         noise = rng.standard_normal((looks, samples, 2), dtype=np.float32).view(np.complex64)[..., 0]
         frames[k] += noise * np.float32(np.sqrt(0.5 * noise_w[k]))
         if jam_w[k] > 0:
-            placed = [dataclasses.replace(i, overlap=overlap) for i in study.interference]
+            placed = [dataclasses.replace(i, overlap=overlap) for i in config.interference]
             jam = interference_frames(
-                placed, looks, samples, study.waveform.rate_hz, rng, total_sir_db=-10.0 * np.log10(jam_w[k])
+                placed, looks, samples, config.waveform.rate_hz, rng, total_sir_db=-10.0 * np.log10(jam_w[k])
             )
             frames[k] += jam.astype(np.complex64)
     with np.errstate(divide="ignore"):
         return frames, -10.0 * np.log10(jam_w), -10.0 * np.log10(jam_w + noise_w)
 
 
-def measure(study: LandingStudy, frames: np.ndarray, method: str) -> tuple[np.ndarray, int]:
-    """Altimeter results of ``(n, looks, N)`` frames after a method, and the frames in which it diverged."""
-    n, looks, samples = frames.shape
-    stage = create(method, study.waveform, **study.method_options.get(method, {}))
-    altimeter = _altimeter(study.waveform, study.altimeter)
-    spectra = altimeter.spectra(stage.process(frames.reshape(n * looks, samples)))
-    if looks > 1:
-        spectra = _averaged(altimeter, spectra, looks)
-    return altimeter.detect(spectra), stage.diverged_frames
+def altitudes(config: LandingConfig, frames: np.ndarray, method: str) -> tuple[np.ndarray, int]:
+    """Altimeter results of ``(n, looks, N)`` frames behind a method, and the frames in which it diverged."""
+    options = tuple(config.method_options.get(method, {}).items())
+    chain = Chain(method, method, options, settings=config.altimeter, looks=frames.shape[1])
+    results, stage = chain.results(frames.reshape(-1, frames.shape[-1]), config.waveform)
+    return results, stage.diverged_frames
 
 
-def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
-    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
-    # spectra come scaled to unit peak; undo that, so that looks weigh by their power
-    power = spectra.power * (spectra.scale**2)[:, None, None]
-    power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
-    scale = np.sqrt(power.max(axis=(1, 2)))
-    power = (power / np.where(scale > 0, scale, 1.0)[:, None, None] ** 2).astype(np.float32)
-    return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
+def accuracy(results: np.ndarray, height_m: np.ndarray, climb_m_per_s: np.ndarray) -> dict[str, Any]:
+    """What the common score does not say: the share within the accuracy band, and the error of vertical speed.
 
-
-def _rmse(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float, float]:
-    """Root mean square with a 95 % bootstrap interval over trials."""
-    if errors.size == 0:
-        return np.nan, np.nan, np.nan
-    square = errors**2
-    draws = np.random.default_rng(list(seed)).integers(0, errors.size, (RESAMPLES, errors.size))
-    low, high = np.percentile(np.sqrt(square[draws].mean(axis=1)), [2.5, 97.5])
-    return float(np.sqrt(square.mean())), float(low), float(high)
+    A frame without detection counts against ``in_band``, never against the speed.
+    """
+    valid = results["valid"]
+    inside = np.abs(results["altitude_m"] - height_m)[valid] <= accuracy_limit_m(height_m)[valid]
+    speed = (results["vertical_speed_m_per_s"] - climb_m_per_s)[valid]
+    bias, mean_square = (speed.mean(), np.mean(speed**2)) if speed.size else (np.nan, np.nan)
+    return dict(zip(_ACCURACY, (inside.sum() / valid.size, bias, np.sqrt(mean_square)), strict=True))
 
 
 def statistics(results: np.ndarray, truth: Truth, seed: Sequence[int]) -> dict[str, Any]:
-    """Detection and error statistics of one method over a point's trials.
-
-    A frame without detection counts against ``pd``; ``rmse_m`` is over detections, ``forced_rmse_m`` over
-    every frame with its best pair of cells taken whether declared or not.
-    """
-    valid = results["valid"]
+    """The score of one method over a point's trials, with intervals of both errors (bootstrap, from ``seed``)."""
+    row = score_frames(results, truth.height_m).row()
+    row |= accuracy(results, truth.height_m, truth.climb_m_per_s)
     error = results["altitude_m"] - truth.height_m
-    with np.errstate(invalid="ignore"):
-        correct = valid & (np.abs(error) < CORRECT_LIMIT_M)
-        in_band = valid & (np.abs(error) <= accuracy_limit_m(truth.height_m))
-    forced = (results["forced_altitude_m"] - truth.height_m)[np.isfinite(results["forced_altitude_m"])]
-    speed = (results["vertical_speed_m_per_s"] - truth.climb_m_per_s)[valid]
-    found = error[valid]
-    rmse, forced_rmse = _rmse(found, seed), _rmse(forced, seed)
-    pd_low, pd_high = wilson_interval(int(correct.sum()), valid.size)
-    return {
-        "trials": valid.size,
-        "detections": int(valid.sum()),
-        "correct": int(correct.sum()),
-        "pd": correct.mean(),
-        "pd_low": pd_low,
-        "pd_high": pd_high,
-        "in_band": in_band.mean(),
-        "rmse_m": rmse[0],
-        "rmse_low_m": rmse[1],
-        "rmse_high_m": rmse[2],
-        "bias_m": found.mean() if found.size else np.nan,
-        "forced_trials": forced.size,
-        "forced_rmse_m": forced_rmse[0],
-        "forced_rmse_low_m": forced_rmse[1],
-        "forced_rmse_high_m": forced_rmse[2],
-        "speed_bias_m_per_s": speed.mean() if speed.size else np.nan,
-        "speed_rmse_m_per_s": np.sqrt(np.mean(speed**2)) if speed.size else np.nan,
-    }
+    forced = results["forced_altitude_m"] - truth.height_m
+    ends = (*_bootstrap(error[results["valid"]], seed), *_bootstrap(forced[np.isfinite(forced)], seed))
+    return row | dict(zip(_INTERVALS, ends, strict=True))
 
 
-def _seed(study: LandingStudy, name: str) -> list[int]:
+def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
+    """95 % interval of the root mean square, over trials drawn anew."""
+    if errors.size == 0:
+        return np.nan, np.nan
+    draws = np.random.default_rng(list(seed)).integers(0, errors.size, (RESAMPLES, errors.size))
+    low, high = np.percentile(np.sqrt((errors**2)[draws].mean(axis=1)), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def pooled_row(batches: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """One method's row of a point from those of its batches: the score anew, means by what they are taken over.
+
+    Batches are independent, so the half widths of an error's interval, as mean squares, add in quadrature.
+    """
+
+    def mean(column: str, count: str, power: int = 1) -> float:
+        over = [row for row in batches if row[count]]
+        total = sum(row[count] for row in over)
+        return sum(row[count] * row[column] ** power for row in over) / total if total else float("nan")
+
+    row = dict(batches[0]) | pool(batches).row()
+    row["in_band"] = mean("in_band", "trials")
+    row["speed_bias_m_per_s"] = mean("speed_bias_m_per_s", "detections")
+    row["speed_rmse_m_per_s"] = mean("speed_rmse_m_per_s", "detections", 2) ** 0.5
+    row["diverged_frames"] = sum(batch["diverged_frames"] for batch in batches)
+    for over, count in (("detected", "detections"), ("forced", "forced")):
+        value, total = f"rmse_{over}_m", row[count]
+        for end, sign in (("low", -1), ("high", 1)):
+            name = f"rmse_{over}_{end}_m"
+            parts = [b[count] / total * (b[name] ** 2 - b[value] ** 2) for b in batches if b[count]]
+            row[name] = (
+                max(row[value] ** 2 + sign * float(np.hypot.reduce(parts)), 0.0) ** 0.5 if parts else None
+            )
+    return row
+
+
+def rng_of(config: LandingConfig, name: str, batch: int = 0) -> np.random.Generator:
+    """Random numbers of one batch of what is named."""
+    return np.random.default_rng(_seed(config, name, batch))
+
+
+def _seed(config: LandingConfig, name: str, batch: int) -> list[int]:
     digest = hashlib.sha256(name.encode()).digest()
-    return [study.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
+    seed = [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
+    return [*seed, batch] if batch else seed
 
 
-def run_point(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
-    """All rows of a point."""
-    rows = {"approach": _approach_rows, "curve": _curve_rows, "variant": _variant_rows}[point.kind](
-        study, point
-    )
-    for row in rows:
-        row.update(point=point.name, rows=len(rows), kind=point.kind)
-    return rows
+def point_rows(config: LandingConfig, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+    """All rows of one batch of a point."""
+    rows = {"approach": _approach_rows, "curve": _curve_rows, "assumptions": _assumption_rows}[point.table]
+    return rows(config, point, batch)
 
 
-def _approach_rows(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
-    truth = approach_frames(study, point.first, study.approach.chunk)
-    spec = study.approach
+def _approach_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    truth = approach_frames(config, point.first, point.frames)
+    spec = config.approach
     rows = []
-    for hit, methods in ((False, ("none",)), (True, study.methods)):
+    for overlap, sir_db, methods in ((0.0, None, ("none",)), (spec.overlap, spec.sir_db, config.methods)):
         # the same noise with and without interference
-        rng = np.random.default_rng(_seed(study, point.name))
-        overlap = spec.overlap if hit else 0.0
-        frames, sir, sinr = impaired(study, truth, rng, overlap=overlap, sir_db=spec.sir_db if hit else None)
+        rng = rng_of(config, point.name, batch)
+        frames, sir, sinr = impaired(config, truth, rng, overlap=overlap, sir_db=sir_db)
+        known = {name: getattr(truth, name) for name in _TRUE} | {"sir_db": sir, "sinr_db": sinr}
         for method in methods:
-            results, _ = measure(study, frames, method)
+            results, _ = altitudes(config, frames, method)
+            found = known | {name: results[name] for name in ("valid", "reason", *_MEASURED)}
             rows += [
-                {
-                    "method": method,
-                    "overlap": overlap,
-                    "sinr_db": sinr[k],
-                    "sir_db": sir[k],
-                    "snr_db": truth.snr_db[k],
-                    "time_s": truth.time_s[k],
-                    "height_m": truth.height_m[k],
-                    "nearest_m": truth.nearest_m[k],
-                    "climb_m_per_s": truth.climb_m_per_s[k],
-                    "valid": int(result["valid"]),
-                    "reason": int(result["reason"]),
-                    "altitude_m": result["altitude_m"],
-                    "forced_altitude_m": result["forced_altitude_m"],
-                    "vertical_speed_m_per_s": result["vertical_speed_m_per_s"],
-                }
-                for k, result in enumerate(results)
+                {"method": method, "overlap": overlap} | {name: v[k] for name, v in found.items()}
+                for k in range(len(results))
             ]
     return rows
 
 
+_TRUE = ("snr_db", "time_s", "height_m", "nearest_m", "climb_m_per_s")
+
+
 def _summary_rows(
-    study: LandingStudy, name: str, truth: Truth, methods: Sequence[str], level: dict[str, Any]
+    config: LandingConfig,
+    truth: Truth,
+    seed: Sequence[int],
+    methods: Sequence[str],
+    **level: float,
 ) -> list[dict[str, Any]]:
-    frames, sir, sinr = impaired(study, truth, np.random.default_rng(_seed(study, name)), **level)
+    frames, sir, sinr = impaired(config, truth, np.random.default_rng(seed), **level)
+    levels = {"sir_db": np.median(sir), "snr_db": np.median(truth.snr_db), "sinr_db": np.median(sinr)}
     rows = []
     for method in methods:
-        results, diverged = measure(study, frames, method)
-        row = {"method": method, "diverged_frames": diverged}
-        row.update(statistics(results, truth, _seed(study, name)))
-        row.update(sir_db=np.median(sir), snr_db=np.median(truth.snr_db), sinr_db=np.median(sinr))
-        rows.append(row)
+        results, diverged = altitudes(config, frames, method)
+        row = {"method": method, "diverged_frames": diverged} | levels
+        rows.append(row | statistics(results, truth, seed))
     return rows
 
 
-def _trial_truth(study: LandingStudy, trials: int) -> Truth:
-    return _truth(_key(study), tuple(study.trial_times_s(trials).tolist()))
-
-
-def _curve_rows(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
-    truth = _trial_truth(study, study.curve.trials)
+def _curve_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    truth = trial_frames(config, point.frames, batch)
     level = {} if point.sinr_db is None else {"overlap": point.overlap, "sinr_db": point.sinr_db}
-    rows = _summary_rows(study, point.name, truth, study.methods, level)
-    for row in rows:
-        row["overlap"] = point.overlap
-    return rows
+    rows = _summary_rows(config, truth, _seed(config, point.name, batch), config.methods, **level)
+    return [row | {"overlap": point.overlap, "asked_sinr_db": point.sinr_db} for row in rows]
 
 
-def _variant_rows(study: LandingStudy, point: Point) -> list[dict[str, Any]]:
-    variant = next(v for v in VARIANTS if v.name == point.variant)
-    changed = variant.change(study)
-    truth = _trial_truth(changed, study.curve.sensitivity_trials)
-    level = {"overlap": study.approach.overlap, "sir_db": study.approach.sir_db + variant.shift_db}
-    # one random stream for the whole table: variants differ by their assumption, not by their draws
-    methods = [m for m in ("none", "whitening", "tcae") if m == "none" or m in study.methods]
-    rows = _summary_rows(changed, "variant", truth, methods, level)
-    for row in rows:
-        row.update(variant=variant.name, overlap=study.approach.overlap if changed.interference else 0.0)
-    return rows
+def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
+    """Methods of the sensitivity table."""
+    return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
+
+
+def _assumption_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
+    changed = assumption.change(config)
+    truth = trial_frames(changed, point.frames, batch)
+    level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
+    # one random stream for the whole table: rows differ by their assumption, not by their draws
+    rows = _summary_rows(changed, truth, _seed(config, "variant", batch), assumed_methods(config), **level)
+    overlap = config.approach.overlap if changed.interference else 0.0
+    return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]
+
+
+def seconds(config: LandingConfig, point: LandingPoint) -> float:
+    """Rough CPU seconds of one batch of a point; the ground's return is made once for all points of the curve."""
+    methods = assumed_methods(config) if point.table == "assumptions" else config.methods
+    each = sum(
+        seconds_per_frame(
+            m, config.waveform, config.altimeter, tuple(config.method_options.get(m, {}).items())
+        )
+        for m in methods
+    )
+    ground = _seconds_per_return(_key(config)) if point.table != "curve" or point.sinr_db is None else 0.0
+    looks = 8 if point.assumption == "looks_8" else config.looks
+    return point.frames * looks * (each + ground + _IMPAIR_S)
+
+
+_IMPAIR_S = 1e-3  # noise and interference of a frame
+
+
+@lru_cache(maxsize=8)
+def _seconds_per_return(key: str) -> float:
+    config = _CONFIGS[key]
+    times = np.linspace(*config.window_s(), 9)
+    _returns(config, times[:1])  # terrain is read, tables are made
+    begin = time.thread_time()
+    _returns(config, times[1:])
+    return (time.thread_time() - begin) / 8

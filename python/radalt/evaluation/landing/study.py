@@ -1,299 +1,113 @@
-"""The landing study: what is flown over what, with which radar, and the points to be measured.
-
-A study is one YAML file (`load_study`); everything a row depends on is in it. Points are independent of each
-other and of the order in which they are run.
-"""
+"""The landing study on the sweep engine."""
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
-from functools import lru_cache
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
+from ...core.paths import model_path
+from ..engine.study import Run, Study
+from ..overlap.study import check_methods
+from ..results.folder import RunFolder
+from ..results.rows import Columns
+from .config import LandingConfig, check_config, config_dict
+from .points import TABLES, LandingPoint, point_rows, pooled_row, seconds, study_points
+from .report import write_report
 
-from ...core.interference.placement import Interferer, QpskEmitter, interference_frames
-from ...core.mitigation import MitigationError, create
-from ...core.parsing import build, plain
-from ...core.receiver.altimeter import AltimeterSettings
-from ...core.returns.landing import (
-    AntennaSpec,
-    GroundSpec,
-    LandingSpec,
-    LinkSpec,
-    TerrainSpec,
-    TrajectorySpec,
-)
-from ...core.returns.terrain import (
-    MIN_HEIGHT_M,
-    AircraftState,
-    TerrainError,
-    TerrainReturn,
-    Trajectory,
-    TrajectoryError,
-    reflectivity,
-)
-from ...core.scene import SceneError, interference_from_yaml, interferer_to_mapping
-from ...core.waveform import Waveform
-
-__all__ = [
-    "ApproachSpec",
-    "CurveSpec",
-    "EXPECTED_ERRORS",
-    "LandingStudy",
-    "Point",
-    "StudyError",
-    "accuracy_limit_m",
-    "check_study",
-    "load_study",
-    "parse_study",
-    "study_dict",
-]
-
-FOOT_M = 0.3048
-
-
-class StudyError(ValueError):
-    """A study that cannot be used; the message is one line for the user."""
-
-
-# what a study can run into that its user can mend; each message is one line
-EXPECTED_ERRORS = (StudyError, SceneError, TerrainError, TrajectoryError, MitigationError)
+__all__ = ["LandingStudy"]
 
 
 @dataclass(frozen=True)
-class ApproachSpec:
-    """Figure 1: the whole approach at one interference level.
+class LandingStudy(Study):
+    """A flight over terrain, and how it is measured."""
 
-    Parameters
-    ----------
-    frames : int
-        Frames measured, evenly spread over the flight; 0 leaves the part out.
-    sir_db : float
-        Interference level, also that of the sensitivity table.
-    overlap : float
-        Fraction of the frame that is hit.
-    chunk : int
-        Frames of one point; adaptive methods start anew in each.
-    """
+    config: LandingConfig
 
-    frames: int = 400
-    sir_db: float = -15.0
-    overlap: float = 1.0
-    chunk: int = 50
-
-    def __post_init__(self) -> None:
-        if self.frames < 0 or self.chunk < 1:
-            raise ValueError(f"approach.frames is {self.frames} and chunk {self.chunk}; at least 0 and 1")
-        if not 0 <= self.overlap <= 1:
-            raise ValueError(f"approach.overlap is {self.overlap:g}; it has to be within 0..1")
-
-
-@dataclass(frozen=True)
-class CurveSpec:
-    """Figure 2: error against SINR by overlap, at instants spread over the flight, the same for every point.
-
-    ``sensitivity_trials`` frames go into each row of the sensitivity table; 0 leaves it out.
-    """
-
-    overlap: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    sinr_db: tuple[float, ...] = (-50.0, -45.0, -40.0, -35.0, -30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 0.0)
-    trials: int = 150
-    sensitivity_trials: int = 120
-
-    def __post_init__(self) -> None:
-        if any(not 0 <= rho <= 1 for rho in self.overlap):
-            raise ValueError(f"curve.overlap is {self.overlap}; overlaps have to be within 0..1")
-        if self.trials < 0 or self.sensitivity_trials < 0:
-            raise ValueError(f"curve.trials is {self.trials}; it has to be 0 or above")
-
-
-@dataclass(frozen=True)
-class LandingStudy:
-    """Everything the study's rows depend on.
-
-    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation.
-    ``doppler: false`` stops the aircraft in every frame. ``looks`` frames in a row are averaged (power
-    spectra) into one altitude. ``folder`` is where relative file names are looked up.
-    """
-
-    name: str = "landing"
-    seed: int = 1
-    trajectory: TrajectorySpec = TrajectorySpec()
-    terrain: TerrainSpec = TerrainSpec()
-    antenna: AntennaSpec = AntennaSpec()
-    ground: GroundSpec = GroundSpec()
-    link: LinkSpec = LinkSpec()
-    waveform: Waveform = Waveform()
-    altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
-    interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
-    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "tcae")
-    method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
-    snr_db: float | None = None
-    doppler: bool = True
-    point_target: bool = False
-    looks: int = 1
-    approach: ApproachSpec = ApproachSpec()
-    curve: CurveSpec = CurveSpec()
-    folder: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.methods:
-            raise ValueError("methods is empty; name at least one, such as none")
-        if not 1 <= self.looks <= 64:
-            raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
-        if not 0 <= self.seed < 2**31:
-            raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
+    tables: ClassVar[Mapping[str, Columns]] = TABLES
+    sampled: ClassVar[bool] = True
+    published: ClassVar[Mapping[str, str]] = {
+        "figure_1_approach.png": "figures/landing_approach.png",
+        "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
+    }
 
     @property
-    def spec(self) -> LandingSpec:
-        """The landing itself."""
-        return LandingSpec(self.trajectory, self.terrain, self.antenna, self.ground, self.link, self.folder)
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return "tcae" in self.config.methods
 
-    def radar(self) -> TerrainReturn:
-        """The return of the ground."""
-        return self.spec.radar(self.waveform, self.seed)
+    def check(self) -> None:
+        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `StudyError`."""
+        check_methods(self.config)
+        check_config(self.config)
 
-    def window_s(self) -> tuple[float, float]:
-        """First and last instant of a frame's middle."""
-        margin_s = 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
-        return self.spec.window_s(_flight(self.spec), margin_s)
+    def head(self) -> dict[str, Any]:
+        """The file of the study, and the hashes of the files of its landing."""
+        paths = [path for name, path in self.files().items() if name.split()[0] in _LANDING]
+        return {
+            "name": self.config.name,
+            "seed": self.config.seed,
+            "landing": config_dict(self.config),
+            "inputs_sha256": {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in paths},
+            "methods": check_methods(self.config),
+        }
 
-    def states(self, times_s: np.ndarray) -> list[AircraftState]:
-        """Aircraft states; without Doppler they stand still."""
-        states = _flight(self.spec).states(times_s)
-        if self.doppler:
-            return states
-        return [dataclasses.replace(s, velocity_m_per_s=(0.0, 0.0, 0.0)) for s in states]
+    def points(self) -> tuple[LandingPoint, ...]:
+        """See `points.study_points`."""
+        return study_points(self.config)
 
-    def approach_times_s(self) -> np.ndarray:
-        """(frames,) instants of figure 1, evenly spread."""
-        return np.linspace(*self.window_s(), self.approach.frames)
+    def measure(self, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+        """See `points.point_rows`."""
+        return point_rows(self.config, point, batch)
 
-    def trial_times_s(self, trials: int) -> np.ndarray:
-        """(trials,) instants, one at random in each of as many equal parts of the flight."""
-        start, end = self.window_s()
-        rng = np.random.default_rng([self.seed, 0x71])
-        return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
+    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """See `points.pooled_row`."""
+        if len(batches) == 1:
+            return list(batches[0])
+        return [pooled_row(same) for same in zip(*batches, strict=True)]
 
-    def points(self) -> list[Point]:
-        """Every point of the study, in report order."""
-        approach = [
-            Point("approach", f"approach/{first:05d}", first=first)
-            for first in range(0, self.approach.frames, self.approach.chunk)
-        ]
-        curve = []
-        if self.curve.trials:
-            curve.append(Point("curve", "curve/clean"))
-            curve += [
-                Point("curve", f"curve/{rho:g}/{sinr:g}", overlap=rho, sinr_db=sinr)
-                for rho in self.curve.overlap
-                for sinr in self.curve.sinr_db
-            ]
-        from .variants import VARIANTS
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        return write_report(folder, self.config, rows, run)
 
-        variants = [Point("variant", f"variant/{v.name}", variant=v.name) for v in VARIANTS]
-        return approach + curve + (variants if self.curve.sensitivity_trials else [])
+    def seconds(self, point: LandingPoint) -> float:
+        """See `points.seconds`."""
+        return seconds(self.config, point)
 
+    def files(self) -> dict[str, Path]:
+        """Flight, terrain, antenna pattern, models and method files."""
+        config, spec = self.config, self.config.spec
+        out = {"trajectory": spec.path(config.trajectory.file)}
+        out |= {f"terrain {k}": spec.path(name) for k, name in enumerate(config.terrain.files)}
+        if config.antenna.pattern:
+            out["antenna"] = spec.path(config.antenna.pattern)
+        for method in config.methods:
+            options = config.method_options.get(method, {})
+            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+            if method == "tcae" and not options.get("model"):
+                out["tcae model"] = model_path("tcae.onnx")
+        return out
 
-@lru_cache(maxsize=4)
-def _flight(spec: LandingSpec) -> Trajectory:
-    return spec.flight()
-
-
-@dataclass(frozen=True)
-class Point:
-    """One unit of work: its rows follow from (study, point) alone."""
-
-    kind: str
-    name: str
-    first: int = 0
-    overlap: float = 0.0
-    sinr_db: float | None = None
-    variant: str = ""
-
-
-def accuracy_limit_m(height_m: np.ndarray) -> np.ndarray:
-    """Largest altitude error allowed, in metres: 3 ft below 100 ft, 3 % up to 500 ft, 5 % above."""
-    height_m = np.asarray(height_m, dtype=float)
-    feet = height_m / FOOT_M
-    return np.where(feet < 100.0, 3.0 * FOOT_M, np.where(feet <= 500.0, 0.03 * height_m, 0.05 * height_m))
-
-
-def parse_study(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingStudy:
-    """A validated study from nested mappings as YAML gives them.
-
-    Raises
-    ------
-    StudyError
-        One line: source, key, value, what is allowed.
-    """
-    try:
-        study = build(LandingStudy, {"folder": folder, **data}, "", {"interference": interference_from_yaml})
-        reflectivity(study.ground.model, study.ground.land)
-    except ValueError as error:
-        raise StudyError(f"{source}: {error}") from None
-    return study
-
-
-def check_study(study: LandingStudy) -> None:
-    """Find out what does not fit before anything is measured.
-
-    Raises
-    ------
-    StudyError, TerrainError, TrajectoryError, MitigationError
-        One line about the first thing found: files, coverage, heights, methods.
-    """
-    for method in study.methods:
-        create(method, study.waveform, **study.method_options.get(method, {}))
-    rng, samples = np.random.default_rng(0), study.waveform.samples_per_frame
-    try:
-        study.radar()
-        interference_frames(study.interference, 1, samples, study.waveform.rate_hz, rng)
-    except TerrainError:
-        raise
-    except ValueError as error:
-        raise StudyError(str(error)) from None
-    states = study.states(np.linspace(*study.window_s(), 400))
-    lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
-    height = altitude - study.spec.ground_model().height_m(lat, lon)
-    low, high = int(np.argmin(height)), int(np.argmax(height))
-    if height[low] < MIN_HEIGHT_M:
-        raise TerrainError(
-            f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
-            f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
+    def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
+        """See `Study`."""
+        config, at = self.config, {name: str(Path(path).absolute()) for name, path in files.items()}
+        options = {name: dict(given) for name, given in config.method_options.items()}
+        for name, path in at.items():
+            method, _, key = name.partition(" ")
+            if method not in _LANDING:
+                options.setdefault(method, {})[key] = path
+        terrain = tuple(at[f"terrain {k}"] for k in range(len(config.terrain.files)))
+        changed = dataclasses.replace(
+            config,
+            trajectory=dataclasses.replace(config.trajectory, file=at["trajectory"]),
+            terrain=dataclasses.replace(config.terrain, files=terrain),
+            antenna=dataclasses.replace(config.antenna, pattern=at.get("antenna")),
+            method_options=options,
         )
-    top = study.altimeter.resolved(study.waveform).max_altitude_m
-    if height[high] > top:
-        raise StudyError(
-            f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
-            f"altimeter.max_altitude_m {top:g}; raise it, or cut with "
-            "trajectory.start_s"
-        )
+        return LandingStudy(changed)
 
 
-def load_study(path: Path | str) -> LandingStudy:
-    """Read a study; relative file names in it are looked up beside it."""
-    import yaml
-
-    path = Path(path)
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise StudyError(f"study {path}: cannot be read ({reason}); name a YAML file") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise StudyError(f"study {path}: not valid YAML{where}: {getattr(error, 'problem', error)}") from None
-    if not isinstance(data, dict):
-        raise StudyError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
-    return parse_study(data, source=str(path), folder=str(path.resolve().parent))
-
-
-def study_dict(study: LandingStudy) -> dict[str, Any]:
-    """The study as plain mappings, as it is written beside the results; `parse_study` reads it back."""
-    mapping = {f.name: plain(getattr(study, f.name)) for f in dataclasses.fields(study) if f.name != "folder"}
-    return mapping | {"interference": [interferer_to_mapping(i) for i in study.interference]}
+_LANDING = ("trajectory", "terrain", "antenna")

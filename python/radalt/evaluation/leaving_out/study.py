@@ -9,22 +9,27 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.mitigation import METHODS, create
+from ...core.mitigation import METHODS
 from ...core.paths import share_dir
-from ...core.receiver.altimeter import Altimeter
 from ...core.scene import Scene, parse_scene
-from ..flowgraph import run as flowgraph
-from ..flowgraph.plan import make_plan
-from ..flowgraph.run import Prepared, generate, load_grc, prepare, prune, run_point, simulate
-from ..overlap.markdown import table
+from ..engine.run import peak_memory_bytes
+from ..engine.study import Point, Run, Study
+from ..flowgraph import FlowgraphError
+from ..flowgraph.generate import Prepared, generate, prepare
+from ..flowgraph.rewrite import load_grc, prune, simulate
+from ..flowgraph.run import run_point
+from ..results.chain import seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.rows import Columns
 
-__all__ = ["CHECKED", "SCENES", "compare", "compare_shared", "markdown", "prepare_unpruned", "run_once"]
+__all__ = ["CHECKED", "SCENES", "LeavingOutStudy", "run_apart", "run_once", "scene_of"]
 
 _ALTITUDES = [1200.0, 600.0, 150.0, 30.0]
 _QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5}}
@@ -35,11 +40,12 @@ SCENES: dict[str, dict[str, Any]] = {
     "QPSK, whitening": {"methods": ["none", "whitening"], "interference": _QPSK},
     "QPSK, whitening and TCAE": {"methods": ["none", "whitening", "tcae"], "interference": _QPSK},
 }
-# two methods that look at the same spectra of what was received
-SHARING = "LMS with the reference as input, and NLMS"
 # other ways through the channel, for the proof that leaving out changes no bit; not in the table
 CHECKED: dict[str, dict[str, Any]] = {
-    SHARING: {"methods": ["lms_reference_input", "nlms"], "interference": _QPSK},
+    "LMS with the reference as input, and NLMS": {
+        "methods": ["lms_reference_input", "nlms"],
+        "interference": _QPSK,
+    },
     "true delay and Doppler, whitening": {
         "methods": ["none", "whitening"],
         "altitude": {"mode": "true_delay", "vertical_speed_m_per_s": -40.0},
@@ -69,103 +75,39 @@ def prepare_unpruned(scene: Scene, build_dir: Path) -> Prepared:
     )
 
 
-def run_once(name: str, frames: int, unpruned: bool, apart: bool = False) -> dict[str, Any]:
+def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
     """CPU seconds, peak memory and a digest of the scene's own results, in this process.
 
-    ``apart``: every method computes the spectra of received frames for itself.
+    ``built``: ``pruned`` or ``all``.
     """
-    Altimeter.shares_spectra = not apart
     scene = scene_of(name, frames)
     with tempfile.TemporaryDirectory() as folder:
-        prepared = (
-            prepare_unpruned(scene, Path(folder)) if unpruned else prepare(scene, scene.methods, folder)
-        )
+        if built == "all":
+            prepared = prepare_unpruned(scene, Path(folder))
+        else:
+            prepared = prepare(scene, scene.methods, folder)
         begin, wall = time.process_time(), time.monotonic()
         result = run_point(prepared, scene)
         cpu, wall = time.process_time() - begin, time.monotonic() - wall
     digest = hashlib.sha256(
         b"".join(np.ascontiguousarray(result.results[m]).tobytes() for m in scene.methods)
     )
+    asked = ("onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5")
     return {
         "cpu_s": cpu,
         "wall_s": wall,
         "memory_bytes": peak_memory_bytes(),
         "digest": digest.hexdigest(),
         "declared": int(sum(result.results[m]["valid"].sum() for m in scene.methods)),
-        "spectra": _received_spectra(scene),
-        "modules": [m for m in ("onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5") if m in sys.modules],
+        "modules": ", ".join(m for m in asked if m in sys.modules),
     }
 
 
-def _received_spectra(scene: Scene) -> int:
-    """Received frames that were transformed for the methods that share it."""
-    if "nlms" not in scene.methods:
-        return 0
-    asked = create("nlms", scene.waveform)._check
-    return asked.received.computed
-
-
-def peak_memory_bytes() -> int:
-    """Highest resident memory of this process."""
-    lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
-
-
-def compare(names: Sequence[str], frames: int, repeats: int) -> Iterator[dict[str, Any]]:
-    """Every scene pruned and unpruned, each run in a process of its own, by turns."""
-    for name in names:
-        runs: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
-        for _ in range(repeats):
-            for unpruned in (False, True):
-                runs[unpruned].append(_in_process(name, frames, unpruned))
-        scene = scene_of(name, frames)
-        plan = make_plan(scene, scene.methods)
-        pruned, full = (
-            {
-                "cpu_s": float(np.median([r["cpu_s"] for r in runs[u]])),
-                "memory_bytes": int(np.median([r["memory_bytes"] for r in runs[u]])),
-            }
-            for u in (False, True)
-        )
-        yield {
-            "scene": name,
-            "methods": list(scene.methods),
-            "frames": scene.altitude.programme.total_frames,
-            "pruned": pruned,
-            "unpruned": full,
-            "cpu_ratio": full["cpu_s"] / pruned["cpu_s"],
-            "memory_ratio": full["memory_bytes"] / pruned["memory_bytes"],
-            "identical": len({r["digest"] for u in runs for r in runs[u]}) == 1,
-            "modules": runs[False][0]["modules"],
-            "left_out": plan.left_out,
-            "fft_size": plan.fft_size,
-            "decimation": plan.decimation,
-        }
-
-
-def compare_shared(frames: int, repeats: int) -> dict[str, Any]:
-    """The scene whose methods confirm their output by the same spectra, with these computed once and by each."""
-    runs: dict[bool, list[dict[str, Any]]] = {False: [], True: []}
-    for _ in range(repeats):
-        for apart in (False, True):
-            runs[apart].append(_in_process(SHARING, frames, False, apart))
-    scene = scene_of(SHARING, frames)
-    total = scene.altitude.programme.total_frames
-    ms = {apart: 1e3 * float(np.median([r["cpu_s"] for r in runs[apart]])) / total for apart in runs}
-    return {
-        "methods": list(scene.methods),
-        "frames": total,
-        "spectra": runs[False][0]["spectra"],
-        "shared_ms": ms[False],
-        "apart_ms": ms[True],
-        "identical": len({r["digest"] for apart in runs for r in runs[apart]}) == 1,
-    }
-
-
-def _in_process(name: str, frames: int, unpruned: bool, apart: bool = False) -> dict[str, Any]:
+def run_apart(name: str, frames: int, built: str) -> dict[str, Any]:
+    """`run_once` in a process of its own, whose memory and imports are the run's alone."""
     code = (
         f"import json; from {__name__} import run_once; "
-        f"print('RESULT', json.dumps(run_once({name!r}, {frames}, {unpruned}, {apart})))"
+        f"print('RESULT', json.dumps(run_once({name!r}, {frames}, {built!r})))"
     )
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=300)
@@ -173,59 +115,86 @@ def _in_process(name: str, frames: int, unpruned: bool, apart: bool = False) -> 
         if line.startswith("RESULT "):
             return json.loads(line.removeprefix("RESULT "))
     last = done.stderr.strip().splitlines()[-1:] or ["no output"]
-    raise flowgraph.FlowgraphError(f"{name}: {last[0]}")
+    raise FlowgraphError(f"{name}: {last[0]}")
 
 
-def markdown(rows: Sequence[dict[str, Any]], shared: dict[str, Any], command: str, repeats: int) -> str:
-    """The report as a page."""
-    lines = [
-        [
-            r["scene"],
-            ", ".join(r["methods"]),
-            f"{r['pruned']['cpu_s'] / r['frames'] * 1e3:.2f}",
-            f"{r['unpruned']['cpu_s'] / r['frames'] * 1e3:.2f}",
-            f"{r['cpu_ratio']:.1f}",
-            f"{r['pruned']['memory_bytes'] / 2**20:.0f}",
-            f"{r['unpruned']['memory_bytes'] / 2**20:.0f}",
-            f"{r['decimation']}, {r['fft_size']}",
-            "yes" if r["identical"] else "**no**",
+_COLUMNS = Columns(
+    names=(
+        "scene",
+        "built",
+        "turn",
+        "frames",
+        "cpu_s",
+        "wall_s",
+        "memory_bytes",
+        "digest",
+        "declared",
+        "modules",
+    ),
+    text=frozenset({"scene", "built", "digest", "modules"}),
+    whole=frozenset({"turn", "frames", "memory_bytes", "declared"}),
+    timing=frozenset({"cpu_s", "wall_s", "memory_bytes"}),
+)
+_START_S = 3.0  # imports, and GNU Radio's compiler
+_ALL_S_PER_FRAME = 0.02
+
+
+@dataclass(frozen=True)
+class LeavingOutStudy(Study):
+    """Scenes run as planned and with everything built, by turns.
+
+    Attributes
+    ----------
+    frames : int
+        At each altitude.
+    repeats : int
+        Runs of each.
+    scenes : tuple of str
+        Of `SCENES` and `CHECKED`.
+    """
+
+    frames: int = 100
+    repeats: int = 3
+    scenes: tuple[str, ...] = tuple(SCENES)
+
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": _COLUMNS}
+    max_jobs: ClassVar[int | None] = 1
+    published: ClassVar[Mapping[str, str]] = {"report.md": "leaving_out.md"}
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return dict(vars(self))
+
+    def points(self) -> Sequence[Point]:
+        """The scenes."""
+        return [Point(name, 2 * self.repeats * self._total_frames(name)) for name in self.scenes]
+
+    def _total_frames(self, name: str) -> int:
+        return scene_of(name, self.frames).altitude.programme.total_frames
+
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """A row per run."""
+        where = {"scene": point.name, "frames": self._total_frames(point.name)}
+        return [
+            where | {"built": built, "turn": turn} | run_apart(point.name, self.frames, built)
+            for turn in range(1, self.repeats + 1)
+            for built in ("pruned", "all")
         ]
-        for r in rows
-    ]
-    header = ["scene", "methods", "CPU ms a frame, pruned", "all built", "ratio", "MiB, pruned", "all built"]
-    header += ["decimation, FFT", "results bit-identical"]
-    parts = [
-        "# Leaving out what a scene does not need",
-        "The planner (`python/radalt/evaluation/flowgraph/plan.py`) turns a scene into what is built, imported and "
-        "computed; `python flowgraphs/ota_eval.py --sim --scene NAME --plan` prints it. The flowgraph "
-        "disables the chains of methods that were not asked for and, without interference, the jammer's, so "
-        "that no second B210 is needed; onnxruntime, terrain, matplotlib, UHD and Qt are not imported where "
-        "nothing uses them. Beat band, decimation and FFT size follow from the highest altitude that the "
-        "scene flies, the reach between the half sweeps from its vertical speed.",
-        f"Made by `{command}`: each scene pruned and with all methods and the jammer chain built, by turns, each run "
-        f"in a process of its own, median of {repeats}. CPU time of the whole process while the flowgraph runs, over "
-        "all its frames, preamble included. Ratios are what to look at: the machine was shared.",
-        table(header, lines),
-        "## What methods share",
-        "Methods of one flowgraph share the reference sweep, the frames of one segmenter and the altimeter's "
-        "tables. The tables are made once for all who measure alike: for an altimeter, `lms_reference_input` "
-        "and `nlms` over the same 1500 m in a third of the time that each its own took (163 against 473 ms). "
-        "The one spectrum that two methods look at is the beat spectrum of what was received, by which "
-        "`lms_reference_input` and `nlms` confirm their output: it is computed once, remembered over as many frames as "
-        "their threads can be apart, and known again by the frame's samples (`core/frame_memory.py`). In one flowgraph "
-        f"with both methods {shared['spectra']} spectra were computed for {shared['frames']} frames, "
-        f"{shared['shared_ms']:.2f} ms of CPU a frame against {shared['apart_ms']:.2f} ms with each its own, results "
-        f"{'bit-identical' if shared['identical'] else '**different**'}: the filters take nearly all of it. A "
-        "network that skips clean frames and is held to the shift test looks for interference in a frame once. "
-        "Whitening transforms the frame, the detector of interference its dechirped halves, the altimeter its "
-        "decimated halves: three different transforms.",
-        "## What each leaves out",
-    ]
-    for r in rows:
-        parts += [f"**{r['scene']}**", "\n".join(f"- {item}" for item in r["left_out"])]
-        parts += [
-            "Imported all the same: "
-            + (", ".join(r["modules"]) or "none of onnxruntime, matplotlib, UHD, Qt")
-            + "."
-        ]
-    return "\n\n".join(parts) + "\n"
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        return write_report(folder, self, rows["rows"], run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        scene = scene_of(point.name, self.frames)
+        alone = sum(seconds_per_frame(m, scene.waveform, scene.altimeter_settings) for m in scene.methods)
+        per_frame = 3e-4 + 1.6 * alone + _ALL_S_PER_FRAME
+        return self.repeats * (2 * _START_S + self._total_frames(point.name) * per_frame)
+
+    @property
+    def needs_network(self) -> bool:
+        """Always: among everything that can be built is the network."""
+        return True

@@ -12,30 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ...core.mitigation import METHODS, PlotStyle
 from ..results.score import CORRECT_LIMIT_M
 
 __all__ = ["draw_error", "draw_pd", "panels", "series_style"]
 
-# one style a method, the same in every figure whatever else is in it; others take from the reserve
-_STYLES: dict[str, tuple[str, str, Any]] = {
-    "none": ("#000000", "o", "-"),
-    "lms": ("#E69F00", "v", (0, (1, 1.2))),
-    "lms_reference_input": ("#CC79A7", "^", (0, (3, 1.2, 1, 1.2))),
-    "nlms": ("#56B4E9", "D", (0, (5, 1.5))),
-    "whitening": ("#009E73", "s", (0, (7, 1.5, 1, 1.5))),
-    "blanking": ("#D55E00", "P", (0, (4, 1.2, 1, 1.2, 1, 1.2))),
-    "tcae": ("#0072B2", "*", "-"),
-}
-_RESERVE = (("#666666", "X", "--"), ("#8C6D1F", "<", "-."), ("#5D3A9B", ">", ":"), ("#A0A0A0", "h", "-"))
-_TITLES = {
-    "none": "no mitigation",
-    "lms": "block LMS, ref. desired",
-    "lms_reference_input": "block LMS, ref. as input",
-    "nlms": "NLMS",
-    "whitening": "whitening",
-    "blanking": "blanking",
-    "tcae": "TCAE",
-}
+# for methods without a style of their own
+_RESERVE = (
+    PlotStyle("#666666", "X", "--"),
+    PlotStyle("#8C6D1F", "<", "-."),
+    PlotStyle("#5D3A9B", ">", ":"),
+    PlotStyle("#A0A0A0", "h", "-"),
+)
 _AXES = {"overlap": "temporal overlap of the interference", "sir_db": "SIR over the whole sweep / dB"}
 _WIDTH = 3.5  # inches a panel: two fill a two-column page
 
@@ -43,20 +31,24 @@ _WIDTH = 3.5  # inches a panel: two fill a two-column page
 def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
     """Line style of one series (a method, or ``method, on the air``), the same in every figure."""
     method = series.split(",")[0]
-    unknown = [s for s in dict.fromkeys(o.split(",")[0] for o in order) if s not in _STYLES]
-    if method in _STYLES:
-        colour, marker, line = _STYLES[method]
-    else:
-        colour, marker, line = _RESERVE[unknown.index(method) % len(_RESERVE)]
+    style = _style(method)
+    if style is None:
+        plain = [name for name in dict.fromkeys(o.split(",")[0] for o in order) if _style(name) is None]
+        style = _RESERVE[plain.index(method) % len(_RESERVE)]
+    colour, title = style.colour, METHODS[method].title if method in METHODS else ""
     solid = series != method
     return {
         "color": colour,
-        "marker": marker,
-        "linestyle": line,
+        "marker": style.marker,
+        "linestyle": style.line,
         "markerfacecolor": colour if solid else "white",
         "markeredgecolor": colour,
-        "label": _TITLES.get(method, method) + series[len(method) :],
+        "label": (title or method) + series[len(method) :],
     }
+
+
+def _style(method: str) -> PlotStyle | None:
+    return METHODS[method].style if method in METHODS else None
 
 
 def panels(

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from ...core.interference.placement import Emitter
-from ...core.interference.registry import emitter_name, interference_notes, unfaded
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
@@ -96,7 +94,7 @@ def build_report(
         "seed": scene.seed,
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": interference_title(scene),
-        "interference_notes": interference_notes(scene.interference),
+        "interference_notes": [note for i in scene.interference for note in i.emitter.notes],
         "trials_per_point": scene.altitude.programme.trial_frames if run.precision is None else spread(rows),
         "left_out": study.left_out(),
         "rows": list(rows),
@@ -164,25 +162,9 @@ _CURVE = ("sir_db", "pd", "pd_low", "pd_high")
 
 def interference_title(scene: Scene) -> str:
     """What was measured, for figures and headings."""
-    text = " + ".join(_in_words(i.emitter, scene.waveform.bandwidth_hz) for i in scene.interference)
+    text = " + ".join(i.emitter.title(scene.waveform.bandwidth_hz) for i in scene.interference)
     text = text or "no interference"
     snrs = scene.sweep.snr_db or (scene.channel.snr_db,)
     if len(snrs) == 1:
         text += ", no noise" if snrs[0] is None else f", SNR {snrs[0]:g} dB"
     return text
-
-
-def _in_words(emitter: Emitter, band_hz: float) -> str:
-    """An emitter in words; those without words of their own have their name in a scene."""
-    inner, channel = unfaded(emitter)
-    name = emitter_name(inner)
-    text = {"fmcw": "FMCW radar", "faa_91_220": "14 CFR 91.220(b) mask"}.get(name, name.replace("_", " "))
-    if name == "qpsk":
-        pulse = "root-raised-cosine" if inner.pulse == "rrc" else inner.pulse
-        text = f"QPSK, {pulse} pulses, {100 * inner.bandwidth_hz / band_hz:.3g} % of the band"
-    elif name == "tones":
-        count = len(inner.frequencies_hz) or inner.count
-        text = "one tone" if count == 1 else f"{count} tones"
-    elif name == "nr":
-        text = f"5G NR, {inner.channel_bandwidth_hz / 1e6:g} MHz"
-    return text if channel is None else f"{text} through {channel.profile}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -13,21 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from ...core.paths import share_dir
-from ...core.radio.calibration import store_latency_samples
+from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
-from ..flowgraph.run import (
-    FlowgraphError,
-    PointResult,
-    Prepared,
-    collect,
-    generate,
-    left_out,
-    load_class,
-    load_grc,
-    prune,
-    write_scene,
-)
+from ..flowgraph import FlowgraphError
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.plan import left_out
+from ..flowgraph.rewrite import load_grc, prune
+from ..flowgraph.run import PointResult, make_top, result_of
+from ..flowgraph.watch import run_to_end
 from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
 
 __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
@@ -104,7 +97,7 @@ def run_hardware(
     transmit : bool
         What the command line says; the interlock wants it besides the enclosure.
     calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
         unless ``use_calibration`` is false.
     capture : path, optional
         SigMF recording of what was received.
@@ -116,7 +109,8 @@ def run_hardware(
     Returns
     -------
     PointResult
-        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late`` and ``calibrated`` besides its own.
+        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type,
+        serial) besides its own.
 
     Raises
     ------
@@ -127,11 +121,7 @@ def run_hardware(
     from gnuradio import uhd
 
     prepared = prepare_hardware(scene, methods)
-    path = write_scene(scene, prepared.module.parent / f"air_{threading.get_native_id()}.yaml")
-    try:
-        top = load_class(prepared)(scene_file=str(path), drop_when_slow=1, transmit=1)
-    finally:
-        path.unlink()
+    top = make_top(prepared, scene, drop_when_slow=1, transmit=1)
     events = _Events()
     for name in radio_blocks(scene):
         if name.endswith("_sink"):
@@ -150,42 +140,41 @@ def run_hardware(
         recorder = attach_recorder(
             top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
         )
-    begin = time.perf_counter()
-    _fly(top, scene, time_limit_s)
-    if recorder is not None:
-        recorder.finish()
-    result = collect(top, prepared, scene, time.perf_counter() - begin)
+    try:
+        elapsed = _fly(top, scene, time_limit_s)
+    finally:
+        if recorder is not None:
+            recorder.finish()
+    result = result_of(top, prepared, scene, elapsed)
     result.segmenter |= {
         "tx_underflows": events.counts["underflow"] + events.counts["underflow_in_packet"],
         "tx_late": events.counts["time_error"] + events.counts["seq_error"],
         "calibrated": ready.latency_samples is not None,
         "latency_samples": top.frame_segmenter.latency_samples,
+        "radio": (ready.key.device_type, ready.key.serial),
     }
     log("counters: " + ", ".join(f"{key} {result.segmenter[key]}" for key in _COUNTERS))
     return result
 
 
-def _fly(top: Any, scene: Scene, time_limit_s: float) -> None:
+def _fly(top: Any, scene: Scene, time_limit_s: float) -> float:
     """Run until the programme's last frame has come in; a receiver has no end of its own."""
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
-    limit = min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0)
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    begin = time.perf_counter()
-    while waiter.is_alive() and not programme_over(top, scene):
-        waiter.join(_POLL_S)
-        if time.perf_counter() - begin > limit:
-            top.stop()
-            waiter.join(10.0)
-            raise FlowgraphError(
-                f"only {top.frame_segmenter.segmenter.sample_counter / n:.0f} of {programme.total_frames} frames came "
-                f"in within {limit:.0f} s; check the receiver's USB connection"
-            )
-    top.stop()
-    waiter.join(10.0)
-    if waiter.is_alive():
-        raise FlowgraphError("the flowgraph did not stop; unplug the radios and start again")
+
+    def too_long(limit_s: float) -> str:
+        came = top.frame_segmenter.segmenter.sample_counter / n
+        return (
+            f"only {came:.0f} of {programme.total_frames} frames came in within {limit_s:.0f} s; "
+            "check the receiver's USB connection"
+        )
+
+    return run_to_end(
+        top,
+        time_limit_s=min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0),
+        over=lambda: programme_over(top, scene),
+        poll_s=_POLL_S,
+        too_long=too_long,
+    )
 
 
 def calibrate(
@@ -208,5 +197,6 @@ def calibrate(
     latency = result.segmenter["latency_samples"]
     if not frames["valid"].any():
         raise FlowgraphError("calibration: no altitude was found; check the cable from TX/RX to RX2")
-    path = store_latency_samples(latency, scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+    key = CalibrationKey(*result.segmenter["radio"], scene.radio.master_clock_hz, scene.waveform.rate_hz)
+    path = store_latency_samples(latency, key, calibration)
     return latency, path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+import contextlib
 import functools
 import tempfile
 import threading
@@ -14,41 +14,12 @@ from ...core.paths import share_dir
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
-from ..flowgraph.run import (
-    FlowgraphError,
-    Prepared,
-    generate,
-    load_class,
-    load_grc,
-    prune,
-    simulate,
-    write_scene,
-)
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.rewrite import load_grc, prune, remote, simulate
+from ..flowgraph.run import make_top
+from ..flowgraph.watch import run_to_end
 
-__all__ = ["drive_remotely", "remote"]
-
-
-def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
-    blocks["frames"]["parameters"]["value"] = "0"
-    blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
-    blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
-    value = blocks["scene"]["parameters"]["value"]
-    blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
-    states = blocks["scene"]["states"]
-    imports = {"imports": "from gnuradio.radalt.core.scene.live import by_hand"}
-    added = [("import_by_hand", "import", imports)]
-    for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
-        added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
-    ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
-    added.append(("remote_control", "radalt_remote_control", ports))
-    data["blocks"] += [
-        {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
-    ]
-    return data
+__all__ = ["drive_remotely"]
 
 
 @functools.lru_cache(maxsize=4)
@@ -99,12 +70,9 @@ def drive_remotely(
     if not sim:
         require_enclosure(scene, transmit)
     _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
-    path = write_scene(scene, prepared.module.parent / f"remote_{threading.get_native_id()}.yaml")
-    options = {"scene_file": str(path), "telemetry": telemetry, "control": control}
-    try:
-        top = load_class(prepared)(**options, drop_when_slow=1, transmit=int(transmit))
-    finally:
-        path.unlink()
+    top = make_top(
+        prepared, scene, telemetry=telemetry, control=control, drop_when_slow=1, transmit=int(transmit)
+    )
     try:
         if not sim:
             from gnuradio import uhd
@@ -113,25 +81,8 @@ def drive_remotely(
 
             set_up(top, scene, uhd, log=log)
         log(f"telemetry {telemetry or 'off'}, control {control or 'off'}; a 'stop' request or Ctrl-C ends")
-        return _run(top, stop or threading.Event())
+        with contextlib.suppress(KeyboardInterrupt):
+            run_to_end(top, over=None if stop is None else stop.is_set)
+        return top.remote_control.state()
     finally:
         top.remote_control.close()
-
-
-def _run(top: Any, stop: threading.Event) -> dict[str, Any]:
-    from ...blocks._guard import raise_stored
-
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    try:
-        while waiter.is_alive() and not stop.is_set():
-            waiter.join(0.05)
-    except KeyboardInterrupt:
-        pass
-    top.stop()
-    waiter.join(10.0)
-    if waiter.is_alive():
-        raise FlowgraphError("the flowgraph did not stop within 10 s")
-    raise_stored([b for b in vars(top).values() if hasattr(b, "work") or hasattr(b, "general_work")])
-    return top.remote_control.state()

@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...core.radio.calibration import load_latency_samples
+from ...core.radio.calibration import CalibrationKey, load_latency_samples
 from ...core.radio.interlock import InterlockError, require_enclosure
-from ...core.radio.levels import MAX_RX_DBM, drive, rx_level_dbm
+from ...core.radio.levels import drive, rx_level_dbm
 from ...core.scene import Scene
-from ..flowgraph.run import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE, FlowgraphError
+from ..flowgraph import FlowgraphError
+from ..flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, RADAR_SOURCE
 
 __all__ = [
     "FULL_SCALE",
@@ -87,10 +88,13 @@ class Ready:
         Common start in device seconds.
     latency_samples : float or None
         Stored latency that the segmenter subtracts; None where none was stored, or it is not to be used.
+    key : CalibrationKey
+        Which radio, clock and rate that latency belongs to.
     """
 
     start_s: float
     latency_samples: float | None
+    key: CalibrationKey
 
 
 def _text(value: float | str) -> str:
@@ -113,7 +117,8 @@ def plan(scene: Scene) -> tuple[Step, ...]:
         RADAR_SOURCE: radio.radar_rx_gain_db,
         JAMMER_SINK: radio.jammer_tx_gain_db,
     }
-    antenna = {RADAR_SINK: "TX/RX", RADAR_SOURCE: "RX2", JAMMER_SINK: "TX/RX"}
+    tx, rx = radio.limits.tx_antenna, radio.limits.rx_antenna
+    antenna = {RADAR_SINK: tx, RADAR_SOURCE: rx, JAMMER_SINK: tx}
     steps = [Step(b, "set_clock_source", (radio.clock_source, 0)) for b in devices]
     steps += [Step(b, "set_time_source", (radio.clock_source, 0)) for b in devices]
     steps += [Step(b, "set_samp_rate", (w.rate_hz,)) for b in blocks]
@@ -127,12 +132,16 @@ def plan(scene: Scene) -> tuple[Step, ...]:
 def describe(scene: Scene) -> tuple[list[str], bool]:
     """The plan in words, and whether the interlock would let it transmit with ``--transmit``."""
     radio, w = scene.radio, scene.waveform
-    levels = drive(scene)
+    levels, limits = drive(scene), radio.limits
     lines = [
-        f"radar B210    serial {radio.radar_serial or '(first found)'}: TX/RX transmits, RX2 receives",
-        f"jammer B210   serial {radio.jammer_serial or '(first found)'}: TX/RX transmits {scene.interference_name}"
-        if scene.has_jammer
-        else "jammer B210   not needed: the scene has no jammer",
+        f"radar {limits.title:8}serial {radio.radar_serial or '(first found)'}: {limits.tx_antenna} transmits, "
+        f"{limits.rx_antenna} receives",
+        f"jammer {limits.title:7}"
+        + (
+            f"serial {radio.jammer_serial or '(first found)'}: {limits.tx_antenna} transmits {scene.interference_name}"
+            if scene.has_jammer
+            else "not needed: the scene has no jammer"
+        ),
         f"master clock  {radio.master_clock_hz / 1e6:g} MHz, divided by {radio.master_clock_hz / w.rate_hz:g} "
         f"to {w.rate_hz / 1e6:g} MS/s",
         f"sweep         {w.carrier_hz / 1e6:g} MHz, {w.rate_hz / 1e6:g} MHz wide, "
@@ -144,7 +153,8 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
             if scene.has_jammer
             else ""
         ),
-        f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, limit {MAX_RX_DBM:g} dBm",
+        f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, "
+        f"limit {limits.max_rx_dbm:g} dBm",
     ]
     lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
     pulse = "set_time_now(0)" if radio.clock_source == "internal" else "set_time_next_pps(0), same second"
@@ -182,7 +192,7 @@ def set_up(
     uhd : module
         ``gnuradio.uhd``.
     calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this (master clock, rate) is subtracted
+        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
         unless ``use_calibration`` is false.
     log : callable
         Receives the readback, a line each.
@@ -200,6 +210,7 @@ def set_up(
     """
     require_enclosure(scene, bool(top.transmit))
     _check_blocks(top, scene)
+    key = _check_radios(top, scene)
     for entry in bring_up(top, scene, uhd, sleep):
         log(str(entry))
     if scene.has_jammer:
@@ -208,11 +219,26 @@ def set_up(
     segmenter.set_full_scale(FULL_SCALE)
     latency = None
     if use_calibration:
-        latency = load_latency_samples(scene.radio.master_clock_hz, scene.waveform.rate_hz, calibration)
+        latency = load_latency_samples(key, calibration)
     segmenter.set_calibration(latency)
     start_s = start_together(top, scene, uhd)
     segmenter.set_start_time(start_s)
-    return Ready(start_s, latency)
+    return Ready(start_s, latency, key)
+
+
+def _check_radios(top: Any, scene: Scene) -> CalibrationKey:
+    """Refuse radios of another type than the scene's, whose limits would not hold; says which one the radar is."""
+    wanted = scene.radio.limits
+    for name in radio_blocks(scene):
+        info = getattr(top, name).get_usrp_info(0)
+        if info["mboard_id"] != wanted.uhd_name:
+            raise FlowgraphError(
+                f"{name}: the radio is a {info['mboard_id']}, and radio.device {wanted.name} a {wanted.uhd_name}; name "
+                "the radio that is there, or the serial of the one that is meant"
+            )
+    told = getattr(top, RADAR_SOURCE).get_usrp_info(0)["mboard_serial"]
+    serial = scene.radio.radar_serial if told in ("", "n/a") else told
+    return CalibrationKey(wanted.uhd_name, serial, scene.radio.master_clock_hz, scene.waveform.rate_hz)
 
 
 def _check_blocks(top: Any, scene: Scene) -> None:

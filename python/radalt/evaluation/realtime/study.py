@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -17,18 +16,12 @@ import numpy as np
 from ...core.mitigation import OwnProcess
 from ...core.paths import share_dir
 from ...core.scene import Scene
-from ..flowgraph.run import (
-    FlowgraphError,
-    Prepared,
-    generate,
-    load_class,
-    load_grc,
-    prune,
-    simulate,
-    write_scene,
-)
+from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.rewrite import load_grc, prune, simulate
+from ..flowgraph.run import make_top
+from ..flowgraph.watch import blocks_of, run_to_end
 
-__all__ = ["Measurement", "measure", "prepare_benchmark"]
+__all__ = ["Measurement", "fly_benchmark", "long_scene", "prepare_benchmark"]
 
 _POLL_S = 0.1
 _ARRIVALS = 200_000
@@ -113,7 +106,7 @@ def long_scene(scene: Scene, seconds: float) -> Scene:
     return dataclasses.replace(scene, altitude=altitude)
 
 
-def measure(
+def fly_benchmark(
     prepared: Prepared,
     scene: Scene,
     *,
@@ -139,34 +132,22 @@ def measure(
     FlowgraphError
         If the run does not end in time.
     """
-    path = write_scene(scene, prepared.module.parent / "realtime.yaml")
-    top = load_class(prepared)(scene_file=str(path), drop_when_slow=int(realtime))
+    top = make_top(prepared, scene, drop_when_slow=int(realtime))
     segmenter = top.frame_segmenter
     segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None
-    blocks = {
-        name: block
-        for name, block in vars(top).items()
-        if hasattr(block, "work") or hasattr(block, "general_work")
-    }
     sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
     tcae = getattr(top, "mitigation_tcae", None)
     beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
-    watch = _Watch(blocks, beside)
-    cpu, begin = time.process_time(), time.perf_counter()
-    top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
-    while waiter.is_alive():
-        waiter.join(_POLL_S)
-        watch.look(segmenter.segmenter.sample_counter)
-        if time.perf_counter() - begin > time_limit_s:
-            top.stop()
-            waiter.join(10.0)
-            raise FlowgraphError(f"the run did not end within {time_limit_s:g} s; use fewer --seconds")
-    wall, cpu = time.perf_counter() - begin, time.process_time() - cpu
-    from ...blocks._guard import raise_stored
-
-    raise_stored(list(blocks.values()))
+    watch = _Watch(blocks_of(top), beside)
+    cpu = time.process_time()
+    wall = run_to_end(
+        top,
+        time_limit_s=time_limit_s,
+        over=lambda: watch.look(segmenter.segmenter.sample_counter),
+        poll_s=_POLL_S,
+        too_long=lambda limit_s: f"the run did not end within {limit_s:g} s; use fewer --seconds",
+    )
+    cpu = time.process_time() - cpu
     status = segmenter.status()
     if beside is not None:
         watch.cpu_s["network's process"] = 1e-9 * beside.outside_cpu_ns
@@ -206,8 +187,8 @@ class _Watch:
         self.cpu_s: dict[str, float] = {}
         self.memory: list[tuple[int, int]] = [(0, self._resident())]
 
-    def look(self, samples: int) -> None:
-        """Read what the kernel says now."""
+    def look(self, samples: int) -> bool:
+        """Read what the kernel says now; false, since it ends no run."""
         self.memory.append((samples, self._resident()))
         for name, block in self._blocks.items():
             thread = getattr(block, "thread_id", None)
@@ -221,6 +202,7 @@ class _Watch:
             except OSError:  # the thread has ended: what was read last stays
                 continue
             self.cpu_s[name] = (int(fields[11]) + int(fields[12])) * self._tick_s
+        return False
 
     def _resident(self) -> int:
         pages = (Path(f"/proc/{p}/statm").read_text(encoding="ascii").split()[1] for p in self._processes)

@@ -1,1 +1,1 @@
-"""One results kit: scores, folders, journals."""
+"""One results kit: chains, scores, folders, tables, pages."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "protection_gain"]
+__all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "mean_gain", "protection_gain"]
 
 BREAK_PD = 0.9  # a method holds a level as long as Pd is at least this
 
@@ -133,7 +133,25 @@ def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
     >>> str(protection_gain(none, break_point([-20, -60], [1, 1])))
     '≥ 39.0'
     """
-    marks = {base.mark, _TURNED[method.mark]} - {""}
-    if len(marks) > 1:
-        return Gain(float("nan"), "?")
-    return Gain(base.sir_db - method.sir_db, marks.pop() if marks else "")
+    return Gain(*_joined(base.sir_db - method.sir_db, {base.mark, _TURNED[method.mark]}))
+
+
+def mean_gain(gains: Sequence[Gain]) -> Gain:
+    """Mean of gains over several interferers; open where one is, unknown where two are open to opposite sides.
+
+    Examples
+    --------
+    >>> str(mean_gain([Gain(10.0), Gain(20.0, ">=")]))
+    '≥ 15.0'
+    >>> mean_gain([Gain(10.0, "<="), Gain(20.0, ">=")]).mark
+    '?'
+    """
+    return Gain(*_joined(float(np.mean([g.db for g in gains])), {g.mark for g in gains}))
+
+
+def _joined(db: float, marks: set[str]) -> tuple[float, str]:
+    """A value from several that may be open: (value, mark)."""
+    marks = marks - {""}
+    if len(marks) > 1 or "?" in marks:
+        return float("nan"), "?"
+    return db, marks.pop() if marks else ""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -11,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ...core.mitigation import Mitigation, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ...core.waveform import Waveform
 
-__all__ = ["Chain", "altimeter_of", "seconds_per_frame"]
+__all__ = ["Chain", "altimeter_of", "chains_with", "model_files", "seconds_per_frame"]
 
 _CHUNK = 20  # frames processed at once where only the error counts
 
@@ -41,6 +43,8 @@ class Chain:
         Of its arithmetic; a model's own word for it goes before this.
     settings : AltimeterSettings
         Of the altimeter behind it.
+    looks : int
+        Consecutive frames whose power spectra are averaged into one altitude.
     """
 
     label: str
@@ -48,35 +52,86 @@ class Chain:
     options: tuple[tuple[str, Any], ...] = ()
     precision: str = "float32"
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
+    looks: int = 1
 
     @classmethod
-    def of_model(cls, model: Path, label: str | None = None, **changes: Any) -> Chain:
-        """A network, as it is: nothing silences what it invents unless ``options`` say so."""
+    def of_model(
+        cls,
+        model: Path,
+        label: str | None = None,
+        *,
+        options: tuple[tuple[str, Any], ...] = (),
+        settings: AltimeterSettings | None = None,
+    ) -> Chain:
+        """A network, with further ``options`` of the method `tcae`."""
         precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
-        return cls(label or f"tcae {model.stem}", "tcae", precision=precision, **changes)
+        options = (("model", str(model)), *options)
+        return cls(label or f"tcae {model.stem}", "tcae", options, precision, settings or AltimeterSettings())
 
     def build(self, waveform: Waveform) -> Mitigation:
         """A fresh method; raises `MitigationError` where it does not fit the waveform."""
         return create(self.method, waveform, **dict(self.options))
 
     @property
-    def model_bytes(self) -> int:
-        """Size of the network's file; 0 for the classical methods."""
+    def model(self) -> Path | None:
+        """The network's file; None for the classical methods."""
         model = dict(self.options).get("model")
-        return Path(model).stat().st_size if model else 0
+        return Path(model) if model else None
+
+    def head(self, waveform: Waveform) -> dict[str, Any]:
+        """What its rows depend on, a network by what it is instead of where it lies; raises `MitigationError`."""
+        options = dict(self.options) | ({"model": self.model.name} if self.model else {})
+        sha256 = getattr(self.build(waveform), "sha256", None)
+        return vars(self) | {
+            "options": options,
+            "settings": dataclasses.asdict(self.settings),
+            **({"sha256": sha256} if sha256 else {}),
+        }
 
     def results(self, frames: np.ndarray, waveform: Waveform) -> tuple[np.ndarray, Mitigation]:
         """Altimeter results of ``(n, N)`` frames behind a fresh start of the method, and the method.
 
-        The method is built once per process and reset before the first frame.
+        There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
         method = _method_of(self, waveform)
         method.reset()
         altimeter = altimeter_of(waveform, self.settings)
-        parts = [
-            altimeter.process(method.process(frames[k : k + _CHUNK])) for k in range(0, len(frames), _CHUNK)
-        ]
+        step = self.looks * max(1, _CHUNK // self.looks)
+        parts = []
+        for k in range(0, len(frames), step):
+            spectra = altimeter.spectra(method.process(frames[k : k + step]))
+            if self.looks > 1:
+                spectra = _averaged(altimeter, spectra, self.looks)
+            parts.append(altimeter.detect(spectra))
         return np.concatenate(parts), method
+
+
+def model_files(chains: Sequence[Chain]) -> dict[str, Path]:
+    """Networks of chains, by what `chains_with` calls them."""
+    return {f"model of {chain.label}": chain.model for chain in chains if chain.model}
+
+
+def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Chain, ...]:
+    """The same chains with those networks at other places."""
+
+    def moved(chain: Chain) -> Chain:
+        path = files.get(f"model of {chain.label}")
+        if path is None:
+            return chain
+        options = tuple((k, str(path) if k == "model" else v) for k, v in chain.options)
+        return dataclasses.replace(chain, options=options)
+
+    return tuple(moved(chain) for chain in chains)
+
+
+def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
+    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
+    # spectra come scaled to unit peak; undo that, so that looks weigh by their power
+    power = spectra.power * (spectra.scale**2)[:, None, None]
+    power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
+    scale = np.sqrt(power.max(axis=(1, 2)))
+    power = (power / np.where(scale > 0, scale, 1.0)[:, None, None] ** 2).astype(np.float32)
+    return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
 
 
 @lru_cache(maxsize=64)

@@ -28,8 +28,10 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def metres(value: float | None) -> str:
-    """Three significant digits, without the unit."""
-    return f"{value:.3g}" if _exists(value) else DASH
+    """Three significant digits, whole metres from 1000 on, without the unit."""
+    if not _exists(value):
+        return DASH
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def signed_metres(value: float | None) -> str:

@@ -1,1 +1,1 @@
-"""Study: error of every method and model variant against its CPU time."""
+"""Study: error of every method, network and choice of the altimeter against its CPU time."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .study import pareto
-
-__all__ = ["draw", "place_labels"]
+__all__ = ["draw", "pareto", "place_labels"]
 
 REAL_TIME_MS = 1.0  # a frame lasts so long
 _FRONT, _REST = "#0072B2", "#777777"
@@ -24,7 +22,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     Parameters
     ----------
     report : dict
-        Of `write_runtime_report`.
+        Of `report.write_report`.
     path : Path
         PNG file.
     """
@@ -35,7 +33,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     FigureCanvasAgg(figure)
     left, right, key = figure.subplots(1, 3, width_ratios=(1, 1, 0.42))
     summary = report["summary"]
-    clean = next(s for s in summary if s["variant"] == "none")["clean"]
+    clean = next(s for s in summary if s["chain"] == "none")["clean"]
     left.set_yscale("log")
     left.axhline(
         clean["rmse_forced_m"], color="#009E73", ls=":", lw=1.2, label="clean ceiling, no mitigation"
@@ -46,8 +44,8 @@ def draw(report: dict[str, Any], path: Path) -> None:
     left.set_ylabel("RMSE of forced decisions, pooled / m", fontsize=8)
     right.set_ylabel("Pd pooled over interferers and SIRs", fontsize=8)
     panels = (
-        (left, {s["variant"]: s["pooled"]["rmse_forced_m"] for s in summary}, 1.0),
-        (right, {s["variant"]: s["pooled"]["pd"] for s in summary}, -1.0),
+        (left, {s["chain"]: s["pooled"]["rmse_forced_m"] for s in summary}, 1.0),
+        (right, {s["chain"]: s["pooled"]["pd"] for s in summary}, -1.0),
     )
     fronts = [_panel(axis, summary, values, sign) for axis, values, sign in panels]
     _key(key, summary, set().union(*fronts))
@@ -61,6 +59,16 @@ def draw(report: dict[str, Any], path: Path) -> None:
     figure.savefig(path, metadata={"Software": "gr-radalt"})
 
 
+def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Labels on the front of (cost, loss), both smaller is better, in the order of cost."""
+    front, best = [], float("inf")
+    for label, (_, loss) in sorted(points.items(), key=lambda item: item[1]):
+        if loss < best:
+            front.append(label)
+            best = loss
+    return front
+
+
 def _at(summary: dict[str, Any], value: float) -> tuple[float, float]:
     return summary["times"][1]["ms_median"], value
 
@@ -68,18 +76,18 @@ def _at(summary: dict[str, Any], value: float) -> tuple[float, float]:
 def _panel(
     axis: Any, summary: Sequence[dict[str, Any]], values: dict[str, float | None], sign: float
 ) -> set[str]:
-    """Points, bars and front of one panel; returns the variants on its front."""
+    """Points, bars and front of one panel; returns the chains on its front."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    shown = [s for s in summary if values[s["variant"]] is not None]
-    points = {s["variant"]: _at(s, values[s["variant"]]) for s in shown}
+    shown = [s for s in summary if values[s["chain"]] is not None]
+    points = {s["chain"]: _at(s, values[s["chain"]]) for s in shown}
     front = pareto({k: (x, sign * y) for k, (x, y) in points.items()})
     line = np.array([points[k] for k in front])
     axis.axvline(REAL_TIME_MS, color="#666666", ls="--", lw=0.9, label="real time, 1 ms")
     axis.plot(*line.T, color=_FRONT, lw=1.2, drawstyle="steps-post", label="Pareto front", zorder=2)
     for s in shown:
-        x, y = points[s["variant"]]
-        colour = _FRONT if s["variant"] in front else _REST
+        x, y = points[s["chain"]]
+        colour = _FRONT if s["chain"] in front else _REST
         axis.plot([x, max(s["times"][1]["ms_p99"], x)], [y, y], color=colour, lw=0.6, alpha=0.6, zorder=2)
         axis.plot(x, y, marker=_marker(s), ms=_size(s), color=colour, ls="none", zorder=3)
     axis.set_xscale("log")
@@ -95,9 +103,9 @@ def _panel(
 
 def _marker(summary: dict[str, Any]) -> str:
     """A star for a network, a dot for a choice of the altimeter, a disc for a classical method."""
-    if summary["variant"].startswith("tcae"):
+    if summary["chain"].startswith("tcae"):
         return "*"
-    return "." if summary["variant"].startswith("none, ") else "o"
+    return "." if summary["chain"].startswith("none, ") else "o"
 
 
 def _size(summary: dict[str, Any]) -> float:
@@ -108,9 +116,9 @@ def _number(
     axis: Any, summary: Sequence[dict[str, Any]], values: dict[str, float | None], dpi: float
 ) -> None:
     """Each point's number beside it, with a line to it where it had to step aside."""
-    numbered = [(k, s) for k, s in enumerate(summary, 1) if values[s["variant"]] is not None]
-    at = axis.transData.transform([_at(s, values[s["variant"]]) for _, s in numbered])
-    ends = axis.transData.transform([(s["times"][1]["ms_p99"], values[s["variant"]]) for _, s in numbered])
+    numbered = [(k, s) for k, s in enumerate(summary, 1) if values[s["chain"]] is not None]
+    at = axis.transData.transform([_at(s, values[s["chain"]]) for _, s in numbered])
+    ends = axis.transData.transform([(s["times"][1]["ms_p99"], values[s["chain"]]) for _, s in numbered])
     bars = np.concatenate([np.linspace(a, b, 40) for a, b in zip(at, ends, strict=True)])
     point = dpi / 72.0
     size = (1.35 * _LABEL_PT * point, 1.1 * _LABEL_PT * point)
@@ -119,7 +127,7 @@ def _number(
         s = summary[number - 1]
         axis.annotate(
             str(number),
-            _at(s, values[s["variant"]]),
+            _at(s, values[s["chain"]]),
             xytext=(x, y),
             textcoords="offset points",
             ha="center",
@@ -183,13 +191,13 @@ def _key(axis: Any, summary: Sequence[dict[str, Any]], fronts: set[str]) -> None
     axis.set_xlim(0.0, 1.0)
     axis.set_ylim(len(summary) + 0.5, 0.5)
     for k, s in enumerate(summary, 1):
-        colour = _FRONT if s["variant"] in fronts else "#444444"
+        colour = _FRONT if s["chain"] in fronts else "#444444"
         axis.plot(0.03, k, marker=_marker(s), ms=_size(s), color=colour, ls="none", clip_on=False)
         axis.text(0.15, k, str(k), fontsize=7, color=colour, ha="right", va="center")
-        axis.text(0.19, k, _name(s["variant"]), fontsize=7, color=colour, va="center")
+        axis.text(0.19, k, _name(s["chain"]), fontsize=7, color=colour, va="center")
 
 
-def _name(variant: str) -> str:
+def _name(label: str) -> str:
     """A network by its file's name alone."""
-    short = variant.replace("lms_reference_input", "lms, ref. as input")
+    short = label.replace("lms_reference_input", "lms, ref. as input")
     return short.removeprefix("tcae ") + ".onnx" if short.startswith("tcae ") else short

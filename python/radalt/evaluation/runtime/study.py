@@ -1,46 +1,40 @@
-"""Error against run time: every method and model variant on the same frames, in one process, by turns."""
+"""Error against run time: every method and model on the same frames, in one process, by turns."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.stats import kendalltau
 
-from ...core.interference.nr import NrEmitter
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
-from ..results.journal import Journal
-from ..results.score import CORRECT_LIMIT_M, wilson_interval
+from ..engine.run import peak_memory_bytes
+from ..engine.study import Point, Run, Study
+from ..results.chain import Chain, altimeter_of, chains_with, model_files, seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.rows import Columns
+from ..results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
 
-__all__ = [
-    "INTERFERERS",
-    "Variant",
-    "break_point_db",
-    "error_points",
-    "measure_errors",
-    "measure_memory",
-    "measure_times",
-    "pareto",
-    "run_study",
-    "summarise_times",
-    "variants",
-]
+__all__ = ["INTERFERERS", "RuntimePoint", "RuntimeStudy", "compared_chains"]
 
-BREAK_PD = 0.9  # DESIGN.md 4
-_SNR_DB = 10.0
-_CHUNK = 20  # frames processed at once where only the error counts
+SNR_DB = 10.0
+_BATCHES = (1, 8)  # frames at once whose time is taken
+_FACTS_S = 2.0  # a process with NumPy and SciPy, for the memory
+_W = Waveform()
 # name -> (emitter, overlap)
 INTERFERERS: dict[str, tuple[Any, float]] = {
     "QPSK shaped, all": (QpskEmitter(pulse="rrc"), 1.0),
@@ -50,271 +44,262 @@ INTERFERERS: dict[str, tuple[Any, float]] = {
     "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6), 1.0),
     "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
 }
+# summed where batches of a point are put together
+_SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
+_TABLES = {
+    "facts": Columns(
+        names=("chain", "precision", "model_bytes", "memory_bytes", "decimation", "fft_size"),
+        text=frozenset({"chain", "precision"}),
+        whole=frozenset({"model_bytes", "memory_bytes", "decimation", "fft_size"}),
+        timing=frozenset({"memory_bytes"}),
+    ),
+    "rows": Columns(
+        names=("interferer", "sir_db", "chain", *SCORE_COLUMNS, *_SUMS),
+        text=frozenset({"interferer", "chain"}),
+        whole=frozenset(
+            {"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"} | {*_SUMS[:2]}
+        ),
+    ),
+    "times": Columns(
+        names=("chain", "batch", "round", "ms_method", "ms_altimeter"),
+        text=frozenset({"chain"}),
+        whole=frozenset({"batch", "round"}),
+        timing=frozenset({"ms_method", "ms_altimeter"}),
+    ),
+}
 
 
-@dataclass(frozen=True)
-class Variant:
-    """One way from a frame to an altitude.
+def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
+    """Methods, networks and choices of the altimeter that are compared."""
 
-    Attributes
-    ----------
-    label, method, precision : str
-    options : mapping as pairs
-        Of the method.
-    settings : AltimeterSettings
-        Of the altimeter behind it.
-    """
+    def settings(**change: Any) -> AltimeterSettings:
+        return AltimeterSettings(**{"max_altitude_m": 1500.0, "max_vertical_speed_m_per_s": 0.0} | change)
 
-    label: str
-    method: str
-    precision: str = "float32"
-    options: tuple[tuple[str, Any], ...] = ()
-    settings: AltimeterSettings = field(
-        default_factory=lambda: AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
+    altimeters = {
+        "none, centroid": {"strategy": "centroid"},
+        "none, leading edge": {"strategy": "leading_edge"},
+        "none, order-statistic CFAR": {"cfar": "os"},
+        "none, Hann window": {"window": "hann"},
+        "none, span 6 km": {"max_altitude_m": 6000.0},
+        "none, span 37 km": {"max_altitude_m": 37_000.0},
+        "none, Doppler to 150 m/s": {"max_vertical_speed_m_per_s": 150.0},
+    }
+    methods = ("none", "whitening", "blanking", "nlms", "lms_reference_input", "lms")
+    # the networks themselves; the check would double the time of all but the default
+    bare = {"options": (("shift_check", False),), "settings": settings()}
+    return (
+        *(Chain(method, method, settings=settings()) for method in methods),
+        *(Chain.of_model(model, **bare) for model in models),
+        *(Chain(label, "none", settings=settings(**change)) for label, change in altimeters.items()),
     )
 
-    def build(self) -> tuple[Mitigation, Altimeter]:
-        """A fresh method and its altimeter."""
-        waveform = Waveform()
-        return create(self.method, waveform, **dict(self.options)), Altimeter(waveform, self.settings)
 
-    @property
-    def model_bytes(self) -> int:
-        """Size of the network's file; 0 for the classical methods."""
-        model = dict(self.options).get("model")
-        return Path(model).stat().st_size if model else 0
-
-
-def variants(models: Sequence[Path]) -> list[Variant]:
-    """Methods, models and choices of the altimeter that are compared."""
-    plain = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
-
-    def altimeter(label: str, **change: Any) -> Variant:
-        return Variant(
-            label,
-            "none",
-            settings=AltimeterSettings(
-                **{"max_altitude_m": 1500.0, "max_vertical_speed_m_per_s": 0.0} | change
-            ),
-        )
-
-    out = [
-        Variant(m, m, settings=plain)
-        for m in ("none", "whitening", "blanking", "nlms", "lms_reference_input", "lms")
-    ]
-    for model in models:
-        precision = next((p for p in ("int8", "fp16") if p in model.stem), "float32")
-        # the networks themselves; the check would double the time of all but the default
-        out.append(
-            Variant(
-                f"tcae {model.stem}",
-                "tcae",
-                precision,
-                (("model", str(model)), ("shift_check", False)),
-                plain,
-            )
-        )
-    return out + [
-        altimeter("none, centroid", strategy="centroid"),
-        altimeter("none, leading edge", strategy="leading_edge"),
-        altimeter("none, order-statistic CFAR", cfar="os"),
-        altimeter("none, Hann window", window="hann"),
-        altimeter("none, span 6 km", max_altitude_m=6000.0),
-        altimeter("none, span 37 km", max_altitude_m=37_000.0),
-        altimeter("none, Doppler to 150 m/s", max_vertical_speed_m_per_s=150.0),
-    ]
-
-
-def frames_of(name: str | None, sir_db: float, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def frames_of(
+    name: str | None, sir_db: float, count: int, seed: int, batch: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """(count, N) frames with one interferer (None: without) and their altitudes, 10..1450 m."""
-    w = Waveform()
-    rng = np.random.default_rng(
-        [seed, 0 if name is None else 1 + list(INTERFERERS).index(name), round(-sir_db)]
-    )
+    number = 0 if name is None else 1 + list(INTERFERERS).index(name)
+    rng = np.random.default_rng([seed, number, round(-sir_db), *([batch] if batch else [])])
     truth = rng.uniform(10.0, 1450.0, count)
-    noise = rng.standard_normal((count, w.samples_per_frame, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
-    frames = point_return(w, truth) + noise * 10.0 ** (-_SNR_DB / 20.0)
+    noise = rng.standard_normal((count, _W.samples_per_frame, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
+    frames = point_return(_W, truth) + noise * 10.0 ** (-SNR_DB / 20.0)
     if name is not None:
         emitter, overlap = INTERFERERS[name]
         jam = Interferer(emitter, sir_db, overlap)
-        frames = frames + interference_frames([jam], count, w.samples_per_frame, w.rate_hz, rng)
+        frames = frames + interference_frames([jam], count, _W.samples_per_frame, _W.rate_hz, rng)
     return frames.astype(np.complex64), truth
 
 
-def error_points(sirs_db: Sequence[float]) -> list[tuple[str | None, float]]:
-    """(interferer, SIR) of every point: the clean scene (None, 0) first."""
-    return [(None, 0.0), *((name, sir_db) for name in INTERFERERS for sir_db in sirs_db)]
+@dataclass(frozen=True)
+class RuntimePoint(Point):
+    """What its table is of: facts of a chain, errors at one interferer and SIR, or one round of times.
+
+    Attributes
+    ----------
+    chain : str
+        Label; facts only.
+    interferer : str or None
+        None for the scene without interference.
+    sir_db : float
+    round : int
+        From 1; times only.
+    """
+
+    chain: str = ""
+    interferer: str | None = None
+    sir_db: float = 0.0
+    round: int = 0
 
 
-def measure_errors(
-    candidates: Sequence[Variant],
-    points: Sequence[tuple[str | None, float]],
-    count: int,
-    seed: int,
-    progress: Callable[[str], None],
-) -> Iterator[list[dict[str, Any]]]:
-    """The rows of one point after the other, one row a variant; the same frames for all."""
-    built = [v.build() for v in candidates]
-    for name, sir_db in points:
-        frames, truth = frames_of(name, sir_db, count, seed)
-        progress(f"{name or 'clean'} {sir_db if name else ''}")
-        rows = []
-        for variant, (method, altimeter) in zip(candidates, built, strict=True):
-            method.reset()
-            result = np.concatenate(
-                [altimeter.process(method.process(frames[k : k + _CHUNK])) for k in range(0, count, _CHUNK)]
-            )
-            point = {"interferer": name or "clean", "sir_db": sir_db if name else None}
-            rows.append(point | {"variant": variant.label} | _scored(result, truth))
-        yield rows
+@dataclass(frozen=True)
+class RuntimeStudy(Study):
+    """Chains compared on the same frames.
+
+    Attributes
+    ----------
+    chains : tuple of Chain
+        The one labelled ``none`` is what gains are against.
+    sirs_db : tuple of float
+    frames : int
+        Per interferer and SIR, >= 2.
+    rounds : int
+        Of timing, >= 2.
+    seed : int
+    interferers : tuple of str
+        Of `INTERFERERS`.
+    """
+
+    chains: tuple[Chain, ...]
+    sirs_db: tuple[float, ...]
+    frames: int = 100
+    rounds: int = 20
+    seed: int = 1
+    interferers: tuple[str, ...] = tuple(INTERFERERS)
+
+    tables: ClassVar[Mapping[str, Columns]] = _TABLES
+    sampled: ClassVar[bool] = True
+    max_jobs: ClassVar[int | None] = 1
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "error_vs_runtime.md",
+        "figures/error_vs_runtime.png": "figures/error_vs_runtime.png",
+    }
+
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a chain cannot be built."""
+        self.head()
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return vars(self) | {"chains": {chain.label: chain.head(_W) for chain in self.chains}}
+
+    def points(self) -> Sequence[RuntimePoint]:
+        """Facts of each chain, errors without and with interference, rounds of times."""
+        jammed = [(name, sir_db) for name in self.interferers for sir_db in self.sirs_db]
+        return (
+            *(RuntimePoint(f"memory of {c.label}", 8, "facts", chain=c.label) for c in self.chains),
+            RuntimePoint("clean", self.frames),
+            *(
+                RuntimePoint(f"{name}, SIR {sir:g} dB", self.frames, interferer=name, sir_db=sir)
+                for name, sir in jammed
+            ),
+            *(
+                RuntimePoint(f"times, round {k}", 4 * max(_BATCHES), "times", round=k)
+                for k in range(1, self.rounds + 1)
+            ),
+        )
+
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """See `Study`."""
+        if point.table == "facts":
+            return [_facts(next(c for c in self.chains if c.label == point.chain))]
+        if point.table == "times":
+            return list(_times(self.chains, point.round))
+        frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed, batch)
+        where = {
+            "interferer": point.interferer or "clean",
+            "sir_db": point.sir_db if point.interferer else None,
+        }
+        return [
+            where | {"chain": chain.label} | _scored(chain.results(frames, _W)[0], truth)
+            for chain in self.chains
+        ]
+
+    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """See `Study`; with the sums that only this study has."""
+        rows = super().pooled(batches)
+        if len(batches) == 1:
+            return rows
+        same = zip(*batches, strict=True)
+        return [row | {k: sum(r[k] for r in of) for k in _SUMS} for row, of in zip(rows, same, strict=True)]
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        return write_report(folder, self, rows, run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        if point.table == "facts":
+            return _FACTS_S
+        return point.frames * sum(seconds_per_frame(c.method, _W, c.settings, c.options) for c in self.chains)
+
+    def files(self) -> dict[str, Path]:
+        """The networks."""
+        return model_files(self.chains)
+
+    def with_files(self, files: Mapping[str, Path]) -> RuntimeStudy:
+        """See `Study`."""
+        return dataclasses.replace(self, chains=chains_with(self.chains, files))
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return any(chain.model for chain in self.chains)
 
 
 def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
-    valid = result["valid"]
-    error = result["altitude_m"] - truth
-    correct = int((np.abs(error[valid]) < CORRECT_LIMIT_M).sum())
-    forced = (result["forced_altitude_m"] - truth)[np.isfinite(result["forced_altitude_m"])]
-    low, high = wilson_interval(correct, len(truth))
-    halves = [valid[h] & (np.abs(error[h]) < CORRECT_LIMIT_M) for h in (slice(0, None, 2), slice(1, None, 2))]
-    return {
-        "trials": len(truth),
-        "detections": int(valid.sum()),
-        "correct": correct,
-        "pd": correct / len(truth),
-        "pd_low": low,
-        "pd_high": high,
-        "correct_even": int(halves[0].sum()),
-        "correct_odd": int(halves[1].sum()),
-        "squared_detected_m2": float(error[valid] @ error[valid]),
-        "squared_correct_m2": float(np.sum(error[valid & (np.abs(error) < CORRECT_LIMIT_M)] ** 2)),
-        "forced": int(forced.size),
-        "squared_forced_m2": float(forced @ forced),
+    error = np.abs(result["altitude_m"] - truth)
+    correct = result["valid"] & (error < CORRECT_LIMIT_M)
+    return score_frames(result, truth).row() | {
+        "correct_even": int(correct[0::2].sum()),
+        "correct_odd": int(correct[1::2].sum()),
+        "squared_correct_m2": float(np.sum(error[correct] ** 2)),
     }
 
 
-def break_point_db(rows: Sequence[dict[str, Any]]) -> float | None:
-    """Lowest SIR of one variant and interferer down to which Pd is at least 0.9 throughout; None if nowhere."""
-    lowest = None
-    for row in sorted(rows, key=lambda r: -r["sir_db"]):
-        if row["pd"] < BREAK_PD:
-            break
-        lowest = row["sir_db"]
-    return lowest
+@lru_cache(maxsize=1)
+def _warmed_up(chains: tuple[Chain, ...]) -> tuple[np.ndarray, list[tuple[str, Mitigation, Altimeter]]]:
+    """Frames to be timed, and every chain built; each has been run once, so that nothing is first in what counts."""
+    frames, _ = frames_of("QPSK rectangular, 30 %", -20.0, 2 * max(_BATCHES), 99)
+    built = [(c.label, c.build(_W), altimeter_of(_W, c.settings)) for c in chains]
+    for _, method, altimeter in built:
+        for batch in _BATCHES:
+            list(_timed(method, altimeter, frames, batch))
+    return frames, built
 
 
-def measure_times(
-    candidates: Sequence[Variant], batches: Sequence[int], rounds: int, progress: Callable[[str], None]
-) -> Iterator[list[dict[str, Any]]]:
-    """CPU milliseconds a frame of the calling thread, method and altimeter apart, round by round.
-
-    All variants take their turn in each round; a round before the first warms up and is not given.
-    """
-    frames, _ = frames_of("QPSK rectangular, 30 %", -20.0, max(batches) * 2, 99)
-    built = [v.build() for v in candidates]
-    for turn in range(rounds + 1 if rounds else 0):
-        progress(f"times, round {turn} of {rounds}" if turn else "times, warming up")
-        taken = [
-            {"variant": variant.label, "batch": batch, "ms": _timed(*parts, frames, batch)}
-            for variant, parts in zip(candidates, built, strict=True)
-            for batch in batches
-        ]
-        if turn:
-            yield taken
+def _times(chains: tuple[Chain, ...], number: int) -> Iterator[dict[str, Any]]:
+    """One round: CPU milliseconds per frame of the calling thread, a row per batch, all chains by turns."""
+    frames, built = _warmed_up(chains)
+    for label, method, altimeter in built:
+        for batch in _BATCHES:
+            for in_method, in_altimeter in _timed(method, altimeter, frames, batch):
+                taken = {"ms_method": in_method, "ms_altimeter": in_altimeter}
+                yield {"chain": label, "batch": batch, "round": number} | taken
 
 
-def _timed(method: Mitigation, altimeter: Altimeter, frames: np.ndarray, batch: int) -> list[list[float]]:
-    """[method, altimeter] milliseconds a frame of every batch."""
-    taken = []
+def _timed(
+    method: Mitigation, altimeter: Altimeter, frames: np.ndarray, batch: int
+) -> Iterator[tuple[float, float]]:
+    """Milliseconds per frame in method and in altimeter, of every batch."""
     for first in range(0, frames.shape[0] - batch + 1, batch):
         begin = time.thread_time_ns()
         cleaned = method.process(frames[first : first + batch])
         middle = time.thread_time_ns()
         altimeter.process(cleaned)
         end = time.thread_time_ns()
-        taken.append([(middle - begin) * 1e-6 / batch, (end - middle) * 1e-6 / batch])
-    return taken
+        yield (middle - begin) * 1e-6 / batch, (end - middle) * 1e-6 / batch
 
 
-def summarise_times(rounds: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """One row a variant and batch from the rounds of `measure_times`."""
-    samples: dict[tuple[str, int], list[list[float]]] = {}
-    for taken in rounds:
-        for one in taken:
-            samples.setdefault((one["variant"], one["batch"]), []).extend(one["ms"])
-    return [_times(label, batch, np.array(ms)) for (label, batch), ms in samples.items()]
-
-
-def run_study(
-    candidates: Sequence[Variant],
-    sirs_db: Sequence[float],
-    count: int,
-    rounds: int,
-    seed: int,
-    journal: Journal,
-    progress: Callable[[str], None],
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
-    """Measure what the journal lacks: facts of each variant, errors point by point, rounds of times.
-
-    Returns
-    -------
-    list, list, dict
-        Rows of errors, rows of times, and facts by variant, in the same order however often it was resumed.
-    """
-    known = {entry["variant"] for entry in journal.of("facts")}
-    for variant in candidates:
-        if variant.label not in known:
-            progress(f"memory of {variant.label}")
-            journal.add({"kind": "facts", "variant": variant.label, "facts": facts_of(variant)})
-    done = {(entry["interferer"], entry["sir_db"]) for entry in journal.of("errors")}
-    points = [point for point in error_points(sirs_db) if point not in done]
-    for point, rows in zip(points, measure_errors(candidates, points, count, seed, progress), strict=True):
-        journal.add({"kind": "errors", "interferer": point[0], "sir_db": point[1], "rows": rows})
-    missing = rounds - len(journal.of("times"))
-    for taken in measure_times(candidates, (1, 8), max(0, missing), progress):
-        journal.add({"kind": "times", "taken": taken})
-    facts = {entry["variant"]: entry["facts"] for entry in journal.of("facts")}
-    rows = {(entry["interferer"], entry["sir_db"]): entry["rows"] for entry in journal.of("errors")}
-    times = summarise_times([entry["taken"] for entry in journal.of("times")])
-    return [row for point in error_points(sirs_db) for row in rows[point]], times, facts
-
-
-def facts_of(variant: Variant) -> dict[str, Any]:
+def _facts(chain: Chain) -> dict[str, Any]:
     """What does not depend on the frames: precision, bytes of model and memory, decimation and FFT size."""
-    method, altimeter = variant.build()
+    method, altimeter = chain.build(_W), altimeter_of(_W, chain.settings)
     return {
-        "precision": getattr(method, "metadata", {}).get("radalt_precision", variant.precision),
-        "model_bytes": variant.model_bytes,
-        "memory_bytes": measure_memory(variant, 8),
+        "chain": chain.label,
+        "precision": getattr(method, "metadata", {}).get("radalt_precision", chain.precision),
+        "model_bytes": chain.model.stat().st_size if chain.model else 0,
+        "memory_bytes": _added_memory_bytes(chain, 8),
         "decimation": altimeter.decimation,
         "fft_size": altimeter.fft_size,
     }
 
 
-def _times(label: str, batch: int, taken: np.ndarray) -> dict[str, Any]:
-    total = taken.sum(axis=1)
-    half = len(total) // 2
-    return {
-        "variant": label,
-        "batch": batch,
-        "ms_method": float(np.median(taken[:, 0])),
-        "ms_altimeter": float(np.median(taken[:, 1])),
-        "ms_median": float(np.median(total)),
-        "ms_p99": float(np.percentile(total, 99)),
-        "ms_first_half": float(np.median(total[:half])),
-        "ms_second_half": float(np.median(total[half:])),
-    }
-
-
-def agreement(one: Sequence[float], other: Sequence[float]) -> float:
-    """Kendall's tau of two rankings of the same variants, ties allowed."""
-    return float(kendalltau(one, other).statistic)
-
-
-def measure_memory(variant: Variant, batch: int) -> int:
-    """Peak resident bytes that a variant adds to a process that has only NumPy, SciPy and this module."""
-    options = json.dumps([variant.method, dict(variant.options), batch])
-    code = f"import json; from {__name__} import memory_in_process as measure; "
-    code += f"print('BYTES', measure(*json.loads({options!r})))"
+def _added_memory_bytes(chain: Chain, batch: int) -> int:
+    """Peak resident bytes that a method adds to a process that has only NumPy, SciPy and this module."""
+    options = json.dumps([chain.method, dict(chain.options), batch])
+    code = f"import json; from {__name__} import memory_in_process as growth; "
+    code += f"print('BYTES', growth(*json.loads({options!r})))"
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True, timeout=120
@@ -324,20 +309,7 @@ def measure_memory(variant: Variant, batch: int) -> int:
 
 def memory_in_process(method: str, options: dict[str, Any], batch: int) -> int:
     """Growth of the peak resident memory by building a method and running a batch."""
-    from ..leaving_out.study import peak_memory_bytes
-
-    waveform = Waveform()
-    frames = np.tile(waveform.reference, (batch, 1))
+    frames = np.tile(_W.reference, (batch, 1))
     before = peak_memory_bytes()
-    create(method, waveform, **options).process(frames)
+    create(method, _W, **options).process(frames)
     return peak_memory_bytes() - before
-
-
-def pareto(points: dict[str, tuple[float, float]]) -> list[str]:
-    """Labels on the front of (cost, loss), both smaller is better, in the order of cost."""
-    front, best = [], float("inf")
-    for label, (_, loss) in sorted(points.items(), key=lambda item: item[1]):
-        if loss < best:
-            front.append(label)
-            best = loss
-    return front

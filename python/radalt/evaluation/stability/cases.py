@@ -1,4 +1,4 @@
-"""Stiff, extreme and broken frames with what is true of each: the cases of the stability report (issue: stability).
+"""Stiff, extreme and broken frames with what is true of each: the cases of the stability report.
 
 A case is a handful of frames, the altitudes that would be right, and the bound within which a declared altitude has to
 lie. It is made from its own name's seed, so that any case can be run alone.
@@ -7,18 +7,18 @@ lie. It is made from its own name's seed, so that any case can be run alone.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CLEAN_ALTITUDE_M", "Case", "all_cases", "coloured_noise", "noisy"]
+__all__ = ["CLEAN_ALTITUDE_M", "GROUPS", "Case", "coloured_noise", "noisy"]
 
 CLEAN_ALTITUDE_M = 500.0  # of the frame that follows every case and has to be right again
 _SCENE = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
@@ -309,7 +309,10 @@ def _converter_cases(good: np.ndarray, truth: np.ndarray) -> Iterator[Case]:
     yield _case("numbers", "DC 40 dB above the return", good + np.complex64(100.0), truth)
 
 
-def all_cases() -> Iterator[Case]:
-    """Every case of the report, in its order."""
-    for group in (stiff_cases, scene_cases, waveform_cases, number_cases):
-        yield from group()
+# in the order of the report
+GROUPS: dict[str, Callable[[], Iterator[Case]]] = {
+    "stiff": stiff_cases,
+    "scene": scene_cases,
+    "waveform": waveform_cases,
+    "numbers": number_cases,
+}

@@ -1,216 +1,155 @@
-"""Stability: every method and precision on stiff, extreme and broken frames against float64, judged case by case.
-
-A row passes if every frame ends in an altitude within the case's bound or in ``valid = false`` with a reason,
-nothing is raised, and the clean frame that follows is measured as if nothing had happened before.
-"""
+"""Stability: every method and precision on stiff, extreme and broken frames against float64, judged case by case."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
-from scipy.stats import binom
-
-from ...core.mitigation import Mitigation, MitigationError, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from ...core.returns.point import point_return
 from ...core.waveform import Waveform
-from .cases import CLEAN_ALTITUDE_M, Case, noisy
-from .reference import REFERENCES, covariance_condition, reference_altitude_m
+from ..engine.study import Point, Run, Study
+from ..results.chain import Chain, chains_with, model_files, seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.rows import Columns
+from . import checks
+from .cases import GROUPS, Case
+from .judge import judge_all
 
-__all__ = ["Subject", "judge", "run_cases", "subjects"]
+__all__ = ["StabilityStudy", "compared_chains"]
 
-_ALTIMETERS: dict[tuple[Waveform, AltimeterSettings], Altimeter] = {}
-_MAX_REFERENCE_SAMPLES = 100_000  # frames longer than this are not filtered a second time in float64
+_STATED = ("group", "case", "chain", "precision", "frames", "bound_m", "condition")
+_FOUND = ("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "finite", "diverged", "silenced")
+_WORDS = frozenset({"group", "case", "chain", "precision", "reasons", "verdict", "check", "unit"})
+_TABLES = {
+    "rows": Columns(
+        names=(*_STATED, *_FOUND, "recovered", "reasons", "verdict"),
+        text=_WORDS,
+        whole=frozenset({"frames", "valid", "wrong", "finite", "recovered", "diverged", "silenced"}),
+    ),
+    "step_limits": Columns(
+        names=("spread", "condition", "theory", "measured", "ratio", "verdict"), text=_WORDS
+    ),
+    "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
+}
+_FRAME_WORK = 2.5  # times a method's own: the altimeter's other span, the float64 references
+_CASE_S = 0.1  # per chain: it is built twice, and one frame more is measured
+_CHECK_S = {"long runs": 1.0, "determinism": 4.0, "flowgraph": 0.5, "step_limits": 2.0}
 
 
-@dataclasses.dataclass(frozen=True)
-class Subject:
-    """A method in one precision.
+def compared_chains(methods: Sequence[str], models: Sequence[Path] = ()) -> tuple[Chain, ...]:
+    """The classical methods, and the network once for every model file."""
+    networks = [Chain.of_model(model) for model in models] if "tcae" in methods else []
+    return (*(Chain(m, m) for m in methods if m != "tcae"), *networks)
+
+
+@lru_cache(maxsize=len(GROUPS))
+def _cases(group: str) -> dict[str, Case]:
+    """Of a group by name; made once per process, since some share what they are made of."""
+    return {case.name: case for case in GROUPS[group]()}
+
+
+@dataclass(frozen=True)
+class StabilityPoint(Point):
+    """A case, a check of one method (``what`` is its kind), or the step limit at one spectral spread."""
+
+    group: str = ""
+    what: str = ""
+    method: str = ""
+    spread: float = 0.0
+
+
+@dataclass(frozen=True)
+class StabilityStudy(Study):
+    """Cases and checks for a number of chains.
 
     Attributes
     ----------
-    label : str
-        As in the report.
-    method : str
-        Registry name.
-    precision : str
-        Of its arithmetic.
-    options : tuple of (name, value)
+    chains : tuple of Chain
+    groups : tuple of str
+        Of `cases.GROUPS`.
+    checked : tuple of str
+        Methods whose long runs, determinism and flowgraph are checked; empty leaves the checks out.
     """
 
-    label: str
-    method: str
-    precision: str = "float32"
-    options: tuple[tuple[str, Any], ...] = ()
+    chains: tuple[Chain, ...]
+    groups: tuple[str, ...] = tuple(GROUPS)
+    checked: tuple[str, ...] = ()
 
-    def build(self, waveform: Waveform) -> Mitigation:
-        """A fresh method for a waveform; raises `MitigationError` where it does not fit."""
-        return create(self.method, waveform, **dict(self.options))
-
-
-def subjects(methods: Sequence[str], models: Iterable[Path] = ()) -> list[Subject]:
-    """The classical methods, and the network once for every model file."""
-    out = [Subject(m, m) for m in methods if m != "tcae"]
-    if "tcae" in methods:
-        out += [Subject(f"tcae {m.stem}", "tcae", _precision(m), (("model", str(m)),)) for m in models]
-    return out
-
-
-def _precision(model: Path) -> str:
-    return next((p for p in ("int8", "fp16") if p in model.stem), "float32")
-
-
-def run_cases(cases: Iterable[Case], candidates: Sequence[Subject]) -> Iterator[dict[str, Any]]:
-    """Rows of the report, one for every case and subject."""
-    for case in cases:
-        condition = covariance_condition(case.frames[0][:_MAX_REFERENCE_SAMPLES])
-        for subject in candidates:
-            yield judge(case, subject) | {"condition": condition}
-
-
-def judge(case: Case, subject: Subject) -> dict[str, Any]:
-    """One row: what a method made of a case, and the verdict with its reason."""
-    row: dict[str, Any] = {
-        "group": case.group,
-        "case": case.name,
-        "method": subject.label,
-        "precision": subject.precision,
-        "frames": len(case.frames),
-        "bound_m": case.bound_m,
-    }
-    try:
-        method = subject.build(case.waveform)
-    except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
-        note = str(error)
-        for name, value in subject.options:
-            note = note.replace(str(value), Path(value).name) if name == "model" else note
-        return row | _empty(f"refused: {note}") | {"verdict": "refused"}
-    row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", subject.precision)
-    altimeter = _altimeter(case)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # an overflow that nobody expected shows as an exception here
-        try:
-            cleaned = method.process(case.frames)
-            result = altimeter.process(cleaned)
-            recovered = _recovers(case, subject, method, altimeter)
-        except (ArithmeticError, RuntimeWarning, ValueError, IndexError) as error:
-            return row | _empty(f"{type(error).__name__}: {error}") | {"verdict": "FAIL"}
-    row |= _measured(case, method, altimeter, cleaned, result)
-    row["recovered"] = recovered
-    return row | {"verdict": _verdict(case, subject, method, altimeter, row)}
-
-
-def _empty(note: str) -> dict[str, Any]:
-    nothing = dict.fromkeys(("valid", "wrong", "error_m", "output_error", "altitude_float64_m", "recovered"))
-    return nothing | {"finite": None, "diverged": None, "silenced": None, "reasons": note}
-
-
-def _altimeter(case: Case) -> Altimeter:
-    key = (case.waveform, case.settings)
-    if key not in _ALTIMETERS:
-        _ALTIMETERS[key] = Altimeter(*key)
-    return _ALTIMETERS[key]
-
-
-def _clean_frame(case: Case) -> tuple[np.ndarray, float]:
-    """A frame that any method should measure, within the case's span, and its altitude."""
-    top = case.settings.resolved(case.waveform).max_altitude_m
-    truth = min(CLEAN_ALTITUDE_M, 0.3 * top)
-    frame = point_return(case.waveform, truth)[None]
-    return noisy(frame, 20.0, np.random.default_rng(7)), truth
-
-
-def _recovers(case: Case, subject: Subject, method: Mitigation, altimeter: Altimeter) -> bool:
-    """Whether the frame after the case gives what it gives to a method that saw nothing before."""
-    frame, truth = _clean_frame(case)
-    after = altimeter.process(method.process(frame))[0]
-    fresh = altimeter.process(subject.build(case.waveform).process(frame))[0]
-    if not method.carries_altitude:
-        return True
-    if not fresh["valid"]:
-        return bool(after["valid"] == fresh["valid"])
-    return bool(after["valid"] and abs(after["altitude_m"] - truth) <= abs(fresh["altitude_m"] - truth) + 1.0)
-
-
-def _measured(
-    case: Case, method: Mitigation, altimeter: Altimeter, cleaned: np.ndarray, result: np.ndarray
-) -> dict[str, Any]:
-    valid = result["valid"]
-    error = np.abs(result["altitude_m"][:, None] - case.truth_m)
-    error = np.where(np.isfinite(error), error, np.inf).min(axis=1)
-    wrong = valid & ~(error <= case.bound_m)
-    reasons = [Reason.NAMES[r] for r in np.unique(result["reason"])]
-    worst = float(error[valid].max()) if valid.any() else None
-    return {
-        "valid": int(valid.sum()),
-        "wrong": int(wrong.sum()),
-        "error_m": worst if worst is None or math.isfinite(worst) else None,
-        "finite": bool(np.isfinite(cleaned.view(np.float32)).all()),
-        "diverged": int(method.diverged_frames),
-        "silenced": int(method.status().get("unconfirmed_frames", 0)),
-        "reasons": ", ".join(reasons),
-        **_against_float64(case, method, altimeter, cleaned, result),
+    tables: ClassVar[Mapping[str, Columns]] = _TABLES
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "stability.md",
+        "rows.csv": "data/stability.csv",
+        "figures/stability.png": "figures/stability.png",
     }
 
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return vars(self) | {"chains": {chain.label: chain.head(Waveform()) for chain in self.chains}}
 
-def _against_float64(
-    case: Case, method: Mitigation, altimeter: Altimeter, cleaned: np.ndarray, result: np.ndarray
-) -> dict[str, Any]:
-    """Relative error of the output and largest altitude difference against the float64 references."""
-    out: dict[str, Any] = {"output_error": None, "altitude_float64_m": None}
-    if case.frames.shape[1] > _MAX_REFERENCE_SAMPLES:
-        return out
-    finite = np.isfinite(case.frames.view(np.float32)).all(axis=1) & np.isfinite(
-        cleaned.view(np.float32)
-    ).all(axis=1)
-    reference = REFERENCES.get(method.name)
-    if reference is not None and finite.all() and not method.diverged_frames:
-        few = slice(0, 8)
-        wanted = reference(method, case.frames[few].astype(complex))
-        have = cleaned[few].astype(complex)
-        wanted[~have.any(axis=1)] = (
-            0  # frames that the method silenced because the frame does not bear them out
-        )
-        norm = np.vdot(wanted, wanted).real
-        if np.isfinite(norm) and norm > 0:
-            # a method may choose its output's level (whitening does): compare up to one factor a frame
-            power = np.maximum(np.sum(np.abs(have) ** 2, axis=1, keepdims=True), 1e-300)
-            factor = np.sum(have.conj() * wanted, axis=1, keepdims=True) / power
-            out["output_error"] = float(np.linalg.norm(wanted - factor * have) / np.sqrt(norm))
-    differences = [
-        abs(
-            reference_altitude_m(
-                case.waveform, cleaned[k], (result["beat_up_hz"][k], result["beat_down_hz"][k])
-            )
-            - result["altitude_m"][k]
-        )
-        for k in np.nonzero(result["valid"])[0][:4]
-    ]
-    if differences and altimeter.settings.strategy == "strongest":
-        out["altitude_float64_m"] = float(max(differences))
-    return out
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a chain does not fit the default sweep."""
+        self.head()
 
+    def points(self) -> Sequence[StabilityPoint]:
+        """Every case, then the step limits and checks."""
+        cases = [
+            StabilityPoint(f"{group}: {case.name}", len(case.frames), group=group, what=case.name)
+            for group in self.groups
+            for case in _cases(group).values()
+        ]
+        if not self.checked:
+            return cases
+        spreads = checks.SPREADS if "lms" in self.checked else ()
+        return [
+            *cases,
+            *(StabilityPoint(f"LMS step limit, spread {s:.0e}", 0, "step_limits", spread=s) for s in spreads),
+            StabilityPoint("long runs", 0, "checks", what="long runs"),
+            *(
+                StabilityPoint(f"{what}, {method}", 0, "checks", what=what, method=method)
+                for what in ("determinism", "flowgraph")
+                for method in self.checked
+            ),
+        ]
 
-def _verdict(
-    case: Case, subject: Subject, method: Mitigation, altimeter: Altimeter, row: dict[str, Any]
-) -> str:
-    if not row["recovered"]:
-        return "FAIL"
-    if not method.carries_altitude:
-        return "flagged"
-    if subject.method == "none" and case.detects and row["valid"] - row["wrong"] < row["frames"]:
-        return "FAIL"
-    return "pass" if row["wrong"] <= allowed_false_alarms(case, altimeter) else "WRONG"
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """See `Study`."""
+        if point.table == "step_limits":
+            return [checks.step_limit(point.spread)]
+        if point.what == "long runs":
+            return list(checks.long_run_rows())
+        if point.what == "determinism":
+            return list(checks.determinism_rows(point.method))
+        if point.what == "flowgraph":
+            return [checks.flowgraph_row(point.method)]
+        return list(judge_all([_cases(point.group)[point.what]], self.chains))
 
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
 
-def allowed_false_alarms(case: Case, altimeter: Altimeter) -> int:
-    """Declared wrong altitudes that the CFAR's design rate explains: its 99.9 % quantile over the case's frames."""
-    if not case.noise_limited:
-        return 0
-    return int(binom.ppf(0.999, len(case.frames), altimeter.false_alarms_per_frame))
+        return write_report(folder, rows, run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        if point.table != "rows":
+            return _CHECK_S.get(point.what, _CHECK_S["step_limits"])
+        case, w = _cases(point.group)[point.what], Waveform()
+        length = case.waveform.samples_per_frame / w.samples_per_frame
+        alone = sum(seconds_per_frame(c.method, w, c.settings, c.options) for c in self.chains)
+        return _CASE_S * len(self.chains) + _FRAME_WORK * point.frames * length * alone
+
+    def files(self) -> dict[str, Path]:
+        """The networks."""
+        return model_files(self.chains)
+
+    def with_files(self, files: Mapping[str, Path]) -> StabilityStudy:
+        """See `Study`."""
+        return dataclasses.replace(self, chains=chains_with(self.chains, files))
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return any(chain.model for chain in self.chains) or "tcae" in self.checked

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy.constants import Boltzmann, foot, speed_of_light
 
-from .receiver_filter import check_count, check_receiver, decimate_window, receiver_taps, window_guard
+from ..receiver_filter import check_count, check_receiver, decimate_window, receiver_taps, window_guard
+from . import NamedEmitter, register
 
 # (from MHz, to MHz, dBW/m^2/MHz), 14 CFR 91.220(b) Table 1.
 TABLE_1 = (
@@ -148,8 +150,9 @@ def _db(power: float) -> float:
     return 10.0 * math.log10(power) if power > 0 else -math.inf
 
 
+@register
 @dataclass(frozen=True, kw_only=True)
-class FaaMask:
+class FaaMask(NamedEmitter):
     """Interference at the level of 14 CFR 91.220(b) Table 1: link budget and emitter (emitter protocol).
 
     `samples` gives Gaussian noise of mean power 1, flat over the receiver's band as the table is over
@@ -181,6 +184,8 @@ class FaaMask:
     -67.3
     """
 
+    scene_name: ClassVar[str] = "faa_91_220"
+
     altitude_ft: float = 200.0
     antenna_gain_dbi: float = 10.0
     receiver_filter: ButterworthFilter | AttenuationTable = field(default_factory=ButterworthFilter)
@@ -208,6 +213,26 @@ class FaaMask:
                 raise ValueError(
                     f"faa_91_220.{name} is {getattr(self, name)!r}; it has to be within {low:g}..{high:g}"
                 )
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        return "14 CFR 91.220(b) mask"
+
+    @property
+    def stated_sir_db(self) -> float:
+        """SIR by the link budget, in decibels: the table states its level."""
+        return float(self.report().sir_db)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The link budget in one line: powers, I/N and SIR."""
+        r = self.report()
+        return (
+            f"{self.scene_name}: interference {r.total_dbm:.1f} dBm (in band {r.in_band_dbm:.1f}, "
+            f"out of band {r.out_of_band_dbm:.1f} after the receiver's filter), noise {r.noise_dbm:.1f} dBm, "
+            f"return {r.return_dbm:.1f} dBm: I/N {r.i_over_n_db:+.1f} dB, SIR {r.sir_db:+.1f} dB, "
+            f"SNR {r.snr_db:+.1f} dB",
+        )
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 Gaussian noise at `rate_hz`, mean power 1, limited to the receiver's band."""

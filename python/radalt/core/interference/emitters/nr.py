@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
-from .nr_grid import (
+from ..nr_grid import (
     FFT_LENGTHS,
     RESOURCE_BLOCKS,
     SLOTS_PER_FRAME,
@@ -23,7 +24,8 @@ from .nr_grid import (
     resource_grid,
     ssb_block,
 )
-from .receiver_filter import check_count, check_receiver, resample_periodic
+from ..receiver_filter import check_count, check_receiver, resample_periodic
+from . import NamedEmitter, register
 
 __all__ = [
     "FFT_LENGTHS",
@@ -124,8 +126,9 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     return np.concatenate(frames)
 
 
+@register
 @dataclass(frozen=True, kw_only=True)
-class NrEmitter(NrConfig):
+class NrEmitter(NamedEmitter, NrConfig):
     """An NR downlink carrier as the radar's receiver sees it: emitter protocol.
 
     Parameters
@@ -143,6 +146,8 @@ class NrEmitter(NrConfig):
     >>> window = emitter.samples(7500, 7.5e6, np.random.default_rng(1))
     """
 
+    scene_name: ClassVar[str] = "nr"
+
     carrier_hz: float = 0.0
     receiver_bandwidth_hz: float | None = None
 
@@ -152,6 +157,15 @@ class NrEmitter(NrConfig):
             raise ValueError(
                 f"carrier_hz {self.carrier_hz} is not finite; give the offset from the radar in Hz"
             )
+
+    @property
+    def label(self) -> str:
+        """See `NamedEmitter.label`: with the channel bandwidth in MHz."""
+        return f"{self.scene_name}{self.channel_bandwidth_hz / 1e6:g}"
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        return f"5G NR, {self.channel_bandwidth_hz / 1e6:g} MHz"
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at `rate_hz`, mean power 1 in the long run.

@@ -1,29 +1,34 @@
-"""Other radars as interferers: an FMCW radio altimeter and a pulsed radar. Emitter protocol.
+"""Another FMCW radio altimeter.
 
-Both are computed at a multiple of the radar's rate that holds them whole, then filtered and decimated as a
-receiver does, so that what they send outside the band does not fold into it. Their long-run mean power after
-the filter is about 1; it comes in short passages, so a window is by default drawn so that it meets one.
+Computed at a multiple of the radar's rate that holds it whole, then filtered and decimated as a receiver does, so that
+what it sends outside the band does not fold into it. Its long-run mean power after the filter is about 1; it comes in
+short passages, so a window is by default drawn so that it meets one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
-from ..waveform import exp_cycles
-from .receiver_filter import check_count, check_receiver, decimate_window, oversampling, window_guard
+from ...waveform import exp_cycles
+from ..receiver_filter import (
+    check_count,
+    check_positive,
+    check_receiver,
+    decimate_window,
+    oversampling,
+    window_guard,
+)
+from . import NamedEmitter, register
+
+__all__ = ["FmcwEmitter"]
 
 
-def _check_positive(owner: str, **values: float) -> None:
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{owner}.{name} is {value!r}; it has to be finite and above 0")
-
-
+@register
 @dataclass(frozen=True, kw_only=True)
-class FmcwEmitter:
+class FmcwEmitter(NamedEmitter):
     """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by our receiver.
 
     Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase
@@ -51,6 +56,8 @@ class FmcwEmitter:
     >>> window = other.samples(7500, 7.5e6, np.random.default_rng(1))
     """
 
+    scene_name: ClassVar[str] = "fmcw"
+
     carrier_hz: float = 0.0
     sweep_bandwidth_hz: float = 150e6
     sweep_period_s: float = 1.0 / 143.0
@@ -59,15 +66,17 @@ class FmcwEmitter:
     always_in_window: bool = True
 
     def __post_init__(self) -> None:
-        _check_positive(
-            "fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s
-        )
+        check_positive("fmcw", sweep_bandwidth_hz=self.sweep_bandwidth_hz, sweep_period_s=self.sweep_period_s)
         if not 0.0 <= self.up_fraction <= 1.0:
             raise ValueError(
                 f"fmcw.up_fraction is {self.up_fraction!r}; it has to be within 0..1 (0.5: triangle)"
             )
         if not np.isfinite(self.carrier_hz):
             raise ValueError(f"fmcw.carrier_hz is {self.carrier_hz!r}; it has to be finite")
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        return "FMCW radar"
 
     def phase_cycles(self, seconds: np.ndarray) -> np.ndarray:
         """Integral of the frequency in cycles at `seconds` (any shape) after the start of an up sweep."""
@@ -127,90 +136,3 @@ class FmcwEmitter:
         phase = self.phase_cycles(start_s + index / (factor * rate_hz)) + rng.random()
         wide = exp_cycles(phase, np.complex128)
         return decimate_window(wide, rate_hz, factor, bandwidth_hz) / np.sqrt(fraction)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PulsedRadarEmitter:
-    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, filtered as above.
-
-    Parameters
-    ----------
-    carrier_hz : its carrier relative to our centre
-    prf_hz : pulse repetition frequency, > 0
-    pulse_width_s : between the half-amplitude points, > rise_time_s and below 1/prf_hz - rise_time_s
-    chirp_bandwidth_hz : linear FM swept within each pulse, upwards if > 0, downwards if < 0, 0 for none
-    rise_time_s : duration of each raised-cosine edge, > 0
-    receiver_bandwidth_hz, always_in_window : as in `FmcwEmitter`
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range, or (from `samples`) the pulse needs over 64 times the radar's rate.
-    """
-
-    carrier_hz: float = 0.0
-    prf_hz: float = 2e3
-    pulse_width_s: float = 2e-6
-    chirp_bandwidth_hz: float = 0.0
-    rise_time_s: float = 50e-9
-    receiver_bandwidth_hz: float | None = None
-    always_in_window: bool = True
-
-    def __post_init__(self) -> None:
-        _check_positive(
-            "pulsed", prf_hz=self.prf_hz, pulse_width_s=self.pulse_width_s, rise_time_s=self.rise_time_s
-        )
-        longest = 1.0 / self.prf_hz - self.rise_time_s
-        if not self.rise_time_s < self.pulse_width_s < longest:
-            raise ValueError(
-                f"pulsed.pulse_width_s is {self.pulse_width_s:g}; it has to lie between rise_time_s "
-                f"{self.rise_time_s:g} and {longest:g} (1/prf_hz - rise_time_s)"
-            )
-        if not (np.isfinite(self.carrier_hz) and np.isfinite(self.chirp_bandwidth_hz)):
-            raise ValueError(
-                f"pulsed.carrier_hz {self.carrier_hz!r} and chirp_bandwidth_hz {self.chirp_bandwidth_hz!r} "
-                "have to be finite"
-            )
-
-    def waveform(self, seconds: np.ndarray) -> np.ndarray:
-        """Pulse train of unit peak at `seconds` (any shape), a pulse centred on time 0; complex128."""
-        period_s = 1.0 / self.prf_hz
-        from_centre = seconds - np.rint(seconds / period_s) * period_s
-        # 1 inside, 0 outside, half a cosine of length rise_time_s about the half-amplitude points.
-        edge = np.clip((self.pulse_width_s / 2 - np.abs(from_centre)) / self.rise_time_s + 0.5, 0.0, 1.0)
-        envelope = 0.5 - 0.5 * np.cos(np.pi * edge)
-        slope = self.chirp_bandwidth_hz / self.pulse_width_s
-        return envelope * exp_cycles(self.carrier_hz * seconds + slope / 2 * from_centre**2, np.complex128)
-
-    def _factor(self, rate_hz: float) -> int:
-        # A raised-cosine edge's spectrum is some 60 dB down at three times the inverse rise time.
-        highest_hz = abs(self.carrier_hz) + abs(self.chirp_bandwidth_hz) / 2 + 3.0 / self.rise_time_s
-        return oversampling(rate_hz, highest_hz)
-
-    def _received(self, start_s: float, count: int, rate_hz: float) -> np.ndarray:
-        bandwidth_hz = check_receiver(rate_hz, self.receiver_bandwidth_hz)
-        factor = self._factor(rate_hz)
-        guard = window_guard(rate_hz, factor, bandwidth_hz)
-        index = np.arange(-guard * factor, (count + guard) * factor)
-        wide = self.waveform(start_s + index / (factor * rate_hz))
-        return decimate_window(wide, rate_hz, factor, bandwidth_hz)
-
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """Draw a window with random timing and phase: (count,) complex128, long-run mean power near 1."""
-        count = check_count(count)
-        position, within, phase = rng.random(3)
-        if self.always_in_window:
-            start_s = (within - 0.5) * self.pulse_width_s - position * count / rate_hz
-        else:
-            start_s = position / self.prf_hz
-        received = self._received(start_s, count, rate_hz)
-        return received * (np.exp(2j * np.pi * phase) / np.sqrt(_pulse_power(self, rate_hz)))
-
-
-@lru_cache(maxsize=32)
-def _pulse_power(emitter: PulsedRadarEmitter, rate_hz: float) -> float:
-    """Long-run mean power after the receiver of a train of unit peak: energy of one pulse times the PRF."""
-    period = int(np.ceil(rate_hz / emitter.prf_hz))
-    reach = min(int(np.ceil(rate_hz * emitter.pulse_width_s)) + 256, period)
-    pulse = emitter._received(-reach / 2 / rate_hz, reach, rate_hz)
-    return float(np.sum(np.abs(pulse) ** 2)) / rate_hz * emitter.prf_hz

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from ...core.interference.nr import NrEmitter
-from ...core.interference.placement import Interferer, QpskEmitter, ToneEmitter
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.receiver_filter import check_receiver, receiver_taps
-from .study import LandingStudy
+from .config import LandingConfig
 
-__all__ = ["VARIANTS", "Variant"]
+__all__ = ["ASSUMPTIONS", "Assumption"]
 
 
 @dataclass(frozen=True)
-class Variant:
+class Assumption:
     """A study changed in one assumption.
 
     Parameters
@@ -33,7 +33,7 @@ class Variant:
     name: str
     group: str
     text: str
-    change: Callable[[LandingStudy], LandingStudy] = lambda study: study
+    change: Callable[[LandingConfig], LandingConfig] = lambda study: study
     shift_db: float = 0.0
 
 
@@ -54,55 +54,55 @@ class ReceivedQpsk:
         return signal.upfirdn(taps, wide, 1, 4)[taps.size // 4 :][:count]
 
 
-def _snr(snr_db: float) -> Variant:
-    return Variant(
+def _snr(snr_db: float) -> Assumption:
+    return Assumption(
         f"snr_{snr_db:g}", "noise", f"SNR {snr_db:g} dB a sample", lambda s: replace(s, snr_db=snr_db)
     )
 
 
-def _ground(model: str, land: str, text: str) -> Variant:
-    def change(study: LandingStudy) -> LandingStudy:
+def _ground(model: str, land: str, text: str) -> Assumption:
+    def change(study: LandingConfig) -> LandingConfig:
         return replace(study, ground=replace(study.ground, model=model, land=land))
 
-    return Variant(f"{model}_{land}", "ground", text, change)
+    return Assumption(f"{model}_{land}", "ground", text, change)
 
 
-def _level(level_db: float) -> Variant:
-    def change(study: LandingStudy) -> LandingStudy:
+def _level(level_db: float) -> Assumption:
+    def change(study: LandingConfig) -> LandingConfig:
         return replace(study, ground=replace(study.ground, level_db=study.ground.level_db + level_db))
 
-    return Variant(f"level_{level_db:+g}", "ground", f"sigma0 {level_db:+g} dB", change)
+    return Assumption(f"level_{level_db:+g}", "ground", f"sigma0 {level_db:+g} dB", change)
 
 
-def _detection(strategy: str) -> Variant:
-    def change(study: LandingStudy) -> LandingStudy:
+def _detection(strategy: str) -> Assumption:
+    def change(study: LandingConfig) -> LandingConfig:
         return replace(study, altimeter=replace(study.altimeter, strategy=strategy))
 
-    return Variant(strategy, "detection", f"detection: {strategy.replace('_', ' ')}", change)
+    return Assumption(strategy, "detection", f"detection: {strategy.replace('_', ' ')}", change)
 
 
-def _emitter(name: str, text: str, emitter: object) -> Variant:
-    def change(study: LandingStudy) -> LandingStudy:
+def _emitter(name: str, text: str, emitter: object) -> Assumption:
+    def change(study: LandingConfig) -> LandingConfig:
         return replace(study, interference=(Interferer(emitter),))
 
-    return Variant(name, "interference", text, change)
+    return Assumption(name, "interference", text, change)
 
 
-def _beam(width_deg: float) -> Variant:
-    def change(study: LandingStudy) -> LandingStudy:
+def _beam(width_deg: float) -> Assumption:
+    def change(study: LandingConfig) -> LandingConfig:
         return replace(study, antenna=replace(study.antenna, pattern=None, beamwidth_deg=width_deg))
 
-    return Variant(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
+    return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
 
 
 # B T_h = 3750: what dechirping a half sweep gains against interference that is white over the band
 COMPRESSION_DB = 35.7
 
-VARIANTS: tuple[Variant, ...] = (
-    Variant("baseline", "baseline", "as the study"),
-    Variant("no_interference", "baseline", "no interference", lambda s: replace(s, interference=())),
-    Variant("point", "ground", "point target instead of terrain", lambda s: replace(s, point_target=True)),
-    Variant("flat", "ground", "flat earth", lambda s: replace(s, terrain=replace(s.terrain, files=()))),
+ASSUMPTIONS: tuple[Assumption, ...] = (
+    Assumption("baseline", "baseline", "as the study"),
+    Assumption("no_interference", "baseline", "no interference", lambda s: replace(s, interference=())),
+    Assumption("point", "ground", "point target instead of terrain", lambda s: replace(s, point_target=True)),
+    Assumption("flat", "ground", "flat earth", lambda s: replace(s, terrain=replace(s.terrain, files=()))),
     _ground("constant_gamma", "urban_low_relief", "constant gamma, no nadir peak"),
     _ground("ulaby_dobson", "soil", "Ulaby-Dobson, soil"),
     _ground("morchin", "wooded_hills", "Morchin, wooded hills"),
@@ -111,8 +111,8 @@ VARIANTS: tuple[Variant, ...] = (
     _beam(60.0),
     _detection("strongest"),
     _detection("centroid"),
-    Variant("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),
-    Variant("doppler_off", "detection", "Doppler off", lambda s: replace(s, doppler=False)),
+    Assumption("looks_8", "detection", "8 sweeps averaged", lambda s: replace(s, looks=8)),
+    Assumption("doppler_off", "detection", "Doppler off", lambda s: replace(s, doppler=False)),
     _snr(10.0),
     _snr(0.0),
     _snr(-10.0),
@@ -130,12 +130,12 @@ VARIANTS: tuple[Variant, ...] = (
     _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6)),
     _emitter("nr_5", "5G NR downlink, 5 MHz", NrEmitter(channel_bandwidth_hz=5e6)),
     _emitter("nr_10", "5G NR downlink, 10 MHz", NrEmitter(channel_bandwidth_hz=10e6)),
-    Variant(
+    Assumption(
         "sir_after_dechirp",
         "level",
         "SIR meant after dechirping (35.7 dB lower before)",
         shift_db=-COMPRESSION_DB,
     ),
-    Variant("sir_minus_15", "level", "SIR 15 dB lower", shift_db=-15.0),
-    Variant("sir_minus_25", "level", "SIR 25 dB lower", shift_db=-25.0),
+    Assumption("sir_minus_15", "level", "SIR 15 dB lower", shift_db=-15.0),
+    Assumption("sir_minus_25", "level", "SIR 25 dB lower", shift_db=-25.0),
 )

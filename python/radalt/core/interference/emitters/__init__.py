@@ -1,0 +1,87 @@
+"""Every emitter that a scene can name: one file each, called as in a scene, imported when a scene names it.
+
+A new one is a file here, or a class anywhere that `register` is told of (docs/design.md, "Add an interferer").
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import ClassVar, TypeVar
+
+from ...plugins import load_plugins
+
+__all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
+
+
+class NamedEmitter:
+    """Base of an emitter that a scene can name: a frozen dataclass whose fields are its keys in the scene.
+
+    It adds to what placement needs (`radalt.core.interference.placement.Emitter`) what the emitter is called.
+
+    Attributes
+    ----------
+    scene_name : str
+        Key in a scene's ``interference``; of an emitter in this folder also the name of its file.
+    """
+
+    scene_name: ClassVar[str] = ""
+
+    @property
+    def label(self) -> str:
+        """Short name in rows and figures, without blanks; the emitter's parameters may be part of it."""
+        return self.scene_name
+
+    def title(self, band_hz: float) -> str:
+        """The emitter in words, for headings; ``band_hz`` is the radar's bandwidth."""
+        return self.scene_name.replace("_", " ")
+
+    @property
+    def stated_sir_db(self) -> float | None:
+        """SIR by a link budget of the emitter's own, in decibels; None leaves it to the scene."""
+        return None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Lines for the report."""
+        return ()
+
+
+_Class = TypeVar("_Class", bound=type[NamedEmitter])
+_CLASSES: dict[str, type[NamedEmitter]] = {}
+_FILES = tuple(file.name for file in pkgutil.iter_modules(__path__) if not file.name.startswith("_"))
+
+
+def register(cls: _Class) -> _Class:
+    """Class decorator: scenes may name this emitter by its ``scene_name`` from now on.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty, or another class has it.
+    """
+    name = cls.scene_name
+    if not name.isidentifier():
+        raise ValueError(f"{cls.__name__}.scene_name is {name!r}; give it letters, digits and underscores")
+    here = cls.__module__ == f"{__name__}.{name}"
+    other = _CLASSES.get(name)
+    taken = other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__)
+    if taken or (name in _FILES and not here):
+        raise ValueError(f"{cls.__name__}.scene_name {name!r} is taken; choose another")
+    _CLASSES[name] = cls
+    return cls
+
+
+def emitter_names() -> tuple[str, ...]:
+    """Names that a scene can use: the files of this folder, then what was registered from outside."""
+    return (*_FILES, *(name for name in _CLASSES if name not in _FILES))
+
+
+def emitter_class(name: str) -> type[NamedEmitter]:
+    """Emitter dataclass by its name in a scene; imports its file on first use. KeyError where there is none."""
+    if name not in _CLASSES and name in _FILES:
+        importlib.import_module(f".{name}", __name__)
+    return _CLASSES[name]
+
+
+load_plugins()

@@ -1,0 +1,167 @@
+"""QPSK with rectangular or root-raised-cosine pulses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from scipy import signal
+
+from ...waveform import exp_cycles
+from . import NamedEmitter, register
+
+__all__ = ["QpskEmitter", "rrc_taps"]
+
+
+@lru_cache(maxsize=32)
+def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
+    """Root-raised-cosine taps at ``up`` samples a symbol, unit energy, length ``span*up + 1``, read-only.
+
+    Closed form with its two removable singularities (J. G. Proakis, Digital Communications, 4th ed., 9.2-1).
+    """
+    t = np.arange(-span_symbols * up // 2, span_symbols * up // 2 + 1) / up
+    b = rolloff
+    if b == 0:
+        taps = np.sinc(t)
+    else:
+        den = np.pi * t * (1 - (4 * b * t) ** 2)
+        num = np.sin(np.pi * t * (1 - b)) + 4 * b * t * np.cos(np.pi * t * (1 + b))
+        edge = (
+            b
+            / np.sqrt(2)
+            * ((1 + 2 / np.pi) * np.sin(np.pi / 4 / b) + (1 - 2 / np.pi) * np.cos(np.pi / 4 / b))
+        )
+        singular = np.isclose(den, 0.0)
+        taps = np.where(singular, edge, num / np.where(singular, 1.0, den))
+        taps[np.isclose(t, 0.0)] = 1 - b + 4 * b / np.pi
+    taps = taps / np.sqrt(np.sum(taps**2))
+    taps.setflags(write=False)
+    return taps
+
+
+@register
+@dataclass(frozen=True)
+class QpskEmitter(NamedEmitter):
+    """QPSK with rectangular or root-raised-cosine pulses, random symbols, phase and symbol timing.
+
+    Parameters
+    ----------
+    bandwidth_hz : float
+        Rectangular pulses: the symbol rate (noise-equivalent bandwidth; nulls at +/- this, side lobes fill the
+        band). Root-raised-cosine: the occupied bandwidth, symbol rate ``bandwidth_hz / (1 + rolloff)``.
+        Default 26.7 % of 7.5 MHz, the paper's over-the-air interferer.
+    carrier_hz : float
+        Carrier relative to the radar's centre.
+    pulse : str
+        ``"rectangular"`` (the paper) or ``"rrc"``.
+    rolloff : float
+        Root-raised-cosine roll-off, 0..1.
+    """
+
+    scene_name: ClassVar[str] = "qpsk"
+
+    bandwidth_hz: float = 0.267 * 7.5e6
+    carrier_hz: float = 0.0
+    pulse: str = "rectangular"
+    rolloff: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not self.bandwidth_hz > 0:
+            raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be above 0")
+        if self.pulse not in ("rectangular", "rrc"):
+            raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
+        if not 0 <= self.rolloff <= 1:
+            raise ValueError(f"qpsk.rolloff is {self.rolloff!r}; it has to be within 0..1")
+
+    @property
+    def label(self) -> str:
+        """See `NamedEmitter.label`: with the pulse shape."""
+        return f"{self.scene_name}_{self.pulse}"
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        pulse = "root-raised-cosine" if self.pulse == "rrc" else self.pulse
+        return f"QPSK, {pulse} pulses, {100 * self.bandwidth_hz / band_hz:.3g} % of the band"
+
+    @property
+    def symbol_rate_hz(self) -> float:
+        """Symbols a second."""
+        return self.bandwidth_hz if self.pulse == "rectangular" else self.bandwidth_hz / (1 + self.rolloff)
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `Emitter`."""
+        rate = self.symbol_rate_hz / rate_hz
+        if rate > 1 or abs(self.carrier_hz) > rate_hz / 2:
+            raise ValueError(
+                f"qpsk of {self.bandwidth_hz:g} Hz at {self.carrier_hz:g} Hz does not fit the rate of {rate_hz:g} S/s"
+            )
+        offset, phase = rng.random(2)
+        turn = np.exp(2j * np.pi * phase)
+        if self.pulse == "rectangular":
+            symbols, index = self._held(count, rate, offset, rng)
+            if not self.carrier_hz:  # there are fewer symbols to turn than samples
+                return np.take(symbols * turn, index)
+            baseband = symbols[index]
+        else:
+            baseband = self._shaped(count, rate, offset, rng)
+        if self.carrier_hz:
+            return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
+        return baseband * turn
+
+    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
+        """Samples of that mean power into ``span``, complex64 or complex128, where this takes less than `samples`.
+
+        True if written: rectangular pulses without a carrier have one modulus, so their symbols are scaled before they
+        are held. Otherwise nothing is drawn or written.
+        """
+        rate = self.symbol_rate_hz / rate_hz
+        if self.pulse != "rectangular" or self.carrier_hz or rate > 1:
+            return False
+        offset, phase = rng.random(2)
+        symbols, index = self._held(span.size, rate, offset, rng)
+        symbols = symbols * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)
+        np.take(
+            symbols.astype(span.dtype), index, out=span, mode="clip"
+        )  # the default mode buffers the output
+        return True
+
+    @staticmethod
+    def _held(
+        count: int, rate: float, offset: float, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Symbols at ``rate`` a sample, and which of them each of ``count`` samples holds."""
+        # times are not negative: the conversion is the floor
+        index = (_ramp(count, rate) + offset).astype(np.intp)
+        return _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index
+
+    def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
+        """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
+        ratio = Fraction(1 / rate).limit_denominator(64)
+        up, down = ratio.numerator, ratio.denominator
+        # a pulse rings on for the inverse of its roll-off: cut at 1.2 of that its spectrum ripples by a few percent
+        side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(self.rolloff, 1e-3)))))
+        taps = rrc_taps(self.rolloff, up, 2 * side)
+        lead = int(offset * up)  # symbol timing, in steps of 1/up symbol
+        symbols = -(-(count * down + lead) // up) + 2 * side
+        shaped = signal.upfirdn(taps * np.sqrt(up), _qpsk_symbols(symbols, rng), up, 1)
+        start = side * up + lead
+        return shaped[start : start + count * down : down]
+
+
+_CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
+
+
+def _qpsk_symbols(count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count,) random unit QPSK symbols."""
+    return _CONSTELLATION[rng.integers(0, 4, count)]
+
+
+@lru_cache(maxsize=16)
+def _ramp(count: int, step: float) -> np.ndarray:
+    """(count,) float64 multiples of ``step`` from 0 on, read-only: the same for every frame of an emitter."""
+    ramp = np.arange(count) * step
+    ramp.setflags(write=False)
+    return ramp

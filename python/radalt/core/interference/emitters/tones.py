@@ -1,0 +1,61 @@
+"""Unmodulated carriers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ...waveform import exp_cycles
+from . import NamedEmitter, register
+
+__all__ = ["ToneEmitter"]
+
+
+@register
+@dataclass(frozen=True)
+class ToneEmitter(NamedEmitter):
+    """Sum of K unmodulated carriers of equal power and random phase.
+
+    Parameters
+    ----------
+    count : int
+        Number of tones ``K`` >= 1, drawn uniformly over ``span_hz`` unless ``frequencies_hz`` is given.
+    frequencies_hz : tuple of float
+        Fixed frequencies relative to the radar's centre, in hertz.
+    span_hz : float
+        Width of the band in which frequencies are drawn; 0 stands for the sample rate.
+    """
+
+    scene_name: ClassVar[str] = "tones"
+
+    count: int = 1
+    frequencies_hz: tuple[float, ...] = ()
+    span_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.frequencies_hz and self.count < 1:
+            raise ValueError(f"tones.count is {self.count}; it has to be at least 1")
+        if self.span_hz < 0:
+            raise ValueError(f"tones.span_hz is {self.span_hz:g}; it has to be 0 (the whole band) or more")
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        count = len(self.frequencies_hz) or self.count
+        return "one tone" if count == 1 else f"{count} tones"
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `Emitter`; new frequencies and phases at every call."""
+        if self.frequencies_hz:
+            frequencies = np.asarray(self.frequencies_hz, dtype=float)
+            if np.any(np.abs(frequencies) > rate_hz / 2):
+                raise ValueError(
+                    f"tones.frequencies_hz {self.frequencies_hz} leave +/- {rate_hz / 2:g} Hz, half the rate"
+                )
+        else:
+            span = self.span_hz or rate_hz
+            frequencies = rng.uniform(-0.5, 0.5, self.count) * span
+        phases = rng.random(frequencies.size)
+        cycles = frequencies[:, None] / rate_hz * np.arange(count) + phases[:, None]
+        return exp_cycles(cycles, np.complex128).sum(0) / np.sqrt(frequencies.size)

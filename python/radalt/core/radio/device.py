@@ -1,0 +1,111 @@
+"""What a radio can do and stand: one `Device` a type, known by its name in a scene's ``radio.device``.
+
+This file imports nothing of the package but its plugins: the scene, which stands before the other radio code, reads it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..plugins import load_plugins
+
+__all__ = ["B210", "DEVICES", "Device", "device", "register"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Device:
+    """A type of radio that UHD drives. Ranges are (lowest, highest), both allowed.
+
+    Attributes
+    ----------
+    name : str
+        In a scene.
+    title : str
+        In messages.
+    uhd_type : str
+        UHD's device argument ``type``.
+    uhd_name : str
+        What UHD calls the motherboard (``mboard_id``): a radio that calls itself otherwise is refused.
+    tuning_hz, master_clock_hz, rate_hz : (float, float)
+        Centre frequencies, master clocks and sample rates.
+    tx_gain_db, rx_gain_db : (float, float)
+    max_tx_dbm : float
+        Power of a full-scale tone at the highest transmit gain, an upper bound.
+    max_rx_dbm : float
+        Highest input that does no damage.
+    tx_antenna, rx_antenna : str
+        Ports; not the same one, since the radar transmits and receives at once.
+    """
+
+    name: str
+    title: str
+    uhd_type: str
+    uhd_name: str
+    tuning_hz: tuple[float, float]
+    master_clock_hz: tuple[float, float]
+    rate_hz: tuple[float, float]
+    tx_gain_db: tuple[float, float]
+    rx_gain_db: tuple[float, float]
+    max_tx_dbm: float
+    max_rx_dbm: float
+    tx_antenna: str
+    rx_antenna: str
+
+    def __post_init__(self) -> None:
+        for name in ("tuning_hz", "master_clock_hz", "rate_hz", "tx_gain_db", "rx_gain_db"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise ValueError(f"{self.name}.{name} is {low:g}..{high:g}; give (lowest, highest)")
+
+    def tx_power_dbm(self, gain_db: float) -> float:
+        """Highest power of a full-scale tone at a transmit gain: a decibel less for each decibel of gain less."""
+        return self.max_tx_dbm - (self.tx_gain_db[1] - gain_db)
+
+
+B210 = Device(
+    name="b210",
+    title="B210",
+    uhd_type="b200",
+    uhd_name="B210",
+    tuning_hz=(70e6, 6e9),
+    master_clock_hz=(5e6, 61.44e6),
+    rate_hz=(5e6 / 512, 61.44e6),  # the slowest clock through the longest decimation
+    tx_gain_db=(0.0, 89.75),
+    rx_gain_db=(0.0, 76.0),
+    max_tx_dbm=20.0,  # at 4.3 GHz a real one stays some decibels below
+    max_rx_dbm=-15.0,
+    tx_antenna="TX/RX",
+    rx_antenna="RX2",
+)
+DEVICES: dict[str, Device] = {}
+
+
+def register(new: Device) -> Device:
+    """Let scenes name a radio from now on; returns it.
+
+    Raises
+    ------
+    ValueError
+        If another radio has the name.
+    """
+    if not new.name.isidentifier() or DEVICES.get(new.name, new) != new:
+        raise ValueError(f"a radio's name {new.name!r} is taken or no identifier; choose another")
+    DEVICES[new.name] = new
+    return new
+
+
+def device(name: str) -> Device:
+    """A radio by its name in a scene.
+
+    Raises
+    ------
+    ValueError
+        For an unknown one; names those that are known.
+    """
+    if name not in DEVICES:
+        raise ValueError(f"radio.device is {name!r}; allowed: {', '.join(DEVICES)}")
+    return DEVICES[name]
+
+
+register(B210)
+load_plugins()

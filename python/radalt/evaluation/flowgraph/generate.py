@@ -1,0 +1,115 @@
+"""From a rewritten flowgraph to Python: GNU Radio's own compiler, and what it made."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...core.paths import share_dir
+from ...core.scene import Scene
+from . import FlowgraphError
+from .plan import left_out
+from .rewrite import load_grc, prune, save_grc, simulate
+
+__all__ = ["Prepared", "generate", "grc_dirs", "prepare"]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A generated flowgraph, ready for any point of its scene.
+
+    Attributes
+    ----------
+    module : Path
+        Generated Python file.
+    name : str
+        Class and module name.
+    methods : tuple of str
+        Methods that are in it.
+    left_out : tuple of str
+        What was left out, and why.
+    """
+
+    module: Path
+    name: str
+    methods: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def grc_dirs() -> list[str]:
+    """Folders with block descriptions: GNU Radio's own and ours (in-tree or installed)."""
+    share = share_dir()
+    own = share / "grc" if (share / "grc").is_dir() else share.parent / "gnuradio" / "grc" / "blocks"
+    return [str(own)]
+
+
+def generate(data: dict[str, Any], folder: Path) -> Path:
+    """Write the .grc and have GNU Radio's compiler make Python of it.
+
+    Returns
+    -------
+    Path
+        The generated file, ``<id>.py``, beside ``<id>.grc``.
+
+    Raises
+    ------
+    FlowgraphError
+        If a block is missing or the flowgraph is not valid; names the first error.
+    """
+    from gnuradio import gr
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        # the compiler keeps the stdout of its first import for its messages: it would warn of a missing throttle, but
+        # the source is finite
+        from gnuradio.grc.core.platform import Platform
+
+    folder.mkdir(parents=True, exist_ok=True)
+    name = data["options"]["parameters"]["id"]
+    path = folder / f"{name}.grc"
+    save_grc(data, path)
+    platform = Platform(
+        version=gr.version(),
+        version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
+        prefs=gr.prefs(),
+    )
+    paths = [p for p in platform.config.block_paths if p not in grc_dirs()]
+    platform.build_library(paths + grc_dirs())
+    flow_graph = platform.make_flow_graph(str(path))
+    flow_graph.grc_file_path = str(path)
+    flow_graph.rewrite()
+    flow_graph.validate()
+    dummies = [block.name for block in flow_graph.blocks if block.is_dummy_block]
+    if dummies:
+        raise FlowgraphError(
+            f"flowgraph {name}: no description for block {dummies[0]!r}; is the module installed?"
+        )
+    if not flow_graph.is_valid():
+        element, message = next(iter(flow_graph.iter_error_messages()))
+        raise FlowgraphError(
+            f"flowgraph {name} is not valid: {getattr(element, 'name', element)}: {message.strip()}"
+        )
+    platform.Generator(flow_graph, str(folder)).write()
+    return folder / f"{name}.py"
+
+
+def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str) -> Prepared:
+    """Rewrite, prune and generate the simulated flowgraph of a scene, once for all of its points.
+
+    Parameters
+    ----------
+    scene : Scene
+        Decides whether there is a jammer chain.
+    methods : sequence of str
+        Methods whose chains are kept.
+    build_dir : path
+        Receives ``.grc`` and ``.py``.
+    """
+    flowgraph = share_dir() / "flowgraphs" / "ota_b210.grc"
+    name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
+    data = prune(simulate(load_grc(flowgraph), name), methods, scene.has_jammer)
+    module = generate(data, Path(build_dir))
+    return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))

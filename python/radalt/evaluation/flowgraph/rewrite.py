@@ -1,0 +1,195 @@
+"""The companion's flowgraph as data: ``ota_b210.grc`` is the one flowgraph, all others are mechanical changes of it.
+
+For simulation its three UHD blocks are replaced by one simulated channel; blocks that the scene does not need are
+disabled. Nothing else is touched.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.mitigation import CUSTOM, METHODS
+from . import FlowgraphError
+
+__all__ = [
+    "CHANNEL",
+    "JAMMER_SINK",
+    "RADAR_SINK",
+    "RADAR_SOURCE",
+    "from_recording",
+    "load_grc",
+    "prune",
+    "remote",
+    "save_grc",
+    "simulate",
+    "with_chain",
+]
+
+RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
+CHANNEL = "simulated_channel"
+_UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
+
+
+def load_grc(path: Path) -> dict[str, Any]:
+    """A .grc file as nested mappings."""
+    import yaml
+
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def save_grc(data: dict[str, Any], path: Path) -> None:
+    """Write a .grc file that the companion opens."""
+    import yaml
+
+    path.write_text(yaml.safe_dump(data, sort_keys=False, width=100), encoding="utf-8")
+
+
+def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
+    """The same flowgraph with its UHD blocks replaced by one simulated channel; nothing else differs.
+
+    Parameters
+    ----------
+    data : dict
+        Flowgraph with the blocks ``radar_usrp_sink``, ``radar_usrp_source`` and, optionally, ``jammer_usrp_sink``.
+    name : str
+        Identifier of the new flowgraph.
+    realtime : bool
+        Whether the channel holds the samples to their rate, as radios do.
+    """
+    data = copy.deepcopy(data)
+    blocks = {block["name"]: block for block in data["blocks"]}
+    missing = {RADAR_SINK, RADAR_SOURCE} - blocks.keys()
+    if missing:
+        raise FlowgraphError(
+            f"flowgraph {data['options']['parameters']['id']} has no block {sorted(missing)[0]}"
+        )
+    data["options"]["parameters"]["id"] = name
+    channel = {
+        "name": CHANNEL,
+        "id": "radalt_simulated_channel",
+        "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
+        "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
+    }
+    data["blocks"] = [block for block in data["blocks"] if block["name"] not in _UHD_BLOCKS] + [channel]
+    data["connections"] = [_rewired(connection) for connection in data["connections"]]
+    return data
+
+
+def _rewired(connection: list[str]) -> list[str]:
+    """[source, port, sink, port] with UHD blocks replaced by the channel."""
+    source, source_port, sink, sink_port = connection
+    if source == RADAR_SOURCE:
+        source, source_port = _UHD_BLOCKS[source]
+    if sink in (RADAR_SINK, JAMMER_SINK):
+        sink, sink_port = _UHD_BLOCKS[sink]
+    return [source, source_port, sink, sink_port]
+
+
+def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
+    """The same flowgraph with one more chain, ``mitigation_<name>`` to ``altimeter_<name>``: a copy of whitening's.
+
+    Parameters
+    ----------
+    data : dict
+        Flowgraph with the chain of the method ``whitening``.
+    name : str
+        Registry name of the method, or `CUSTOM`.
+    """
+    data = copy.deepcopy(data)
+    lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))
+    for kind, method in (("mitigation", f'"{name}"'), ("altimeter", name)):
+        block = copy.deepcopy(next(b for b in data["blocks"] if b["name"] == f"{kind}_whitening"))
+        block["name"], block["parameters"]["method"] = f"{kind}_{name}", method
+        block["states"]["coordinate"] = [block["states"]["coordinate"][0], lowest + 80]
+        data["blocks"].append(block)
+    chain = [c for c in data["connections"] if f"{c[0]} {c[2]}".count("_whitening")]
+    data["connections"] += [
+        [p.replace("_whitening", f"_{name}") if i % 2 == 0 else p for i, p in enumerate(c)] for c in chain
+    ]
+    return data
+
+
+def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
+    """The same flowgraph with a recording in the place of the receiver, and without transmitters.
+
+    The parameters ``capture_file`` and ``follow_programme`` are added.
+    """
+    data = copy.deepcopy(data)
+    blocks = {block["name"]: block for block in data["blocks"]}
+    data["options"]["parameters"]["id"] = name
+    gone = {RADAR_SINK, JAMMER_SINK, "chirp_source", "jammer_source"}
+    receiver = blocks[RADAR_SOURCE]
+    receiver["id"] = "radalt_sigmf_source"
+    receiver["parameters"] = {"scene": "scene", "file": "capture_file"}
+    blocks["frame_segmenter"]["parameters"]["follow_programme"] = "bool(follow_programme)"
+    states = copy.deepcopy(receiver["states"])
+    added = [
+        {
+            "name": key,
+            "id": "parameter",
+            "parameters": {"label": label, "type": kind, "value": value},
+            "states": copy.deepcopy(states),
+        }
+        for key, label, kind, value in (
+            ("capture_file", "SigMF recording", "str", '""'),
+            ("follow_programme", "Altitudes by the scene", "intx", "1"),
+        )
+    ]
+    data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + added
+    data["connections"] = [c for c in data["connections"] if c[0] not in gone and c[2] not in gone]
+    return data
+
+
+def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
+    """Disable what the scene does not need: the chains of other methods, and the jammer's; add those that lack.
+
+    Raises
+    ------
+    FlowgraphError
+        If a method is neither in the flowgraph nor registered.
+    """
+    data = copy.deepcopy(data)
+    names = {block["name"] for block in data["blocks"]}
+    have = {name.removeprefix("altimeter_") for name in names if name.startswith("altimeter_")}
+    known = sorted(have | {*METHODS, CUSTOM})
+    for method in methods:
+        if method not in known:
+            raise FlowgraphError(f"unknown method {method!r}; known: {', '.join(known)}")
+        if method not in have:
+            data = with_chain(data, method)
+            have.add(method)
+    unneeded = {f"{kind}_{m}" for m in have - set(methods) for kind in ("mitigation", "altimeter")}
+    if not jammer:
+        unneeded |= {"jammer_source", JAMMER_SINK}
+    for block in data["blocks"]:
+        if block["name"] in unneeded:
+            block["states"]["state"] = "disabled"
+        if block["name"] == CHANNEL and not jammer:
+            block["parameters"]["jammer"] = "False"
+    return data
+
+
+def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
+    """The same flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
+    data = copy.deepcopy(data)
+    blocks = {block["name"]: block for block in data["blocks"]}
+    data["options"]["parameters"]["id"] = name
+    blocks["frames"]["parameters"]["value"] = "0"
+    blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
+    blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
+    value = blocks["scene"]["parameters"]["value"]
+    blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
+    states = blocks["scene"]["states"]
+    imports = {"imports": "from gnuradio.radalt.core.scene.live import by_hand"}
+    added = [("import_by_hand", "import", imports)]
+    for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
+        added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
+    ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
+    added.append(("remote_control", "radalt_remote_control", ports))
+    data["blocks"] += [
+        {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
+    ]
+    return data

@@ -1,0 +1,80 @@
+"""The one way a flowgraph is run here: start, look at it while it runs, stop, and raise what a block raised."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ...blocks._guard import raise_stored
+from . import FlowgraphError
+
+__all__ = ["blocks_of", "run_to_end"]
+
+_STOP_S = 10.0
+
+
+def blocks_of(top: Any) -> dict[str, Any]:
+    """Blocks of a generated flowgraph that are written in Python, by name."""
+    return {
+        name: block
+        for name, block in vars(top).items()
+        if hasattr(block, "work") or hasattr(block, "general_work")
+    }
+
+
+def _too_long(limit_s: float) -> str:
+    return f"the flowgraph did not end within {limit_s:g} s; raise the limit or use fewer frames"
+
+
+def run_to_end(
+    top: Any,
+    *,
+    time_limit_s: float | None = None,
+    over: Callable[[], bool] | None = None,
+    poll_s: float = 0.05,
+    too_long: Callable[[float], str] = _too_long,
+) -> float:
+    """Run a flowgraph until its stream ends or ``over`` says so; returns its wall seconds.
+
+    Parameters
+    ----------
+    top : object
+        Flowgraph that is not yet started; it has ended when this returns or raises.
+    time_limit_s : float, optional
+        Longest time; none by default.
+    over : callable, optional
+        Called every ``poll_s`` seconds while it runs, and once more after its end; true ends the run. For streams
+        without an end of their own, and to look at what runs.
+    too_long : callable
+        Message for a run that was stopped at its limit, in which it is told.
+
+    Raises
+    ------
+    FlowgraphError
+        If it does not end within its limit, or does not stop.
+    Exception
+        Whatever a block's ``work`` raised, as it was.
+    """
+    begin = time.perf_counter()
+    top.start()
+    waiter = threading.Thread(target=top.wait, daemon=True)
+    waiter.start()
+    late = ended = False
+    try:
+        while not (ended or late):
+            left = float("inf") if time_limit_s is None else begin + time_limit_s - time.perf_counter()
+            waiter.join(max(0.0, min(left, poll_s)))
+            ended = bool(over is not None and over()) or not waiter.is_alive()
+            late = not ended and left <= 0
+        elapsed = time.perf_counter() - begin
+    finally:  # an interrupt, too, leaves nothing running
+        top.stop()
+        waiter.join(_STOP_S)
+    if late:
+        raise FlowgraphError(too_long(time_limit_s))
+    if waiter.is_alive():
+        raise FlowgraphError(f"the flowgraph did not stop within {_STOP_S:g} s")
+    raise_stored(list(blocks_of(top).values()))
+    return elapsed

@@ -1,0 +1,118 @@
+"""The rooms stand in the order of the signal's way: no import points up, and none goes round in a circle."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+_SPEC = importlib.util.spec_from_file_location("draw_architecture", ROOT / "tools/draw_architecture.py")
+architecture = importlib.util.module_from_spec(_SPEC)
+sys.modules[_SPEC.name] = architecture
+_SPEC.loader.exec_module(architecture)
+
+IMPORTS = architecture.imports()
+
+# imports within functions that close a circle of modules, and why each may
+LAZY_CIRCLES = {
+    (
+        "core.mitigation.own_process",
+        "core.mitigation",
+    ): "the process beside builds any registered method by its name",
+}
+
+
+def circle(imports):
+    """Modules of one circle, first and last the same; empty if there is none."""
+    after = {}
+    for entry in imports:
+        after.setdefault(entry.source, set()).add(entry.target)
+    done, way = set(), []
+
+    def walk(module):
+        if module in way:
+            return [*way[way.index(module) :], module]
+        if module in done:
+            return []
+        way.append(module)
+        for target in sorted(after.get(module, ())):
+            found = walk(target)
+            if found:
+                return found
+        done.add(way.pop())
+        return []
+
+    return next((found for module in sorted(after) if (found := walk(module))), [])
+
+
+def upward(imports):
+    """Imports of a room that stands after the importing one, within functions too."""
+    rooms = architecture.ROOMS
+    return [
+        entry
+        for (source, target), found in architecture.between_rooms(imports).items()
+        if rooms.index(source) < rooms.index(target)
+        for entry in found
+    ]
+
+
+def test_no_import_points_up():
+    assert upward(IMPORTS) == []
+
+
+def test_no_import_goes_round_when_modules_are_loaded():
+    assert circle([entry for entry in IMPORTS if not entry.lazy]) == []
+
+
+def test_imports_within_functions_close_no_circle_in_core_but_those_with_a_reason():
+    core = [entry for entry in IMPORTS if entry.source.startswith("core")]
+    known = {(entry.source, entry.target) for entry in core if entry.lazy}
+    assert known >= LAZY_CIRCLES.keys(), "an exception that is no longer needed"
+    assert circle(core) != []
+    assert circle([entry for entry in core if (entry.source, entry.target) not in LAZY_CIRCLES]) == []
+
+
+def test_every_module_has_its_room():
+    homeless = [m for m in architecture.modules(architecture.PACKAGE) if architecture.room_of(m) is None]
+    assert homeless == [""]  # the package itself
+    assert len(IMPORTS) > 300  # and the reader has read them
+
+
+@pytest.mark.parametrize(
+    ("line", "lazy"),
+    [
+        ("from ..scene import thing", False),
+        ("from ..scene.thing import name", False),
+        ("def f():\n    from .. import scene", True),
+        ("import radalt.core.scene", False),
+        ("from gnuradio.radalt.core.scene import thing", False),
+        ("if True:\n    from ..scene import thing", False),
+        (
+            "class C:\n    def f(self):\n        async def g():\n            import radalt.core.scene.thing",
+            True,
+        ),
+    ],
+)
+def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):
+    package = tmp_path / "radalt"
+    for room in ("core/receiver", "core/scene"):
+        (package / room).mkdir(parents=True)
+        (package / room / "__init__.py").write_text("")
+    for room in ("", "core"):
+        (package / room / "__init__.py").write_text("")
+    (package / "core/scene/thing.py").write_text("from ..receiver import cfar\n")
+    (package / "core/receiver/cfar.py").write_text(line + "\n")
+    found = architecture.imports(package)
+    (wrong,) = upward(found)
+    assert (wrong.source, wrong.lazy) == ("core.receiver.cfar", lazy)
+    if wrong.target.endswith("thing"):
+        assert circle(found) == ["core.receiver.cfar", "core.scene.thing", "core.receiver.cfar"]
+    with pytest.raises(ValueError, match=r"core\.receiver imports core\.scene"):
+        architecture.draw(package)
+
+
+def test_the_figure_is_what_the_code_gives():
+    assert architecture.FIGURE.read_text(encoding="utf-8") == architecture.draw(), (
+        "run: python3 tools/draw_architecture.py"
+    )

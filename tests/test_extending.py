@@ -1,0 +1,147 @@
+"""The examples of docs/design.md are what they say: an interferer, a method, a study and a radio from outside."""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+pytestmark = pytest.mark.timeout(120)
+
+EXAMPLES = ("interferer", "method", "radio", "study")
+PLUGINS = EXAMPLES[:3]  # a study is run, not registered
+
+
+@pytest.fixture(scope="module")
+def outside(root, tmp_path_factory):
+    """A folder with the page's code blocks as modules, and the environment in which every program knows them."""
+    folder = tmp_path_factory.mktemp("outside")
+    page = (root / "docs/design.md").read_text(encoding="utf-8")
+    for name in EXAMPLES:
+        section = re.search(rf"^## Add an? {name}$(.*?)^## ", page, re.MULTILINE | re.DOTALL)[1]
+        (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+        (folder / f"my_{name}.py").write_text(code)
+    plugins = ",".join(f"my_{name}" for name in PLUGINS)
+    path = os.pathsep.join([str(folder), str(root / "python")])
+    return folder, os.environ | {"RADALT_PLUGINS": plugins, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+
+
+def run(env, *command):
+    return subprocess.run(
+        [sys.executable, *command], env=env, capture_output=True, text=True, timeout=100, check=False
+    )
+
+
+def ota_eval(root, env, *arguments):
+    return run(env, str(root / "flowgraphs/ota_eval.py"), *arguments)
+
+
+def written(folder, **scene):
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump(scene))
+    return str(path)
+
+
+def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, outside, tmp_path):
+    folder, env = outside
+    scene = written(
+        tmp_path,
+        altitude={"programme_m": [300.0, 60.0], "frames": 4},
+        interference={"hopper": {"dwell_s": 20e-6, "sir_db": -20.0}},
+    )
+    out = tmp_path / "run"
+    arguments = ("--sim", "--scene", scene, "--methods", "none,clipper", "--overlap", "0,0.5", "--jobs", "2")
+    done = ota_eval(root, env, *arguments, "--out", str(out))
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader((out / "rows.csv").open()))
+    assert {(r["method"], r["interference"]) for r in rows} == {("none", "hopper"), ("clipper", "hopper")}
+    clear = {r["method"]: float(r["pd"]) for r in rows if float(r["overlap"]) == 0}
+    assert clear == {"none": 1.0, "clipper": 1.0}
+    assert "hopper" in (out / "report.md").read_text(encoding="utf-8")
+
+
+def test_method_has_its_title_and_style_in_figures(outside):
+    _, env = outside
+    code = (
+        "from gnuradio.radalt.evaluation.overlap.figures import series_style\n"
+        "style = series_style('clipper', ['none', 'clipper'])\n"
+        "print(style['label'], style['color'], style['marker'], style['linestyle'])"
+    )
+    assert run(env, "-c", code).stdout.strip() == "spectral clipping #5D3A9B p :"
+
+
+def test_method_computes_in_a_process_of_its_own(outside):
+    _, env = outside
+    code = (
+        "import numpy as np\n"
+        "from gnuradio.radalt.core.mitigation import OwnProcess, create\n"
+        "from gnuradio.radalt.core.waveform import Waveform\n"
+        "w = Waveform()\n"
+        "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
+        "beside = OwnProcess('clipper', w)\n"
+        "assert beside.process(frames).tobytes() == create('clipper', w).process(frames).tobytes()\n"
+        "print(beside.status()['method'])"
+    )
+    done = run(env, "-c", code)
+    assert (done.returncode, done.stdout.strip()) == (0, "clipper"), done.stderr
+
+
+def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
+    _, env = outside
+    radio = {"device": "x310_ubx", "master_clock_hz": 187.5e6, "enclosure": "cabled", "attenuation_db": 60.0}
+    plan = ota_eval(root, env, "--check", "--scene", written(tmp_path, radio=radio))
+    assert plan.returncode == 0, plan.stderr
+    assert "radar X310" in plan.stdout
+    assert "divided by 25 to 7.5 MS/s" in plan.stdout
+    refused = ota_eval(
+        root, env, "--check", "--scene", written(tmp_path, radio=radio | {"radar_tx_gain_db": 40.0})
+    )
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "radio.radar_tx_gain_db is 40; it has to be within 0..31.5" in refused.stderr
+
+
+def test_study_runs_on_the_engine_to_the_precision_asked_for(outside, tmp_path):
+    """Pd falls with the SNR, whatever the number of workers."""
+    _, env = outside
+    code = (
+        "import sys\nfrom pathlib import Path\n"
+        "from gnuradio.radalt.evaluation.engine.options import Options\n"
+        "from gnuradio.radalt.evaluation.engine.run import run\n"
+        "from my_study import NoiseStudy\n"
+        "if __name__ == '__main__': run(NoiseStudy(), Options(Path(sys.argv[1]), jobs=2, precision=0.12))\n"
+    )
+    (tmp_path / "noise.py").write_text(code)
+    done = run(env, str(tmp_path / "noise.py"), str(tmp_path / "run"))
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader((tmp_path / "run/rows.csv").open()))
+    pd = [float(row["pd"]) for row in rows]
+    assert pd == sorted(pd) and pd[0] < 0.3 and pd[-1] > 0.8
+    assert all(float(r["pd_high"]) - float(r["pd_low"]) <= 0.25 for r in rows)
+    assert "| -24.0 |" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"interference": {"hopper": {}}}, "unknown interferer 'interference.hopper'; allowed: faa_91_220"),
+        ({"methods": ["clipper"]}, "methods names 'clipper'; allowed: none"),
+        ({"radio": {"device": "x310_ubx"}}, "radio.device is 'x310_ubx'; allowed: b210"),
+    ],
+    ids=PLUGINS,
+)
+def test_what_is_not_registered_is_refused_in_one_line(root, outside, tmp_path, change, message):
+    env = {key: value for key, value in outside[1].items() if key != "RADALT_PLUGINS"}
+    done = ota_eval(root, env, "--sim", "--plan", "--scene", written(tmp_path, **change))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_plugin_that_is_not_there_is_named_in_one_line(root, outside):
+    done = ota_eval(root, outside[1] | {"RADALT_PLUGINS": "nowhere"}, "--sim", "--plan")
+    assert done.returncode == 2
+    assert "RADALT_PLUGINS names 'nowhere', which cannot be imported (ModuleNotFoundError" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,137 @@
+"""Set-up: one pin for each package on each Python, package names that differ between releases, and its one-liners."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+
+
+@pytest.fixture
+def tool(root: Path):
+    """`tools/say_if_unknown.py` as a module."""
+    sys.path.insert(0, str(root / "tools"))
+    import say_if_unknown
+
+    yield say_if_unknown
+    sys.path.remove(str(root / "tools"))
+
+
+def requirements(file: Path) -> list[Requirement]:
+    lines = (line.split("#")[0].strip() for line in file.read_text().splitlines())
+    return [Requirement(line) for line in lines if line]
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_every_package_has_one_pin_for_each_python(root, python):
+    found = [*requirements(root / "requirements.txt"), *requirements(root / "requirements-test.txt")]
+    environment = {"python_version": python, "python_full_version": f"{python}.0"}
+    wanted = [r for r in found if r.marker is None or r.marker.evaluate(environment)]
+    assert {r.name for r in wanted} == {r.name for r in found}
+    assert len(wanted) == len({r.name for r in found})
+    assert all(str(r.specifier).startswith("==") for r in wanted)
+
+
+# -- Debian packages --------------------------------------------------------------------------------------------------
+
+FAKES = {
+    "dpkg-query": """case " $INSTALLED " in *" $4 "*) printf installed ;; *) exit 1 ;; esac""",
+    "apt-cache": """case " $HAS " in *" $2 "*) echo '  Candidate: 1.0' ;; *) echo '  Candidate: (none)' ;; esac""",
+    "apt-get": """echo "apt-get $*" >>"$SAID" """,
+    "id": "echo 0",
+}
+
+
+@pytest.fixture
+def install(root, tmp_path):
+    """Run the installer on a list with doubles of dpkg and apt: (exit status, what it said, what apt was asked)."""
+    for name, script in FAKES.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    said = tmp_path / "said"
+
+    def run(lines: str, *, installed: str = "", has: str = "") -> tuple[int, str, str]:
+        (tmp_path / "list").write_text(lines)
+        said.write_text("")
+        environment = os.environ | {"INSTALLED": installed, "HAS": has, "SAID": str(said)}
+        environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
+        command = [str(root / "tools/install-debian-packages.sh"), "list"]
+        done = subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=False
+        )
+        return done.returncode, done.stderr, said.read_text()
+
+    return run
+
+
+LIST = "# a list\nradio   # the main thing\nold-name | new-name  # renamed\n"
+
+
+def test_nothing_missing_is_silent_and_asks_apt_nothing(install):
+    assert install(LIST, installed="radio old-name") == (0, "", "")
+    assert install(LIST, installed="radio new-name") == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("has", "chosen"), [("old-name new-name", "old-name"), ("new-name", "new-name"), ("old-name", "old-name")]
+)
+def test_first_name_that_the_distribution_has_is_installed(install, has, chosen):
+    status, said, asked = install(LIST, installed="radio", has=has)
+    assert (status, said) == (0, f"gr-radalt set-up: installing {chosen}\n")
+    assert f"install --no-install-recommends {chosen}\n" in asked and "update" not in asked
+
+
+def test_old_name_goes_before_an_installed_new_one_where_both_exist(install):
+    _, said, _ = install(LIST, installed="radio new-name", has="radio old-name new-name")
+    assert said == "gr-radalt set-up: installing old-name\n"
+
+
+def test_package_that_no_list_knows_is_named_and_set_up_goes_on(install):
+    status, said, asked = install(LIST, installed="radio")
+    assert status == 0 and asked.endswith(" update\n")
+    assert said == "gr-radalt set-up: this distribution has no package old-name|new-name; going on without\n"
+
+
+# -- one line each ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", ["12", "13"])
+def test_tested_distributions_are_passed_in_silence(tool, version):
+    assert tool.verdict(f'ID=debian\nVERSION_ID="{version}"\n', (3, 13), "3.10.12.0") == ""
+
+
+@pytest.mark.parametrize(
+    ("os_release", "python", "named"),
+    [
+        (
+            'PRETTY_NAME="Ubuntu 24.04 LTS"\nID=ubuntu\nVERSION_ID="24.04"\n',
+            (3, 12),
+            "Ubuntu 24.04 LTS, Python 3.12",
+        ),
+        ("ID=debian\nVERSION_ID=13\n", (3, 14), "Python 3.14"),
+        ("", (3, 9), "unknown system, Python 3.9"),
+    ],
+)
+def test_unknown_distribution_or_python_is_one_line_with_what_is_supported(tool, os_release, python, named):
+    said = tool.verdict(os_release, python, "3.10.12.0")
+    assert "\n" not in said and named in said
+    assert "Debian 12 and 13" in said and "Python 3.10 to 3.13" in said and said.endswith("going on")
+
+
+def test_bare_system_without_root_is_one_line(root, tmp_path):
+    (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
+    (tmp_path / "id").chmod(0o755)
+    done = subprocess.run(
+        [str(root / "tools/test-debian.sh"), "trixie"],
+        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "needs root" in done.stderr

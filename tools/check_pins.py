@@ -1,0 +1,73 @@
+#!/usr/bin/env python3
+"""Does the package index have every pin for every Python? Downloads nothing and installs nothing; needs the network.
+
+    .venv/bin/python tools/check_pins.py                  # Python 3.10 to 3.13
+    .venv/bin/python tools/check_pins.py 3.12 3.14
+
+requirements.txt and requirements-test.txt are resolved with all they depend on. Of training/requirements.txt, which
+wants Python 3.11, only the packages themselves: PyTorch depends on gigabytes. Wheels only, for this kind of machine.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+# pip judges markers by the Python it runs in, whatever --python-version says: they are settled here
+from pip._vendor.packaging.requirements import Requirement
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def wanted(file: Path, python: str) -> list[str]:
+    """Requirements of a file for one Python, markers settled."""
+    lines = [line.split("#")[0].strip() for line in file.read_text().splitlines()]
+    found = [Requirement(line) for line in lines if line]
+    environment = {"python_version": python, "python_full_version": python + ".0"}
+    return [f"{r.name}{r.specifier}" for r in found if r.marker is None or r.marker.evaluate(environment)]
+
+
+def resolve(requirements: list[str], python: str, *options: str) -> str:
+    """The complaint of pip, empty where it found everything."""
+    with tempfile.TemporaryDirectory() as nowhere:
+        command = [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "-q",
+            "--dry-run",
+            "--ignore-installed",
+            "--target",
+            nowhere,
+        ]
+        command += ["--only-binary=:all:", "--python-version", python, *options, *requirements]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return ""
+    return next((line for line in reversed(done.stderr.splitlines()) if "ERROR" in line), "pip failed")
+
+
+def main() -> int:
+    """Resolve for each Python; 0 where all was found."""
+    failed = False
+    for python in sys.argv[1:] or ["3.10", "3.11", "3.12", "3.13"]:
+        runtime = [
+            *wanted(ROOT / "requirements.txt", python),
+            *wanted(ROOT / "requirements-test.txt", python),
+        ]
+        parts = {"runtime and tests": (runtime, ())}
+        if tuple(map(int, python.split("."))) >= (3, 11):
+            parts["training"] = (wanted(ROOT / "training/requirements.txt", python), ("--no-deps",))
+        for part, (requirements, options) in parts.items():
+            complaint = resolve(requirements, python, *options)
+            failed |= bool(complaint)
+            numpy = next(r for r in requirements if r.startswith("numpy"))
+            print(f"Python {python}, {part} ({numpy}): {complaint or 'resolved'}", flush=True)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,270 @@
+#!/usr/bin/env python3
+"""The rooms of python/radalt and who imports whom, read from the code itself, as a figure.
+
+An arrow that a way over other rooms stands for is not drawn.
+
+python3 tools/draw_architecture.py                 # docs/figures/architecture.svg
+python3 tools/draw_architecture.py --list          # every import between rooms, for a terminal
+
+Needs nothing but Python. tests/test_architecture.py holds the code to `ROOMS`, and the figure to the code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "python" / "radalt"
+FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
+
+# along the signal's way: a room imports itself and what stands before it
+ROOMS = (
+    "core",  # the files directly in core/: they know of no room
+    "core.radio.device",  # numbers of radios: the scene checks its own against them
+    "core.returns",
+    "core.interference",
+    "core.channel",
+    "core.receiver",
+    "core.mitigation",
+    "core.scene",
+    "core.radio",
+    "blocks",
+    "evaluation",
+)
+
+
+@dataclass(frozen=True)
+class Import:
+    """One import of a module of the package by another.
+
+    Attributes
+    ----------
+    source, target : str
+        Dotted names below the package; a package stands for its ``__init__.py``, "" for the whole.
+    lazy : bool
+        Within a function, so carried out when that is called.
+    """
+
+    source: str
+    target: str
+    lazy: bool
+
+
+def modules(package: Path) -> dict[str, Path]:
+    """Dotted name below the package -> file, packages by their ``__init__.py``."""
+    found = {}
+    for file in sorted(package.rglob("*.py")):
+        parts = file.relative_to(package).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    return found
+
+
+def imports(package: Path = PACKAGE) -> list[Import]:
+    """Every import within the package; that of a parent, which Python adds to each, is left out."""
+    known = modules(package)
+    found = []
+    for name, file in known.items():
+        base = name.split(".") if file.name == "__init__.py" else name.split(".")[:-1]
+        for node, lazy in _statements(ast.parse(file.read_text(encoding="utf-8"))):
+            targets = dict.fromkeys(_targets(node, [part for part in base if part], known, package.name))
+            found += [Import(name, target, lazy) for target in targets if target != name]
+    return found
+
+
+def _statements(node: ast.AST, lazy: bool = False) -> Iterator[tuple[ast.stmt, bool]]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (ast.Import, ast.ImportFrom)):
+            yield child, lazy
+        yield from _statements(child, lazy or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)))
+
+
+def _targets(node: ast.stmt, base: list[str], known: dict[str, Path], package: str) -> Iterator[str]:
+    """Modules of the package that one statement names."""
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            inside = _below(alias.name, package)
+            if inside is not None:
+                yield inside
+        return
+    if node.level:
+        parent = base[: len(base) - node.level + 1]
+        module = ".".join([*parent, *(node.module.split(".") if node.module else [])])
+    else:
+        module = _below(node.module or "", package)
+    if module is None:
+        return
+    for alias in node.names:
+        longer = f"{module}.{alias.name}".strip(".")
+        yield longer if longer in known else module
+
+
+def _below(name: str, package: str) -> str | None:
+    """A module's name below the package, by either of its names; None if it is another's."""
+    for prefix in (f"gnuradio.{package}", package):
+        if name == prefix or name.startswith(prefix + "."):
+            return name[len(prefix) + 1 :]
+    return None
+
+
+def room_of(module: str) -> str | None:
+    """The room a module belongs to; None for the package itself, which says nothing but its version."""
+    mine = [room for room in ROOMS if module == room or module.startswith(room + ".")]
+    return max(mine, key=len) if mine else None
+
+
+def between_rooms(found: Sequence[Import]) -> dict[tuple[str, str], list[Import]]:
+    """(importing room, imported room) -> its imports; within a room, and of the package itself, left out."""
+    arrows: dict[tuple[str, str], list[Import]] = {}
+    for entry in found:
+        rooms = room_of(entry.source), room_of(entry.target)
+        if None not in rooms and rooms[0] != rooms[1]:
+            arrows.setdefault(rooms, []).append(entry)
+    return arrows
+
+
+# -- the figure -----------------------------------------------------------------------------------------------------
+
+_COLUMN, _LINE, _GAP, _EDGE = 300, 12, 34, 16
+# rooms as wide as one of three columns; the others take all three
+_NARROW = {
+    "core.radio.device": 0,
+    "core.interference": 1,
+    "core.channel": 1,
+    "core.returns": 2,
+    "core.receiver": 2,
+    "core.mitigation": 2,
+}
+_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6"}
+
+
+def contents(room: str, package: Path = PACKAGE) -> str:
+    """What a room holds, by the names of its files and folders."""
+    folder = package.joinpath(*room.split("."))
+    if not folder.is_dir():
+        return "numbers of each type of radio"
+    other = {r.rpartition(".")[2] for r in ROOMS if r.rpartition(".")[0] == room}
+    files = [] if room == "evaluation" else [f.stem for f in sorted(folder.glob("[!_]*.py"))]
+    folders = [f.name + "/" for f in sorted(folder.iterdir()) if (f / "__init__.py").is_file()]
+    names = folders + files if room != "core" else files
+    return ", ".join(name for name in names if name.rstrip("/") not in other)
+
+
+def needed_arrows(arrows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Arrows that no way over other rooms stands for (transitive reduction)."""
+    into: dict[str, set[str]] = {room: set() for room in ROOMS}
+    for source, target in arrows:
+        into[source].add(target)
+
+    def reach(room: str) -> set[str]:
+        return into[room].union(*(reach(other) for other in into[room]))
+
+    return [
+        (source, target)
+        for source in ROOMS
+        for target in ROOMS
+        if target in into[source] and not any(target in reach(other) for other in into[source] - {target})
+    ]
+
+
+def draw(package: Path = PACKAGE) -> str:
+    """The figure as SVG: what imports stands above what it imports, so every arrow points down.
+
+    Raises
+    ------
+    ValueError
+        If an import points up: there is no such figure then.
+    """
+    found = between_rooms(imports(package))
+    up = [arrow for arrow in found if ROOMS.index(arrow[0]) < ROOMS.index(arrow[1])]
+    if up:
+        raise ValueError(f"{up[0][0]} imports {up[0][1]}, which stands after it: {found[up[0]][0]}")
+    arrows = needed_arrows(found)
+    layer: dict[str, int] = {}
+    for room in ROOMS:
+        layer[room] = 1 + max((layer[target] for source, target in arrows if source == room), default=-1)
+    boxes, height = _places(layer, package)
+    width = 2 * _EDGE + 3 * _COLUMN
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+        'font-family="DejaVu Sans, sans-serif">',
+        '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
+        '<path d="M0 0 L8 4 L0 8 z" fill="#444"/></marker></defs>',
+        f'<rect width="{width}" height="{height}" fill="white"/>',
+    ]
+    for room, (x, y, wide, high, lines) in boxes.items():
+        parts += _box(room, x, y, wide, high, lines)
+    parts += [_arrow(boxes[source], boxes[target]) for source, target in arrows]
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def _places(layer: dict[str, int], package: Path) -> tuple[dict[str, tuple], int]:
+    """Room -> (x, y, width, height, lines of text), the highest layer first; and the figure's height."""
+    boxes: dict[str, tuple] = {}
+    y = _EDGE
+    for level in range(max(layer.values()), -1, -1):
+        here = [room for room in ROOMS if layer[room] == level]
+        text = {room: textwrap.wrap(contents(room, package), 44 if room in _NARROW else 150) for room in here}
+        high = 26 + _LINE * max(map(len, text.values()))
+        for room in here:
+            wide = _COLUMN - 20 if room in _NARROW else 3 * _COLUMN - 20
+            x = _EDGE + 10 + _COLUMN * _NARROW.get(room, 0)
+            boxes[room] = (x, y, wide, high, text[room])
+        y += high + _GAP
+    return boxes, y - _GAP + _EDGE
+
+
+def _box(room: str, x: int, y: int, wide: int, high: int, lines: Sequence[str]) -> list[str]:
+    shape = f'<rect x="{x}" y="{y}" width="{wide}" height="{high}" rx="5" '
+    name = room.replace(".", "/") + ("" if room.endswith("device") else "/")
+    return [
+        shape + f'fill="{_COLOURS[room[:4]]}" stroke="#666"/>',
+        f'<text x="{x + 8}" y="{y + 16}" font-size="13" font-weight="bold">{escape(name)}</text>',
+        *(
+            f'<text x="{x + 8}" y="{y + 30 + _LINE * k}" font-size="10" fill="#333">{escape(line)}</text>'
+            for k, line in enumerate(lines)
+        ),
+    ]
+
+
+def _arrow(source: tuple, target: tuple) -> str:
+    """From the lower edge of one box to the upper edge of another; upright where the boxes allow it."""
+    left, right = max(source[0], target[0]), min(source[0] + source[2], target[0] + target[2])
+    if right > left:
+        x0 = x1 = (left + right) / 2
+    else:
+        x0, x1 = (b[0] + b[2] * share for b, share in ((source, 0.8), (target, 0.2)))
+    return (
+        f'<line x1="{x0:g}" y1="{source[1] + source[3]}" x2="{x1:g}" y2="{target[1] - 1}" stroke="#444" '
+        'stroke-width="1.3" marker-end="url(#tip)"/>'
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the figure, or list the imports between rooms."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--out", type=Path, default=FIGURE, help="file (default: docs/figures/architecture.svg)"
+    )
+    parser.add_argument("--list", action="store_true", help="print every import between rooms instead")
+    args = parser.parse_args(argv)
+    if args.list:
+        for (source, target), found in sorted(between_rooms(imports()).items()):
+            print(f"{source} -> {target}")
+            for entry in found:
+                print(f"    {entry.source} -> {entry.target}{' (lazy)' if entry.lazy else ''}")
+        return 0
+    args.out.write_text(draw(), encoding="utf-8")
+    print(args.out)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
