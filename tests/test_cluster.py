@@ -2,9 +2,9 @@
 
 import dataclasses
 import hashlib
+import importlib
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +18,6 @@ from test_ota_eval import run as run_program
 from test_ota_eval import stable, start
 
 from radalt.core.mitigation import create
-from radalt.core.paths import model_path
 from radalt.core.scene import load_scene
 from radalt.evaluation.engine import slot
 from radalt.evaluation.engine.options import Options
@@ -160,6 +159,18 @@ def test_another_version_on_a_worker_is_refused_in_one_line(dask, tmp_path, monk
     assert "\n" not in line
 
 
+def test_a_plugin_that_a_worker_lacks_is_one_line(dask, tmp_path, monkeypatch):
+    (tmp_path / "my_coins.py").write_text(
+        "from test_engine import Coins\nclass Mine(Coins): pass\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    mine = importlib.import_module("my_coins").Mine()
+    with pytest.raises(
+        WorkerError, match=r"^worker tcp://\S+ cannot load the study \(No module named 'my_coins'\)"
+    ):
+        run(mine, on(dask, tmp_path / "run"))
+
+
 def test_a_file_that_arrives_damaged_is_refused(tmp_path):
     path = tmp_path / "model.onnx"
     path.write_bytes(b"network")
@@ -209,21 +220,16 @@ def mitigate(frames, waveform):
 """
 
 
-@pytest.mark.parametrize("copied", [False, True])
-def test_files_that_lie_elsewhere_change_no_method(tmp_path, copied):
-    """The shipped network goes without a check that a copy of it gets: on a worker every file is a copy."""
+def test_files_that_lie_elsewhere_change_no_method(tmp_path):
+    """The shipped network goes without a check that others get: on a worker it is a file elsewhere."""
     scene = dataclasses.replace(load_scene("clear"), methods=("none", "tcae"))
-    if copied:
-        shutil.copy(model_path("tcae.onnx"), tmp_path / "mine.onnx")
-        options = {"tcae": {"model": str(tmp_path / "mine.onnx")}}
-        scene = dataclasses.replace(scene, method_options=options)
-    ready = OverlapStudy(scene).begin(tmp_path / "run")
-    measurer = cluster.Measurer(ready)
-    measurer.folder = tmp_path / "worker"
-    there = ready.with_files(measurer._files()).scene.method_options["tcae"]
-    assert Path(there["model"]).is_relative_to(tmp_path / "worker")
-    here = create("tcae", scene.waveform, **scene.method_options.get("tcae", {})).status()
-    assert create("tcae", scene.waveform, **there).status()["shift_check"] is here["shift_check"] is copied
+    study = OverlapStudy(scene)
+    measurer = cluster.Measurer(study)
+    measurer.folder = tmp_path
+    there = study.with_files(measurer._files()).scene.method_options["tcae"]
+    assert Path(there["model"]).is_relative_to(tmp_path)
+    here = create("tcae", scene.waveform).status()
+    assert create("tcae", scene.waveform, **there).status()["shift_check"] is here["shift_check"] is False
 
 
 @pytest.fixture(scope="module")

@@ -293,10 +293,12 @@ def test_only_the_shipped_default_is_trusted_unchecked(root, tmp_path):
     default = root / "models" / "tcae.onnx"
     copy = tmp_path / "tcae.onnx"
     copy.write_bytes(default.read_bytes())
+    other = root / "models" / "cnn.onnx"
     checked = [create("tcae", W, **options).status()["shift_check"] for options in (
-        {}, {"model": default}, {"model": copy}, {"shift_check": True}, {"model": copy, "shift_check": False},
+        {}, {"model": default}, {"model": copy}, {"model": other}, {"shift_check": True},
+        {"model": other, "shift_check": False},
     )]  # fmt: skip
-    assert checked == [False, False, True, True, False]
+    assert checked == [False, False, False, True, True, False]
 
 
 def test_shift_check_is_a_yes_or_a_no():

@@ -14,6 +14,7 @@ import hashlib
 import itertools
 import json
 import logging
+import os
 import pickle
 import queue
 import uuid
@@ -21,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...core.plugins import VARIABLE as PLUGINS
 from .pool import WorkerError
 from .run import Outcome, Task
 from .slot import Slot, installed
@@ -193,6 +195,7 @@ class Measurer(WorkerPlugin):
     def __init__(self, study: Study) -> None:
         self.wanted = installed(study.needs_network)
         self.study = pickle.dumps(study)
+        self.plugins = os.environ.get(PLUGINS, "")
         self.names: dict[str, tuple[str, str]] = {}
         self.contents: dict[str, bytes] = {}
         for name, path in study.files().items():
@@ -213,7 +216,7 @@ class Measurer(WorkerPlugin):
             raise WorkerError(self.refused) from None
 
     def _start(self) -> Slot:
-        return Slot(self.wanted, self.study, self._files())
+        return Slot(self.wanted, self.study, self._files(), self.plugins)
 
     def _files(self) -> dict[str, Path]:
         """Files by their names in the study, each in a folder called by its hash."""

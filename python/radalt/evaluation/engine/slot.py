@@ -20,6 +20,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from ...core.mitigation.tcae import default_model_path
+from ...core.plugins import VARIABLE as PLUGINS
 from ..results.folder import versions
 from .pool import WorkerError, answered, cause, enter, too_late, uninterrupted
 from .run import Task, measure_task
@@ -33,11 +35,17 @@ _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "GR_CONF_LO
 
 @lru_cache(maxsize=2)
 def installed(with_network: bool) -> dict[str, str]:
-    """Versions that rows depend on, and a digest of this package's sources: a version number may lag behind them."""
+    """Versions that rows depend on, and digests of this package's sources, which a version number may lag behind, and
+    of the shipped network, which goes without the check that others get."""
     try:
         out = versions(with_network)
     except ImportError:
         out = versions(False)
+    if with_network:
+        shipped = default_model_path()
+        out["shipped network"] = (
+            hashlib.sha256(shipped.read_bytes()).hexdigest()[:12] if shipped.exists() else "none"
+        )
     digest, package = hashlib.sha256(), Path(__file__).resolve().parents[2]
     for file in sorted(package.rglob("*.py")):
         digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
@@ -55,6 +63,8 @@ class Slot:
         Pickled.
     files : mapping of name -> path
         For `Study.with_files`.
+    plugins : str
+        `RADALT_PLUGINS` of that program.
 
     Raises
     ------
@@ -62,7 +72,9 @@ class Slot:
         If it does not start, or what is installed differs: names both versions.
     """
 
-    def __init__(self, wanted: Mapping[str, str], study: bytes, files: Mapping[str, Path]) -> None:
+    def __init__(
+        self, wanted: Mapping[str, str], study: bytes, files: Mapping[str, Path], plugins: str = ""
+    ) -> None:
         self._ours, theirs = multiprocessing.Pipe()
         code = (
             f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({theirs.fileno()})"
@@ -72,7 +84,7 @@ class Slot:
                 [sys.executable, "-c", code],
                 stdin=subprocess.PIPE,  # never written to: its end tells that the owner is gone
                 pass_fds=[theirs.fileno()],
-                env=os.environ | _ENVIRONMENT,
+                env=os.environ | _ENVIRONMENT | {PLUGINS: plugins},
             )
         theirs.close()
         try:
@@ -125,7 +137,14 @@ def serve(number: int) -> None:
     try:
         wanted, blob, files = connection.recv()
         differs = _difference(wanted)
-        study = None if differs else pickle.loads(blob).with_files(files)
+        study = None
+        if not differs:
+            try:
+                study = pickle.loads(blob).with_files(files)
+            except (ImportError, AttributeError) as error:  # a plugin that is not there
+                differs = (
+                    f"cannot load the study ({' '.join(str(error).split())}); install there what it needs"
+                )
         connection.send((bool(differs), differs))
         while connection.poll(_IDLE_S):
             point, batch = connection.recv()

@@ -178,14 +178,7 @@ class OverlapStudy(Study):
         prepared = tuple(
             (jammer, prepare(scene, scene.methods, folder / "flowgraph")) for jammer, scene in scenes.items()
         )
-        options = dict(self.scene.method_options)
-        if "tcae" in self.scene.methods:
-            # by default this depends on where the model's file lies, and on another machine that is elsewhere
-            given = options.get("tcae") or {}
-            checked = create("tcae", self.scene.waveform, **given).status()["shift_check"]
-            options["tcae"] = {**given, "shift_check": checked}
-        scene = dataclasses.replace(self.scene, method_options=options)
-        return dataclasses.replace(self, scene=scene, folder=folder, prepared=prepared)
+        return dataclasses.replace(self, folder=folder, prepared=prepared)
 
     def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
         """Run the flowgraph once and score every method."""
