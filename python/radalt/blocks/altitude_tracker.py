@@ -20,7 +20,7 @@ class altitude_tracker(altimeter_sink):
     """An altimeter sink that also tracks: the same spectra, summed over 40 ms; see `AltitudeTracker`.
 
     Altitude by the joint peak of both half sweeps' summed spectra over altitude and vertical speed, then a Kalman
-    filter; ``protection level = 0.5 m + k sigma + ambiguity``.
+    filter; ``protection level = 1 m + k sigma + ambiguity``.
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, timing: message`` (optional: the segmenter's
     ``status``; without lock there are no frames, and the status says FAILURE at once)

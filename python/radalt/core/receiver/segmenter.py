@@ -437,7 +437,7 @@ class FrameSegmenter:
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
         if sent is not None:
             shift = self._shift_from_expected(frame, sent)
-            if shift is not None:
+            if shift is not None and abs(shift) < 2.0:  # at the end it may be the flank of a sweep farther away
                 return ("verified" if shift == 0 else "contradicted"), expected + shift, _TOLERANCE
         peak, significance = self._correlate(frame.samples)
         if significance < 0.6 * self.settings.lock_threshold:

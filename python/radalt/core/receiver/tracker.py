@@ -24,11 +24,13 @@ from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
 
-_SYSTEMATIC_M = 0.5  # interpolation on what a method leaves of a peak
+_SYSTEMATIC_M = (
+    1.0  # pull of what a method leaves of a peak; 5 MHz NR behind tcae keeps up 0.95 m for seconds
+)
 _GATE_SIGMAS = 4.0
 _LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
-# what interference keeps up from block to block: error of one measurement, and how many make a better one
-_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S, _INDEPENDENT = 0.25, 1.5, 4.0
+# least error of one measurement; interference keeps it up from block to block, so that a mean is no better
+_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
 _FITTED = 25  # latest altitudes that say how fast the track moves
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
@@ -196,10 +198,11 @@ class AltitudeTracker:
 
     Notes
     -----
-    **Protection level.** The sum of a systematic part of 0.5 m and two bounds, each at half the stated risk:
+    **Protection level.** The sum of a systematic part of 1 m and two bounds, each at half the stated risk:
 
-    - *noise*: ``k sigma`` of the filtered altitude, ``sigma`` widened by the filter's own innovations where they
-      exceed what its model expects (track consistency);
+    - *noise*: ``k sigma`` of the filtered altitude or of one measurement, whichever is greater (interference that goes
+      on pulls every measurement alike), widened by the filter's innovations where they exceed what it expects (track
+      consistency);
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
@@ -578,7 +581,7 @@ class AltitudeTracker:
     def _protection_m(self, track: Track) -> float:
         """See the class: noise and ambiguity, each at half the risk."""
         t = self.integrator
-        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2 / _INDEPENDENT)
+        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2)
         variance *= max(1.0, track.filter.nis)
         noise = self._noise_sigmas * float(np.sqrt(variance))
         cells, _ = self._farthest(track)
