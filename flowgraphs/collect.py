@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Several result folders of ota_eval as one report: Pd against overlap of all runs together.
 
-    python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
+    .venv/bin/python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
 
 Counts of runs that measured the same thing are added and the intervals taken anew; simulated runs and runs on the air
 stay apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused, saying why; a run that

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Client of ota_remote.py: an example of its protocol, JSON over ZMQ, for any language with a ZMQ binding.
 
-    python flowgraphs/control_client.py get
-    python flowgraphs/control_client.py set --altitude 200 --overlap 0.5 --sir-db=-20 --methods none,tcae
-    python flowgraphs/control_client.py watch --count 20
-    python flowgraphs/control_client.py descend --altitudes 1200,600,300,100,20 --seconds 1
-    python flowgraphs/control_client.py stop
+    .venv/bin/python flowgraphs/control_client.py get
+    .venv/bin/python flowgraphs/control_client.py set --altitude 200 --overlap 0.5 --sir-db=-20 --methods none,tcae
+    .venv/bin/python flowgraphs/control_client.py watch --count 20
+    .venv/bin/python flowgraphs/control_client.py descend --altitudes 1200,600,300,100,20 --seconds 1
+    .venv/bin/python flowgraphs/control_client.py stop
 
 `descend` is the paper's loop: set an altitude, collect results, report the error of each method, go on. The module
 needs pyzmq alone, neither GNU Radio nor this package.

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 """Error of every method, network and choice of the altimeter against its CPU time, on the same frames, by turns.
 
-    python flowgraphs/error_vs_runtime.py                         # some minutes, into results/error_vs_runtime
-    python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
-    python flowgraphs/error_vs_runtime.py --resume                # go on where a run was killed
-    python flowgraphs/error_vs_runtime.py --publish docs          # then docs/error_vs_runtime.md and its figure
+    .venv/bin/python flowgraphs/error_vs_runtime.py  # some minutes, into results/error_vs_runtime
+    .venv/bin/python flowgraphs/error_vs_runtime.py --frames 20 --rounds 3  # a quick look
+    .venv/bin/python flowgraphs/error_vs_runtime.py --resume  # go on where a run was killed
+    .venv/bin/python flowgraphs/error_vs_runtime.py --publish docs  # then docs/error_vs_runtime.md and its figure
 
 Without --models every network of models/ is measured, as shipped. Networks in float16 and int8 are files of their own,
 made by training/export.py --precision in the training environment (make train), since that needs the package onnx; name
 them with --models to have them in the comparison:
 
     PYTHONPATH=python .venv-train/bin/python training/export.py compact --precision int8 --out variants/tcae_int8.onnx
-    python flowgraphs/error_vs_runtime.py --models models/*.onnx variants/tcae_int8.onnx
+    .venv/bin/python flowgraphs/error_vs_runtime.py --models models/*.onnx variants/tcae_int8.onnx
 """
 
 from __future__ import annotations

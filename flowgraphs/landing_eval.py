@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """The landing study: altitude error of every method over an approach, and error against SINR.
 
-    python flowgraphs/landing_eval.py                                   # the shipped study, under 3 minutes
-    python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
-    python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
+    .venv/bin/python flowgraphs/landing_eval.py                                   # the shipped study, under 3 minutes
+    .venv/bin/python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
+    .venv/bin/python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
 
 Writes tables, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
 stopped run goes on. No GNU Radio and no hardware is needed.

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """What leaving out saves: time and memory of scenes as planned against the same scenes with everything built.
 
-    python flowgraphs/leaving_out.py                    # some minutes, into results/leaving_out
-    python flowgraphs/leaving_out.py --publish docs     # then docs/leaving_out.md
+    .venv/bin/python flowgraphs/leaving_out.py                    # some minutes, into results/leaving_out
+    .venv/bin/python flowgraphs/leaving_out.py --publish docs     # then docs/leaving_out.md
 
 Exits with 1 if leaving out changed a result.
 """

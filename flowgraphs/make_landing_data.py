@@ -5,7 +5,7 @@ Without arguments it rewrites what is shipped in ``landing/`` beside this file, 
 O'Hare runway 10C geometry, and the two one-degree cells under it, flat and hilly, as DTED level 0. Finer
 levels are made the same way where they are wanted (level 1: 2.9 MB a cell, level 2: 26 MB):
 
-    python flowgraphs/make_landing_data.py --level 1 --terrain hilly --out my_landing
+    .venv/bin/python flowgraphs/make_landing_data.py --level 1 --terrain hilly --out my_landing
 """
 
 from __future__ import annotations

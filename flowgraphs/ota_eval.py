@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Probability of correct altitude against temporal overlap, for every mitigation method, through GNU Radio.
 
-    python flowgraphs/ota_eval.py --sim                                    # the paper's case, about a minute
-    python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
-    python flowgraphs/ota_eval.py --sim --out results/mine --resume        # go on where it was killed
-    python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py   # a method of your own beside them
+    .venv/bin/python flowgraphs/ota_eval.py --sim  # the paper's case, about a minute
+    .venv/bin/python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
+    .venv/bin/python flowgraphs/ota_eval.py --sim --out results/mine --resume  # go on where it was killed
+    .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py  # a method of your own
 
 Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
 and writes report.md, report.json, rows.csv, figures and the scene as used into one folder. Options change the scene;

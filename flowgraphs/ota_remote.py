@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Altimeter under interference, driven by another program over ZMQ, in the simulated channel or on two B210s.
 
-    python flowgraphs/ota_remote.py --sim --scene paper_qpsk --methods none,tcae
-    python flowgraphs/control_client.py set --altitude 200 --sir-db=-20      # in another terminal, or from MATLAB
-    python flowgraphs/control_client.py stop
+    .venv/bin/python flowgraphs/ota_remote.py --sim --scene paper_qpsk --methods none,tcae
+    .venv/bin/python flowgraphs/control_client.py set --altitude 200 --sir-db=-20  # in another terminal, or from MATLAB
+    .venv/bin/python flowgraphs/control_client.py stop
 
 Runs at real time and without end. Endpoints are on loopback unless you say otherwise; there is no authentication.
 """

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """How fast the live path runs: real-time factor, CPU by block, latency, drops, memory.
 
-    python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
-    python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
-    python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
+    .venv/bin/python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
+    .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
+    .venv/bin/python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Picture of the live view, made from a run of it: `make screenshot` writes docs/live_view.png.
 
-    python flowgraphs/screenshot.py --out docs/live_view.png
+    .venv/bin/python flowgraphs/screenshot.py --out docs/live_view.png
 
 Generates ota_live.grc with the simulated channel, flies a descent in steps under the scene's interference, and saves
 what the window shows at the end. Needs no display.

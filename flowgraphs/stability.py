@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Every method and precision on stiff, extreme and broken frames against float64, judged case by case.
 
-    python flowgraphs/stability.py                                # all cases, some minutes, into results/stability
-    python flowgraphs/stability.py --methods none,whitening --groups numbers --out results/numbers
-    python flowgraphs/stability.py --publish docs                 # then docs/stability.md, its figure and its rows
+    .venv/bin/python flowgraphs/stability.py  # all cases, some minutes, into results/stability
+    .venv/bin/python flowgraphs/stability.py --methods none,whitening --groups numbers --out results/numbers
+    .venv/bin/python flowgraphs/stability.py --publish docs  # then docs/stability.md, its figure and its rows
 
 Exits with 1 if a case did not pass, after naming it.
 """

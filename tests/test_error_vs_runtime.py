@@ -93,7 +93,7 @@ def test_command_writes_the_whole_report(report):
     assert (report / "run" / "figures" / "error_vs_runtime.png").stat().st_size > 20_000
     text = (report / "run" / "report.md").read_text()
     assert "## Pareto fronts" in text and "| whitening |" in text
-    assert "python flowgraphs/error_vs_runtime.py --models --interferers" in text
+    assert ".venv/bin/python flowgraphs/error_vs_runtime.py --models --interferers" in text
 
 
 def test_the_page_is_published_with_its_figure_under_the_names_of_the_documentation(report):

@@ -120,7 +120,7 @@ def test_three_radio_blocks_share_two_devices(b210):
 
 
 def test_every_method_is_fed_by_the_same_segmenter(b210):
-    """DESIGN.md 6.3: comparisons are paired."""
+    """comparisons are paired."""
     fed = {sink for source, _, sink, _ in b210["connections"] if source == "frame_segmenter"}
     mitigations = {b["name"] for b in b210["blocks"] if b["id"] in ("radalt_mitigation", "radalt_tcae")}
     assert mitigations and fed == mitigations | {"altimeter_none"}
@@ -321,7 +321,7 @@ def test_same_seed_same_rows_and_another_seed_others(jammed):
 
 
 def test_jammer_chain_at_overlap_zero_is_bit_identical_to_none(clear, jammed):
-    """DESIGN.md 7: what was left out is what would have been there at zero."""
+    """what was left out is what would have been there at zero."""
     scene = scene_of(interference={"qpsk": {"sir_db": -20.0}}, seed=4).at(overlap=0.0)
     with_chain = run_point(jammed, scene, time_limit_s=120)
     without = run_point(clear, dataclasses.replace(scene, interference=()), time_limit_s=120)
@@ -387,7 +387,7 @@ def test_what_was_left_out_is_listed(clear, jammed):
 
 
 def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path):
-    """DESIGN.md 7: the scene decides what is built, and what is not built is not imported."""
+    """the scene decides what is built, and what is not built is not imported."""
     scene = write_scene(scene_of(), tmp_path / "scene.yaml")
     statements = (
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"

@@ -28,7 +28,7 @@ def scene(count: int, interferer: Interferer | None, seed: int) -> tuple[np.ndar
 
 
 def correct(frames: np.ndarray, altitudes: np.ndarray) -> np.ndarray:
-    """DESIGN.md 6.4: detected, both sweeps agree, |error| < 5 m."""
+    """detected, both sweeps agree, |error| < 5 m."""
     result = ALTIMETER.process(frames)
     return result["valid"] & (np.abs(np.nan_to_num(result["altitude_m"], nan=1e9) - altitudes) < 5.0)
 

@@ -119,7 +119,7 @@ def _parameters(path, metadata) -> dict[str, int]:
 
 
 def test_paper_model_has_the_papers_parameters(models):
-    """DESIGN.md 5: 4,336 + 15,356,160 + 1,926,472 + 3,314 = 17,290,282, counted in the exported file."""
+    """4,336 + 15,356,160 + 1,926,472 + 3,314 = 17,290,282, counted in the exported file."""
     path = models / "paper.onnx"
     parts = _parameters(path, create("tcae", Waveform(), model=path).metadata)
     assert parts == {"encoder": 4_336, "compress": 15_356_160, "expand": 1_926_472, "decoder": 3_314}

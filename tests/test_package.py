@@ -71,7 +71,7 @@ def test_unknown_block_is_named_with_those_there_are(run_in_package):
 
 
 def test_package_and_core_load_nothing_but_numpy_and_scipy(root: Path):
-    """DESIGN.md 2: core is pure NumPy/SciPy, so that training and sweeps need no GNU Radio."""
+    """core is pure NumPy/SciPy, so that training and sweeps need no GNU Radio."""
     modules = [
         ".".join(file.relative_to(root / "python").with_suffix("").parts).removesuffix(".__init__")
         for file in sorted((root / "python/radalt/core").rglob("*.py"))

@@ -178,7 +178,7 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     rows = list(judge_all([case, bad], compared_chains(["none"])))
     tables = {"rows": rows, "step_limits": [], "checks": []}
     folder = RunFolder(tmp_path, {"study": "StabilityStudy", "versions": {"radalt": "0"}})
-    write_report(folder, tables, Run(1, 2, 0, 1.0, 1, "python flowgraphs/stability.py"))
+    write_report(folder, tables, Run(1, 2, 0, 1.0, 1, ".venv/bin/python flowgraphs/stability.py"))
     assert failures(tables) == ["8-bit converter: none: FAIL"]
     page = (tmp_path / "report.md").read_text()
     assert "- **none**, 1: 8-bit converter (4 of 4 wrong)" in page

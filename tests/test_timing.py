@@ -1,4 +1,4 @@
-"""Frame timing: acquired to a fraction of a sample, coasting, honest about every lost sample (DESIGN.md 6.1)."""
+"""Frame timing: acquired to a fraction of a sample, coasting, honest about every lost sample (docs/design.md)."""
 
 from dataclasses import dataclass
 
@@ -122,7 +122,7 @@ def test_no_fraction_of_a_sample_pulls_the_altitude(true_delay, fraction):
 
 
 def test_aligning_on_the_peak_does_not_remove_the_altitude():
-    """DESIGN.md 6.1: timing comes from the preamble alone; a programme that steps to 1200 m keeps its 1200 m."""
+    """timing comes from the preamble alone; a programme that steps to 1200 m keeps its 1200 m."""
     run = play(Programme((1200.0,), 10), ChannelSettings(snr_db=20.0), 2, true_delay=True)
     _, error = errors(run)
     assert np.abs(error).max() < 0.5

@@ -1,4 +1,4 @@
-"""The landing programme: which altitude belongs to which frame index (DESIGN.md 6.2).
+"""The landing programme: which altitude belongs to which frame index (docs/design.md).
 
 Scheduled by frame index inside the blocks, never by sleeping or by callbacks, so that a run is a function of its seed.
 """

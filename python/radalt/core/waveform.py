@@ -1,4 +1,4 @@
-"""Triangular FMCW waveform and its beat/range algebra (DESIGN.md 3).
+"""Triangular FMCW waveform and its beat/range algebra (docs/design.md).
 
 All phases are kept in float64 *cycles* and reduced modulo one cycle before the exponential: a float32
 phase accumulator is wrong within seconds at 7.5 MS/s.
@@ -161,7 +161,7 @@ class Waveform:
         """Phase in cycles at ``time_s`` after the start of sweep ``frame_index``; any shape, any sign of time.
 
         The frequency is integrated from sweep to sweep, so the phase is continuous for every ``B T_h``
-        (DESIGN.md 3: pasting the per-sweep formulae is right only where ``B T_h`` is whole).
+        (pasting the per-sweep formulae is right only where ``B T_h`` is whole).
         """
         time_s = np.asarray(time_s, dtype=float)
         sweep = np.floor(time_s / self.sweep_s)
@@ -197,7 +197,7 @@ class Waveform:
         return exp_cycles(np.mod(np.asarray(frame_index) * self.cycles_per_frame, 1.0), np.complex128)
 
     def beat_shifted(self, altitude_m: float) -> np.ndarray:
-        """(N,) complex64 sweep whose beat is moved to ``altitude_m`` (synthetic altitude, DESIGN.md 6.2).
+        """(N,) complex64 sweep whose beat is moved to ``altitude_m`` (synthetic altitude).
 
         Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at
         the frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase

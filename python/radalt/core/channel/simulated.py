@@ -1,4 +1,4 @@
-"""What two B210s and the air between them do, sample by sample, without hardware (DESIGN.md 6.7).
+"""What two B210s and the air between them do, sample by sample, without hardware (docs/design.md).
 
 The channel works in blocks of one frame counted from the transmitter's first sample, whatever the chunks it is fed:
 a run is a function of its seed, bit for bit. Every impairment is off unless the scene asks, and costs nothing then.

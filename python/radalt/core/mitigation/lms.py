@@ -1,7 +1,7 @@
 """Block LMS as the paper sets it, both wirings, and normalised LMS beside it.
 
 Block LMS is explicit Euler on a stiff gradient flow: it is stable only for about ``mu L block P < 2`` with ``P`` the
-input power (DESIGN.md 4), so in the paper's setting it diverges for an input power above about 6. That is reported as
+input power, so in the paper's setting it diverges for an input power above about 6. That is reported as
 divergence, not repaired; `Nlms` is the repaired method.
 """
 

@@ -19,7 +19,7 @@ from .shift_check import ShiftCheck
 
 __all__ = ["Tcae", "default_model_path", "CONTRACT_KEYS"]
 
-# metadata every model carries; DESIGN.md 5
+# metadata every model carries
 CONTRACT_KEYS = (
     "radalt_frame_samples",
     "radalt_layout",

@@ -1,4 +1,4 @@
-"""Transmit interlock: the air is regulated, 4.2-4.4 GHz is a safety-of-life band (DESIGN.md 6.9)."""
+"""Transmit interlock: the air is regulated, 4.2-4.4 GHz is a safety-of-life band (docs/design.md)."""
 
 from __future__ import annotations
 

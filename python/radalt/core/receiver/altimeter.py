@@ -1,4 +1,4 @@
-"""The altimeter: dechirp, decimate to the beat band, window, FFT, CFAR, pair the sweeps, altitude (DESIGN.md 3).
+"""The altimeter: dechirp, decimate to the beat band, window, FFT, CFAR, pair the sweeps, altitude (docs/design.md).
 
 Two rates, as in the paper: the frame is mixed with the reference at the full rate, then low-passed and decimated to
 the beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift

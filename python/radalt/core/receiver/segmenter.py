@@ -1,4 +1,4 @@
-"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (DESIGN.md 6.1).
+"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (docs/design.md).
 
 Correlating a delayed chirp with the reference peaks at the delay itself, so timing is taken only where the altitude is
 known to be zero (the programme's preamble and synchronisation sections), to a fraction of a sample, and then coasts.
@@ -437,7 +437,9 @@ class FrameSegmenter:
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
         if sent is not None:
             shift = self._shift_from_expected(frame, sent)
-            if shift is not None and abs(shift) < 2.0:  # at the end it may be the flank of a sweep farther away
+            if (
+                shift is not None and abs(shift) < 2.0
+            ):  # at the end it may be the flank of a sweep farther away
                 return ("verified" if shift == 0 else "contradicted"), expected + shift, _TOLERANCE
         peak, significance = self._correlate(frame.samples)
         if significance < 0.6 * self.settings.lock_threshold:

@@ -1,4 +1,4 @@
-"""Which cell of the up sweep and which of the down sweep are one target (DESIGN.md 3)."""
+"""Which cell of the up sweep and which of the down sweep are one target (docs/design.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Point returns: delayed, Doppler-shifted copies of the sweep (DESIGN.md 3), evaluated without a filter."""
+"""Point returns: delayed, Doppler-shifted copies of the sweep (docs/design.md), evaluated without a filter."""
 
 from __future__ import annotations
 

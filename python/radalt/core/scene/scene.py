@@ -1,4 +1,4 @@
-"""Scenes: one YAML file into typed, validated, frozen dataclasses (DESIGN.md 7).
+"""Scenes: one YAML file into typed, validated, frozen dataclasses (docs/design.md).
 
 A wrong key, unit, range or type gives one line that names file, key, value and what is allowed.
 """

@@ -227,7 +227,7 @@ _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limi
 
 def command_of(args: argparse.Namespace, parser: argparse.ArgumentParser) -> str:
     """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
-    words = [f"python flowgraphs/{parser.prog}.py"]
+    words = [f".venv/bin/python flowgraphs/{parser.prog}.py"]
     for name, value in vars(args).items():
         if name in _NO_ROW or value == parser.get_default(name):
             continue

@@ -1,7 +1,7 @@
 """The planner: what a scene builds, imports and computes, and what it leaves out, with the reason for each.
 
-The flowgraph, the reports and ``ota_eval.py --plan`` all read this one list (DESIGN.md 7). Nothing here imports what it
-decides about.
+The flowgraph, the reports and ``ota_eval.py --plan`` all read this one list. Nothing here imports what it decides
+about.
 """
 
 from __future__ import annotations
