@@ -251,8 +251,8 @@ def test_altitude_outside_the_span_is_not_reported():
         ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
-        ({"pfa": 0.9}, "cfar.pfa is 0.9"),
-        ({"cfar": "median"}, "cfar.kind is 'median'"),
+        ({"pfa": 0.9}, "altimeter.pfa is 0.9; it has to be within"),
+        ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be at least 1"),
     ],
 )
 def test_impossible_settings_are_refused(settings, said):

@@ -1,4 +1,4 @@
-"""Which cell of the up sweep and which of the down sweep are one target (DESIGN.md 3)."""
+"""Which cell of the up sweep and which of the down sweep are one target."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from .altimeter_settings import Reason
+from .cfar import Significance
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
-FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
+FLOOR = (
+    3.0  # significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
+)
+_CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
+_MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 
 
 class Found(NamedTuple):
@@ -24,13 +28,13 @@ class Found(NamedTuple):
         `Reason`, as far as the spectrum decides it.
     pair : (n, 2) int
         Up and down cell counted from the margin; without detection the best pair all the same.
-    around : (n, 2, 3) float32
-        Power of each cell and its two neighbours.
+    lead : (n,) float32
+        Joint significance of the pair less that of the best other pair; infinite if there is none.
     """
 
     reason: np.ndarray
     pair: np.ndarray
-    around: np.ndarray
+    lead: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +44,17 @@ class PairSearch:
     Parameters
     ----------
     margin : int
-        Cells at either end of the spectrum without a noise estimate.
+        Cells at either end of the spectrum without a noise level.
     first, last : int
         Cells searched, ``first..last-1``, counted from ``margin``.
-    reach : int
-        Cells by which Doppler may set the two half sweeps apart.
-    climb : int
-        Cells from the best ratio to the peak of power beside it, at most.
+    apart : (int, int)
+        Least and greatest difference, up cell less down cell, that the allowed speeds make.
+    per_resolution : int
+        Cells per resolution cell.
     cell_threshold, pair_threshold : float
-        On one cell's ratio to the noise, and on the sum of two.
+        On one cell's significance, and on the sum of two.
     flank : float
-        Neighbour-to-cell power that no peak shows.
+        Power half a resolution cell away over a cell's own that no peak shows.
     side_lobes : (J,) float array
         Greatest side lobe by distance in cells.
     outshining : bool
@@ -60,97 +64,99 @@ class PairSearch:
     margin: int
     first: int
     last: int
-    reach: int
-    climb: int
+    apart: tuple[int, int]
+    per_resolution: int
     cell_threshold: float
     pair_threshold: float
     flank: float
     side_lobes: np.ndarray
     outshining: bool
 
-    def __call__(self, power: np.ndarray, noise: np.ndarray) -> Found:
-        """Up and down cell are tested together, for every difference that Doppler allows.
+    def __call__(self, power: np.ndarray, cells: Significance) -> Found:
+        """The pair of greatest joint significance, and whether it is a target.
 
-        The sum of their ratios to the noise against a two-look threshold, each above a floor of its own, so that both
-        sweeps have to show the target.
+        Forced and declared decisions are the same pair: it is declared if the sum exceeds the threshold and each half
+        sweep shows it above a floor of its own.
 
         Parameters
         ----------
-        power : (n, 2, J) float
-        noise : (n, 2, J - 2 margin) float
+        power : (n, 2, J) float32
+        cells : Significance
+            Of the cells with a noise level.
         """
-        first, last, margin = self.first, self.last, self.margin
-        floor = np.maximum(noise[..., first:last], np.finfo(np.float32).tiny)
-        ratio = power[..., margin + first : margin + last] / floor
-        pair, joint = self._best_pair(np.where(ratio >= FLOOR, ratio, -np.inf))
-        found = joint > self.pair_threshold
+        value = cells.value[..., self.first : self.last]
+        pair, joint, lead = self._best_pair(value)
+        n = np.arange(len(pair))
+        each = value[n[:, None], np.arange(2), pair]
+        found = (joint + cells.spared > self.pair_threshold) & (each >= FLOOR).all(axis=1)
         reason = np.full(len(found), Reason.OK)
         if not found.all():
-            missed = ~found
-            ratio = ratio[missed]
-            pair[missed] = self._best_pair(ratio)[0]
-            single = (ratio > self.cell_threshold).any(axis=-1).all(axis=-1)
-            reason[missed] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
-        pair += first
+            single = (value[~found].max(axis=-1) > self.cell_threshold).all(axis=-1)
+            reason[~found] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
+        pair += self.first
         # from here on half sweeps are rows, whichever frame they belong to
-        rows, cells = power.reshape(-1, power.shape[-1]), pair.reshape(-1)
-        around = self._climb(rows, cells)
-        cut, beyond = self._on_flank(around, cells)
-        side_lobe, outshone = self._outshone(rows, cells)
+        rows, at = power.reshape(-1, power.shape[-1]), pair.reshape(-1)
+        noise = cells.noise.reshape(len(rows), -1)[np.arange(len(rows)), at]
+        cut, beyond = self._on_flank(rows, at, noise)
+        side_lobe, outshone = self._outshone(rows, at)
         doubt = (cut | side_lobe | beyond).reshape(-1, 2).any(axis=1) | outshone
         if doubt.any():
             reason[found & (cut | side_lobe).reshape(-1, 2).any(axis=1)] = Reason.SWEEPS_DISAGREE
             reason[found & (beyond.reshape(-1, 2).any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
-        return Found(reason, pair, around.reshape(-1, 2, 3))
+        return Found(reason, pair, lead)
 
-    def _best_pair(self, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) up and down cell with the greatest sum of ratios (n, 2, cells) within Doppler's reach, and the sum."""
-        reach, cells = self.reach, ratio.shape[-1]
-        up, down = ratio[:, 0], ratio[:, 1]
-        near = ndimage.maximum_filter1d(down, 2 * reach + 1, axis=-1, mode="constant", cval=-np.inf)
-        joint = up + near
-        rows = np.arange(len(ratio))
-        pair = np.empty((len(ratio), 2), dtype=np.intp)
-        pair[:, 0] = cell = joint.argmax(axis=-1)
-        window = np.clip(cell[:, None] + np.arange(-reach, reach + 1), 0, cells - 1)
-        pair[:, 1] = window[rows, down[rows[:, None], window].argmax(axis=-1)]
-        return pair, joint[rows, cell]
+    def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, 2) cells of the greatest sum of (n, 2, cells), the sum, and its lead over the best rival.
 
-    def _climb(self, power: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Climb in place to the top of power within a resolution cell, as far as span and Doppler's reach allow.
-
-        Side lobes of a strong return in the training cells tilt the ratio to the noise, whose largest cell then lies
-        beside the peak, where interpolation has no say. Only upwards, never across a valley: a return whose band was
-        notched has side lobes as high as its peak within that distance.
-
-        Parameters
-        ----------
-        power : (2 n, J) rows of up and down sweep in turn
-        cells : (2 n,) counted from the margin
-
-        Returns
-        -------
-        (2 n, 3) powers around the cells.
+        A rival has a cell beyond the main lobe in at least one half sweep: a side lobe, or a grating lobe of what is
+        left of a sweep.
         """
-        far, rows = self.climb, np.arange(len(cells))
-        steps = np.arange(-far - 1, far + 2)
-        wide = power[rows[:, None], np.clip(cells[:, None] + (self.margin + steps), 0, power.shape[1] - 1)]
-        rise = wide[:, 2:-1] - wide[:, 1:-2]
-        right = np.logical_and.accumulate(rise[:, far:] > 0, axis=1).sum(axis=1)
-        left = np.logical_and.accumulate(rise[:, far - 1 :: -1] < 0, axis=1).sum(axis=1)
-        higher = wide[rows, far + 1 + right] >= wide[rows, far + 1 - left]
-        step = np.where(higher, right, -left)
-        moved = cells + step
-        inside = ((moved >= self.first) & (moved < self.last)).reshape(-1, 2).all(axis=1)
-        reached = np.abs(moved[::2] - moved[1::2]) <= self.reach
-        step *= np.repeat(inside & reached, 2)
-        cells += step
-        return wide[rows[:, None], (step + far)[:, None] + np.arange(3)]
+        up, down = value[:, 0], value[:, 1]
+        least, most = self.apart
+        count, n = up.shape[1], np.arange(len(up))
+        partner = self._partners(down)
+        joint = up + partner
+        pair = np.empty((len(up), 2), dtype=np.intp)
+        pair[:, 0] = cell = joint.argmax(axis=1)
+        window = cell[:, None] - np.arange(least, most + 1)
+        inside = (window >= 0) & (window < count)
+        window = np.clip(window, 0, count - 1)
+        pair[:, 1] = window[n, np.where(inside, down[n[:, None], window], -1.0).argmax(axis=1)]
+        best = joint[n, cell]
+        lobe = max(1, round(_MAIN_LOBE * self.per_resolution))
+        steps = np.arange(-lobe, lobe + 1)
+        near = np.clip(pair[..., None] + steps, 0, count - 1)
+        joint[n[:, None], near[:, 0]] = -np.inf
+        rest = down.copy()
+        rest[n[:, None], near[:, 1]] = -np.inf
+        rival = np.maximum(joint.max(axis=1), (up + self._partners(rest)).max(axis=1))
+        return pair, best, best - rival
 
-    def _on_flank(self, around: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(2 n,) flags: the search ended on the flank of a peak beyond Doppler's reach; beyond the altitudes' span."""
-        lower, here, upper = around.T
-        flank = np.maximum(lower, upper) > self.flank * here
+    def _partners(self, down: np.ndarray) -> np.ndarray:
+        """(n, cells) greatest down cell that the allowed differences pair with each up cell; -inf where there is none.
+
+        Running maximum of ``width`` cells from maxima of 1, 2, 4, ... cells.
+        """
+        least, most = self.apart
+        width, (n, count) = most - least + 1, down.shape
+        padded = np.full((n, count + abs(most) + abs(least) + 2 * width), -np.inf, dtype=down.dtype)
+        lead = max(0, most) + width
+        padded[:, lead : lead + count] = down
+        have = 1
+        while have < width:
+            step = min(have, width - have)
+            padded[:, :-step] = np.maximum(padded[:, :-step], padded[:, step:])
+            have += step
+        return padded[:, lead - most : lead - most + count]
+
+    def _on_flank(
+        self, power: np.ndarray, cells: np.ndarray, noise: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(2 n,) flags: the cell is on the flank of a peak beyond the allowed speeds; beyond the altitudes' span."""
+        rows, at, far = np.arange(len(cells)), cells + self.margin, max(1, self.per_resolution // 2)
+        lower, here, upper = power[rows, at - far], power[rows, at], power[rows, at + far]
+        higher = np.maximum(lower, upper)
+        flank = (higher > self.flank * here) & (higher > here + _CUT * noise)
         edge = ((cells <= self.first) & (lower > upper)) | ((cells >= self.last - 1) & (upper > lower))
         return flank & ~edge, flank & edge
 

@@ -169,18 +169,19 @@ def measure(study: LandingStudy, frames: np.ndarray, method: str) -> tuple[np.nd
     altimeter = _altimeter(study.waveform, study.altimeter)
     spectra = altimeter.spectra(stage.process(frames.reshape(n * looks, samples)))
     if looks > 1:
-        spectra = _averaged(altimeter, spectra, looks)
+        spectra = _averaged(spectra, looks)
     return altimeter.detect(spectra), stage.diverged_frames
 
 
-def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
+def _averaged(spectra: Spectra, looks: int) -> Spectra:
     """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
     # spectra come scaled to unit peak; undo that, so that looks weigh by their power
     power = spectra.power * (spectra.scale**2)[:, None, None]
     power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
     scale = np.sqrt(power.max(axis=(1, 2)))
     power = (power / np.where(scale > 0, scale, 1.0)[:, None, None] ** 2).astype(np.float32)
-    return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
+    support = spectra.support.reshape(-1, looks, 2).mean(axis=1)
+    return Spectra(power, support, spectra.beat_hz, scale)
 
 
 def _rmse(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float, float]:

@@ -117,7 +117,6 @@ def variants(models: Sequence[Path]) -> list[Variant]:
     return out + [
         altimeter("none, centroid", strategy="centroid"),
         altimeter("none, leading edge", strategy="leading_edge"),
-        altimeter("none, order-statistic CFAR", cfar="os"),
         altimeter("none, Hann window", window="hann"),
         altimeter("none, span 6 km", max_altitude_m=6000.0),
         altimeter("none, span 37 km", max_altitude_m=37_000.0),
