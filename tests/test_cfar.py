@@ -137,7 +137,7 @@ def test_support_of_a_tone_and_of_nothing_is_whole():
 def test_white_noise_level_is_the_mean_of_the_band_but_for_the_guard_cells(train, guard):
     """Reference: one cell at a time, by hand."""
     power = np.random.default_rng(1).uniform(0.8, 1.2, (3, 2, 60)).astype(np.float32)  # even: no colour
-    cells = Cfar(train=train, guard=guard, per_resolution=1.0).significance(power, np.ones((3, 2)))
+    cells = Cfar(train=train, guard=guard, group=1, per_resolution=1.0).significance(power, np.ones((3, 2)))
     margin = train + guard
     assert cells.noise.shape == (3, 2, 60 - 2 * margin)
     for frame, half, at in np.ndindex(3, 2, 60 - 2 * margin):
@@ -150,11 +150,22 @@ def test_white_noise_level_is_the_mean_of_the_band_but_for_the_guard_cells(train
         )
 
 
+def test_cells_of_a_group_share_a_noise_level():
+    """A group and the one on each side are left out of its own level, whichever of its cells is asked about."""
+    power = np.random.default_rng(4).uniform(0.8, 1.2, (2, 2, 120)).astype(np.float32)
+    cells = Cfar(train=6, guard=1, group=4, per_resolution=4.0).significance(power, np.ones((2, 2)))
+    assert cells.noise.shape == (2, 2, 120 - 2 * 28)
+    for at in range(0, 64, 4):
+        rest = np.delete(power[1, 0], np.s_[28 + at - 4 : 28 + at + 8])
+        np.testing.assert_allclose(cells.noise[1, 0, at : at + 4], rest.mean(), rtol=1e-5)
+    np.testing.assert_allclose(cells.looks, (120 - 12) / 4)
+
+
 def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():
     rng = np.random.default_rng(2)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80:] *= 1000
-    cells = Cfar(train=12, guard=2, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
     assert cells.noise[..., :30].mean() == pytest.approx(1.0, rel=0.05)
     assert cells.noise[..., -30:].mean() == pytest.approx(1000.0, rel=0.05)
     assert (cells.looks < 0.75 * 24 + 1).all()
@@ -164,7 +175,7 @@ def test_a_strong_return_is_not_taken_for_colour():
     rng = np.random.default_rng(3)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80] += 300.0
-    cells = Cfar(train=12, guard=2, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
     assert np.median(cells.looks) > 150
 
 

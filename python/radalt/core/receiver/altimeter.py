@@ -36,7 +36,7 @@ _MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at m
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
 _OVERSAMPLING = 4.0
 _CLEAR_DB = 999.0  # ambiguity where there is no rival at all
-_GROUP = 4  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
+_GROUP = 8  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Spectra:
     Attributes
     ----------
     power : (n, 2, J) float32
-        Power by half sweep (0 up, 1 down) and cell, each frame scaled to unit peak amplitude.
+        Power by half sweep (0 up, 1 down) and cell, of frames divided by ``scale``.
     support : (n, 2) float64
         Share of each half sweep that its noise lasts for (`support_of`).
     beat_hz : (J,) float64
         Cells' beat frequencies.
     scale : (n,) float32
-        Amplitude by which each frame was divided; 0 or not finite where the frame is unusable.
+        Largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is unusable.
     """
 
     power: np.ndarray
@@ -161,7 +161,9 @@ class Altimeter:
         )
         self.cell_hz = self.decimated_rate_hz / self.fft_size
         reach = min(int(width / 2 / self.cell_hz), (self.fft_size - 1) // 2)
-        self._bins = np.arange(-reach, reach + 1)
+        self._per_resolution = 1.0 / (self.cell_hz * w.half_sweep_s)
+        group = max(1, round(self._per_resolution))
+        self._bins = np.arange(-reach, reach + 1 - (2 * reach + 1) % group)  # whole groups of the CFAR
         self.beat_hz = self.centre_hz + self._bins * self.cell_hz
 
     def _build_tables(self) -> None:
@@ -182,11 +184,13 @@ class Altimeter:
             1
         ]
         self._equaliser = (1.0 / np.abs(response) ** 2).astype(np.float32)  # of power
-        self._per_resolution = 1.0 / (self.cell_hz * w.half_sweep_s)
         self._crossings = upcrossings(shape)
+        group = max(1, round(self._per_resolution))
+        each = self._per_resolution / group  # groups a resolution cell: 1, but for FFT sizes that are none
         self.cfar = Cfar(
-            train=max(2, round(s.train_cells * self._per_resolution)),
-            guard=round(s.guard_cells * self._per_resolution),
+            train=max(2, round(s.train_cells * each)),
+            guard=round((s.guard_cells - 0.5) * each),
+            group=group,
             per_resolution=self._per_resolution,
         )
         margin = self.cfar.margin
@@ -244,19 +248,21 @@ class Altimeter:
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
-            cells, support = self._cells(frames)
-            scale = np.abs(cells.view(np.float32)).max(axis=(1, 2))
+            low = self._beats(frames)
+            rails = low.view(np.float32)
+            scale = np.abs(rails).max(axis=(1, 2))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
-            rails = cells.view(np.float32)
             rails /= safe[:, None, None]
+            support = support_of(low, self.waveform.samples_per_half / self.decimation)
+            rails = self._cells(low).view(np.float32)
             rails *= rails
             power = rails[..., ::2] + rails[..., 1::2]
             power *= self._equaliser
         return Spectra(power, support, self.beat_hz, scale)
 
-    def _cells(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2, J) complex64 beat cells of (n, N) frames, both halves with positive beats; support (n, 2)."""
+    def _beats(self, frames: np.ndarray) -> np.ndarray:
+        """(n, 2, outputs) complex64 half sweeps of (n, N) frames, mixed with the reference and decimated."""
         n, half = frames.shape[0], self.waveform.samples_per_half
         low = np.empty((n, 2, self.outputs), dtype=np.complex64)
         for first in range(0, n, _GROUP):
@@ -264,17 +270,19 @@ class Altimeter:
             buffer, samples = self.decimator.buffer((len(some), 2))
             np.multiply(some, self._table, out=samples[..., :half])
             low[first : first + _GROUP] = self.decimator.apply(buffer)
-        support = support_of(low, half / self.decimation)
-        spectrum = fft.fft(low, self.fft_size, axis=-1)
-        reach = self._bins[-1]
-        cells = np.empty((n, 2, self._bins.size), dtype=np.complex64)
+        return low
+
+    def _cells(self, low: np.ndarray) -> np.ndarray:
+        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats."""
+        spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
+        reach, top = -self._bins[0], self._bins[-1]
+        cells = np.empty((len(low), 2, self._bins.size), dtype=np.complex64)
         up, down = spectrum[:, 0], spectrum[:, 1]
-        cells[:, 0, : reach + 1], cells[:, 0, reach + 1 :] = (
-            up[:, reach::-1],
-            up[:, : -reach - 1 : -1],
-        )  # mirrored
-        cells[:, 1, :reach], cells[:, 1, reach:] = down[:, -reach:], down[:, : reach + 1]
-        return cells, support
+        cells[:, 0, : reach + 1] = up[:, reach::-1]  # mirrored
+        cells[:, 0, reach + 1 :] = up[:, : -top - 1 : -1]
+        cells[:, 1, :reach] = down[:, -reach:]
+        cells[:, 1, reach:] = down[:, : top + 1]
+        return cells
 
     def significance(self, spectra: Spectra) -> Significance:
         """Every cell but the margins held against noise: see `Cfar`."""
@@ -342,7 +350,7 @@ class Altimeter:
         usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
         cells = self.significance(spectra)
         found = search(spectra.power, cells)
-        up, down = self._refine(spectra, cells, found, search.apart)
+        up, down = self._refine(spectra, found, search.apart)
         ok = usable & (found.reason == Reason.OK)
         altitude = self._altitude(up, down, timing_offset_s)
         half_cell = 0.5 * self.waveform.range_resolution_m
@@ -354,7 +362,7 @@ class Altimeter:
         out["altitude_m"] = out["forced_altitude_m"] = altitude
         out["vertical_speed_m_per_s"] = self.waveform.beats_to_vertical_speed_m_per_s(up, -down)
         out["beat_up_hz"], out["beat_down_hz"] = up, -down
-        out["snr_db"] = self._snr_db(spectra, cells, found)
+        out["snr_db"] = self._snr_db(found)
         out["ambiguity_db"] = np.minimum(10.0 / np.log(10.0) * found.lead, _CLEAR_DB)
         if not ok.all():
             reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
@@ -396,48 +404,40 @@ class Altimeter:
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
 
-    def _snr_db(self, spectra: Spectra, cells: Significance, found: Found) -> np.ndarray:
+    def _snr_db(self, found: Found) -> np.ndarray:
         """Peak over noise in the beat spectrum, mean of both halves, in decibels."""
-        rows, halves = np.arange(len(found.pair))[:, None], np.arange(2)
-        power = spectra.power[rows, halves, found.pair + self.cfar.margin]
+        ratio = found.around[..., 1] / found.noise
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 10.0 * np.log10((power / cells.noise[rows, halves, found.pair]).mean(axis=1, dtype=float))
+            return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
 
     def _refine(
-        self, spectra: Spectra, cells: Significance, found: Found, apart: tuple[int, int]
+        self, spectra: Spectra, found: Found, apart: tuple[int, int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""
         if self.settings.strategy == "strongest":
-            beats = self._interpolate(spectra, cells, found.pair, apart)
+            beats = self._interpolate(found, apart)
         elif self.settings.strategy == "centroid":
             beats = self._centroid(spectra, self._tops(spectra, found.pair))
         else:
             beats = self._leading_edge(spectra, self._tops(spectra, found.pair))
         return beats[:, 0], beats[:, 1]
 
-    def _interpolate(
-        self, spectra: Spectra, cells: Significance, pair: np.ndarray, apart: tuple[int, int]
-    ) -> np.ndarray:
+    def _interpolate(self, found: Found, apart: tuple[int, int]) -> np.ndarray:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
         Together where a peak of one alone lies beyond the allowed speeds or is none; then the half sweeps weigh by
         their signal over noise.
         """
-        around = self._around(spectra, pair)
+        pair, around = found.pair, found.around
         own = self._offsets(around)
-        apart_now = pair[:, 0] - pair[:, 1] + own[:, 0] - own[:, 1]
-        free = (apart_now >= apart[0]) & (apart_now <= apart[1])
+        position = pair + own
+        now = position[:, 0] - position[:, 1]
+        free = (now >= apart[0]) & (now <= apart[1])
         free &= (np.abs(own) < self._interpolation[1][-1]).all(axis=1)  # else it is no peak
         if not free.all():
-            rows, halves = np.arange(len(pair))[:, None], np.arange(2)
-            weighted = around / cells.noise[rows, halves, pair][..., None]
-            own = np.where(free[:, None], own, self._offsets(weighted.sum(axis=1))[:, None])
-        return self.beat_hz[pair + self.cfar.margin] + self.cell_hz * own
-
-    def _around(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
-        """(n, 2, 3) power of each cell and its two neighbours."""
-        rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[:, None]
-        return spectra.power[rows, halves, pair[..., None] + (self.cfar.margin + np.arange(-1, 2))]
+            together = self._offsets((around / found.noise[..., None]).sum(axis=1))
+            position = np.where(free[:, None], position, pair + together[:, None])
+        return self.beat_hz[self.cfar.margin] + self.cell_hz * position
 
     def _offsets(self, around: np.ndarray) -> np.ndarray:
         """(...) offset in cells of a peak from the middle one of (..., 3) powers, from the ratio of the other two."""
@@ -462,7 +462,9 @@ class Altimeter:
         """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
         power, distance = self._main_lobe
         cells = pair + self.cfar.margin
-        straddle = np.abs(self._offsets(self._around(spectra, pair)))
+        rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[:, None]
+        around = spectra.power[rows, halves, cells[..., None] + np.arange(-1, 2)]
+        straddle = np.abs(self._offsets(around))
         # what a peak between two cells loses, at most half a cell from the nearer one
         loss = np.interp(np.minimum(straddle, 0.5), distance[::-1], power[::-1])
         edges = np.empty(cells.shape)

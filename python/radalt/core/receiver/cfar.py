@@ -21,6 +21,8 @@ _WHITE, _COLOURED = (
 _LOCAL = 0.7  # share of its training cells that a local level counts for: the level bends over them
 _FEWEST = 4.0  # looks that a noise level has at least
 _NARROWEST = 0.05  # least support of a half sweep
+_ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding
+_TINY = float(np.finfo(np.float32).tiny)
 
 
 class Significance(NamedTuple):
@@ -51,7 +53,9 @@ class Cfar:
     Parameters
     ----------
     train, guard : int
-        Training cells on each side around the cell, and guard cells between, in cells as the spectrum is sampled.
+        Training groups on each side around a group of cells, and guard groups between.
+    group : int
+        Neighbouring cells that share a noise level: as many as a resolution cell has.
     per_resolution : float
         Cells per resolution cell, ``1 / T_h``.
 
@@ -69,8 +73,9 @@ class Cfar:
     quartiles alone.
     """
 
-    train: int = 64
-    guard: int = 6
+    train: int = 16
+    guard: int = 1
+    group: int = 4
     per_resolution: float = 4.0
 
     def __post_init__(self) -> None:
@@ -82,7 +87,7 @@ class Cfar:
     @property
     def margin(self) -> int:
         """Cells needed on each side of a cell under test."""
-        return self.train + self.guard
+        return (self.train + self.guard) * self.group
 
     def significance(self, power: np.ndarray, support: np.ndarray) -> Significance:
         """Of the cells that have all their training cells: element 0 belongs to cell ``margin``.
@@ -93,38 +98,47 @@ class Cfar:
         support : (n, 2) float
             See `support_of`.
         """
-        t, g, m = self.train, self.guard, self.margin
-        size = power.shape[-1]
-        inner = size - 2 * m
-        total = np.zeros((*power.shape[:-1], size + 1))  # float64 sums: exact enough at 100 dB range
-        np.cumsum(power, axis=-1, out=total[..., 1:])
-        near = total[..., t + 2 * g + 1 : t + 2 * g + 1 + inner] - total[..., t : t + inner]
-        band = (total[..., -1:] - near) * (1.0 / (size - 2 * g - 1))
-        around = (total[..., 2 * m + 1 :] - total[..., :inner] - near) * (0.5 / t)
-        colour = self._colour(total, support)[..., None]
-        noise = np.maximum(band + colour * (around - band), np.finfo(np.float32).tiny).astype(np.float32)
-        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (size - 2 * g - 1)
-        looks = np.maximum(support[..., None] / share / self.per_resolution, _FEWEST).astype(np.float32)
-        value = power[..., m : m + inner] / noise
-        value /= looks
-        value += 1.0
+        t, g, q = self.train, self.guard, self.group
+        m = t + g
+        groups = power.shape[-1] // q
+        inner = groups - 2 * m
+        sums = power[..., 0 : groups * q : q]
+        for k in range(1, q):
+            sums = sums + power[..., k : groups * q : q]
+        total = np.empty((*sums.shape[:-1], groups + 1))  # float64 sums: exact enough at 100 dB range
+        total[..., 0] = 0.0
+        np.cumsum(sums, axis=-1, out=total[..., 1:])
+        colour = self._colour(total, support)
+        near = total[..., m + g + 1 : m + g + 1 + inner] - total[..., t : t + inner]
+        whole = total[..., -1:]
+        level = (whole - near) * (1.0 / (q * (groups - 2 * g - 1)))
+        if colour.any():
+            around = (total[..., 2 * m + 1 :] - total[..., :inner] - near) * (0.5 / (q * t))
+            level += colour[..., None] * (around - level)
+        np.maximum(level, whole * (_ROUNDING / (q * groups)) + _TINY, out=level)
+        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - 2 * g - 1)
+        looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
+        noise = np.repeat(level.astype(np.float32), q, axis=-1)
+        value = noise * looks[..., None]
+        np.divide(power[..., m * q : m * q + inner * q], value, out=value)
+        value += np.float32(1.0)
         np.log(value, out=value)
-        value *= looks
-        spared = -0.5 * ((1.0 - colour[..., 0]) * np.log(support)).sum(axis=1)
-        return Significance(value, noise, looks[..., 0], spared.astype(np.float32))
+        value *= looks[..., None]
+        spared = -0.5 * ((1.0 - colour) * np.log(support)).sum(axis=1)
+        return Significance(value, noise, looks, spared.astype(np.float32))
 
     def _colour(self, total: np.ndarray, support: np.ndarray) -> np.ndarray:
         """(n, 2) in 0..1: how far block levels are apart, over what white noise of that support makes of them."""
-        block = round(_BLOCK * self.per_resolution)
-        levels = np.diff(total[..., ::block], axis=-1)
+        edges = total[..., :: max(1, round(_BLOCK * self.per_resolution / self.group))]
+        levels = edges[..., 1:] - edges[..., :-1]
         count = levels.shape[-1]
         if count < 4:
             return np.zeros(support.shape)
-        low, high = count // 4, count - 1 - count // 4
-        levels = np.partition(levels, (low, high), axis=-1)
-        quartiles = np.maximum(levels[..., [low, high]], np.finfo(np.float64).tiny)
-        spread = np.log(quartiles[..., 1] / quartiles[..., 0]) / _QUARTILES
-        return np.clip((_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE), 0.0, 1.0)
+        levels.sort(axis=-1)
+        low, high = levels[..., count // 4], levels[..., count - 1 - count // 4]
+        spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
+        colour = (_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE)
+        return np.minimum(np.maximum(colour, 0.0), 1.0)
 
 
 def support_of(samples: np.ndarray, count: float) -> np.ndarray:
@@ -144,9 +158,10 @@ def support_of(samples: np.ndarray, count: float) -> np.ndarray:
     energy = rails[..., ::2] ** 2 + rails[..., 1::2] ** 2
     first = energy.sum(axis=-1, dtype=np.float64)
     second = np.einsum("...i,...i->...", energy, energy).astype(np.float64)
+    # nothing, or nothing that is a number, counts as whole
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         share = 2.0 * first**2 / (count * second)
-    return np.clip(np.where(np.isfinite(share), share, 1.0), _NARROWEST, 1.0)
+    return np.fmax(np.fmin(share, 1.0), _NARROWEST)
 
 
 def upcrossings(window: np.ndarray) -> float:

@@ -16,6 +16,8 @@ FLOOR = (
     3.0  # significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
 )
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
+_HALVES = np.arange(2)
+_OUTSHINING = 10.0  # power of a return beyond the span over the cells found
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 
 
@@ -28,12 +30,18 @@ class Found(NamedTuple):
         `Reason`, as far as the spectrum decides it.
     pair : (n, 2) int
         Up and down cell counted from the margin; without detection the best pair all the same.
+    around : (n, 2, 3) float32
+        Power of each cell and its two neighbours.
+    noise : (n, 2) float32
+        Noise level of each cell.
     lead : (n,) float32
         Joint significance of the pair less that of the best other pair; infinite if there is none.
     """
 
     reason: np.ndarray
     pair: np.ndarray
+    around: np.ndarray
+    noise: np.ndarray
     lead: np.ndarray
 
 
@@ -86,24 +94,26 @@ class PairSearch:
         """
         value = cells.value[..., self.first : self.last]
         pair, joint, lead = self._best_pair(value)
-        n = np.arange(len(pair))
-        each = value[n[:, None], np.arange(2), pair]
-        found = (joint + cells.spared > self.pair_threshold) & (each >= FLOOR).all(axis=1)
+        n, halves = np.arange(len(pair))[:, None], _HALVES
+        found = (joint + cells.spared > self.pair_threshold) & (value[n, halves, pair] >= FLOOR).all(axis=1)
         reason = np.full(len(found), Reason.OK)
         if not found.all():
             single = (value[~found].max(axis=-1) > self.cell_threshold).all(axis=-1)
             reason[~found] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
         pair += self.first
-        # from here on half sweeps are rows, whichever frame they belong to
-        rows, at = power.reshape(-1, power.shape[-1]), pair.reshape(-1)
-        noise = cells.noise.reshape(len(rows), -1)[np.arange(len(rows)), at]
-        cut, beyond = self._on_flank(rows, at, noise)
-        side_lobe, outshone = self._outshone(rows, at)
-        doubt = (cut | side_lobe | beyond).reshape(-1, 2).any(axis=1) | outshone
-        if doubt.any():
-            reason[found & (cut | side_lobe).reshape(-1, 2).any(axis=1)] = Reason.SWEEPS_DISAGREE
-            reason[found & (beyond.reshape(-1, 2).any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
-        return Found(reason, pair, lead)
+        far = max(1, self.per_resolution // 2)
+        steps = self.margin + np.array([-far, -1, 0, 1, far])
+        around, noise = (
+            power[n[..., None], _HALVES[:, None], pair[..., None] + steps],
+            cells.noise[n, halves, pair],
+        )
+        cut, beyond = self._on_flank(around[..., ::2], pair, noise)
+        side_lobe, outshone = self._outshone(power, pair, around[..., 2])
+        doubt = cut | side_lobe
+        if (doubt | beyond).any() or outshone.any():
+            reason[found & doubt.any(axis=1)] = Reason.SWEEPS_DISAGREE
+            reason[found & (beyond.any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
+        return Found(reason, pair, around[..., 1:4], noise, lead)
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, 2) cells of the greatest sum of (n, 2, cells), the sum, and its lead over the best rival.
@@ -114,23 +124,20 @@ class PairSearch:
         up, down = value[:, 0], value[:, 1]
         least, most = self.apart
         count, n = up.shape[1], np.arange(len(up))
-        partner = self._partners(down)
-        joint = up + partner
-        pair = np.empty((len(up), 2), dtype=np.intp)
-        pair[:, 0] = cell = joint.argmax(axis=1)
-        window = cell[:, None] - np.arange(least, most + 1)
-        inside = (window >= 0) & (window < count)
-        window = np.clip(window, 0, count - 1)
-        pair[:, 1] = window[n, np.where(inside, down[n[:, None], window], -1.0).argmax(axis=1)]
+        joint = up + self._partners(down)
+        cell = joint.argmax(axis=1)
         best = joint[n, cell]
+        window = cell[:, None] - np.arange(least, most + 1)
+        partners = np.where((window >= 0) & (window < count), down[n[:, None], window % count], -1.0)
+        pair = np.stack([cell, window[n, partners.argmax(axis=1)]], axis=1)
         lobe = max(1, round(_MAIN_LOBE * self.per_resolution))
-        steps = np.arange(-lobe, lobe + 1)
-        near = np.clip(pair[..., None] + steps, 0, count - 1)
+        near = pair[..., None] + np.arange(-lobe, lobe + 1)
+        near = np.minimum(np.maximum(near, 0), count - 1)
         joint[n[:, None], near[:, 0]] = -np.inf
         rest = down.copy()
         rest[n[:, None], near[:, 1]] = -np.inf
-        rival = np.maximum(joint.max(axis=1), (up + self._partners(rest)).max(axis=1))
-        return pair, best, best - rival
+        rest = up + self._partners(rest)
+        return pair, best, best - np.maximum(joint.max(axis=1), rest.max(axis=1))
 
     def _partners(self, down: np.ndarray) -> np.ndarray:
         """(n, cells) greatest down cell that the allowed differences pair with each up cell; -inf where there is none.
@@ -150,27 +157,29 @@ class PairSearch:
         return padded[:, lead - most : lead - most + count]
 
     def _on_flank(
-        self, power: np.ndarray, cells: np.ndarray, noise: np.ndarray
+        self, around: np.ndarray, cells: np.ndarray, noise: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(2 n,) flags: the cell is on the flank of a peak beyond the allowed speeds; beyond the altitudes' span."""
-        rows, at, far = np.arange(len(cells)), cells + self.margin, max(1, self.per_resolution // 2)
-        lower, here, upper = power[rows, at - far], power[rows, at], power[rows, at + far]
+        """(n, 2) flags: the cell is on the flank of a peak beyond the allowed speeds; beyond the altitudes' span.
+
+        From the powers (n, 2, 3) half a resolution cell below, here and half a resolution cell above.
+        """
+        lower, here, upper = around[..., 0], around[..., 1], around[..., 2]
         higher = np.maximum(lower, upper)
         flank = (higher > self.flank * here) & (higher > here + _CUT * noise)
         edge = ((cells <= self.first) & (lower > upper)) | ((cells >= self.last - 1) & (upper > lower))
         return flank & ~edge, flank & edge
 
-    def _outshone(self, power: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Flags by the strongest cell of each half sweep: (2 n,) the cell is no more than its side lobe.
+    def _outshone(
+        self, power: np.ndarray, pair: np.ndarray, here: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Flags by the strongest cell of each half sweep: (n, 2) the cell is no more than its side lobe.
 
         And (n,) the strongest is the return: it lies beyond the span of altitudes in both half sweeps, 10 dB above the
         cells found.
         """
-        rows, at = np.arange(len(cells)), cells + self.margin
-        strongest = power.argmax(axis=1)
-        here, top = power[rows, at], power[rows, strongest]
-        side_lobe = here <= self.side_lobes[np.abs(strongest - at)] * top
+        strongest, top = power.argmax(axis=-1), power.max(axis=-1)
+        side_lobe = here <= self.side_lobes[np.abs(strongest - (pair + self.margin))] * top
         if not self.outshining:
-            return side_lobe, np.zeros(len(cells) // 2, dtype=bool)
+            return side_lobe, np.zeros(len(pair), dtype=bool)
         outside = (strongest < self.margin + self.first) | (strongest >= self.margin + self.last)
-        return side_lobe, (outside & (top > 10.0 * here)).reshape(-1, 2).all(axis=1)
+        return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
