@@ -155,9 +155,10 @@ def support_of(samples: np.ndarray, count: float) -> np.ndarray:
         Samples ``n`` that make up the half sweep, without what filters add.
     """
     rails = samples.view(np.float32)
-    energy = rails[..., ::2] ** 2 + rails[..., 1::2] ** 2
-    first = energy.sum(axis=-1, dtype=np.float64)
-    second = np.einsum("...i,...i->...", energy, energy).astype(np.float64)
+    squares = rails * rails
+    energy = squares[..., ::2] + squares[..., 1::2]
+    first = energy.sum(axis=-1).astype(np.float64)
+    second = np.einsum("...i,...i->...", energy, energy)
     # nothing, or nothing that is a number, counts as whole
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         share = 2.0 * first**2 / (count * second)

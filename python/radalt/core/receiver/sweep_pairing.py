@@ -124,37 +124,36 @@ class PairSearch:
         up, down = value[:, 0], value[:, 1]
         least, most = self.apart
         count, n = up.shape[1], np.arange(len(up))
-        joint = up + self._partners(down)
+        padded = self._padded(down)
+        joint = up + _running_maxima(padded, most - least + 1)[:, -count:]
         cell = joint.argmax(axis=1)
         best = joint[n, cell]
-        window = cell[:, None] - np.arange(least, most + 1)
-        partners = np.where((window >= 0) & (window < count), down[n[:, None], window % count], -1.0)
-        pair = np.stack([cell, window[n, partners.argmax(axis=1)]], axis=1)
         lobe = max(1, round(_MAIN_LOBE * self.per_resolution))
-        near = pair[..., None] + np.arange(-lobe, lobe + 1)
-        near = np.minimum(np.maximum(near, 0), count - 1)
-        joint[n[:, None], near[:, 0]] = -np.inf
-        rest = down.copy()
-        rest[n[:, None], near[:, 1]] = -np.inf
-        rest = up + self._partners(rest)
+        # partners of the main lobe of the up cell: those of its own cell are in the middle
+        first = cell[:, None] - lobe
+        near = padded[
+            n[:, None], np.clip(first + np.arange(2 * lobe + most - least + 1), 0, padded.shape[1] - 1)
+        ]
+        partner = near[:, lobe : near.shape[1] - lobe].argmax(axis=1)
+        pair = np.stack([cell, cell - most + partner], axis=1)
+        ups = np.clip(first + np.arange(2 * lobe + 1), 0, count - 1)
+        joint[n[:, None], ups] = -np.inf
+        steps = np.arange(near.shape[1])
+        near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
+        rest = up[n[:, None], ups] + _running_maxima(near, most - least + 1)
         return pair, best, best - np.maximum(joint.max(axis=1), rest.max(axis=1))
 
-    def _partners(self, down: np.ndarray) -> np.ndarray:
-        """(n, cells) greatest down cell that the allowed differences pair with each up cell; -inf where there is none.
-
-        Running maximum of ``width`` cells from maxima of 1, 2, 4, ... cells.
-        """
+    def _padded(self, down: np.ndarray) -> np.ndarray:
+        """Down cells, so that the partners that the allowed differences give up cell ``k`` start at ``k``."""
         least, most = self.apart
-        width, (n, count) = most - least + 1, down.shape
-        padded = np.full((n, count + abs(most) + abs(least) + 2 * width), -np.inf, dtype=down.dtype)
-        lead = max(0, most) + width
-        padded[:, lead : lead + count] = down
-        have = 1
-        while have < width:
-            step = min(have, width - have)
-            padded[:, :-step] = np.maximum(padded[:, :-step], padded[:, step:])
-            have += step
-        return padded[:, lead - most : lead - most + count]
+        count = down.shape[1]
+        padded = np.full((len(down), count + most - least), -np.inf, dtype=down.dtype)
+        low, high = (
+            max(0, -most),
+            min(count, count - least),
+        )  # of the down cells that any up cell has for a partner
+        padded[:, low + most : high + most] = down[:, low:high]
+        return padded
 
     def _on_flank(
         self, around: np.ndarray, cells: np.ndarray, noise: np.ndarray
@@ -183,3 +182,13 @@ class PairSearch:
             return side_lobe, np.zeros(len(pair), dtype=bool)
         outside = (strongest < self.margin + self.first) | (strongest >= self.margin + self.last)
         return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
+
+
+def _running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
+    """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
+    have = 1
+    while have < width:
+        step = min(have, width - have)
+        rows = np.maximum(rows[:, :-step], rows[:, step:])
+        have += step
+    return rows
