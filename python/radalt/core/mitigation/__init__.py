@@ -3,7 +3,7 @@
 >>> from radalt.core.mitigation import METHODS, create
 >>> from radalt.core.waveform import Waveform
 >>> sorted(METHODS)
-['blanking', 'lms', 'lms_reference_input', 'nlms', 'none', 'tcae', 'whitening']
+['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'tcae', 'whitening']
 >>> create("whitening", Waveform()).name
 'whitening'
 """
@@ -20,6 +20,7 @@ from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, Nlms
 from .own_process import OwnProcess
+from .prediction import LinearPrediction, NlmsPredictor
 from .tcae import Tcae
 from .whitening import Whitening
 
@@ -32,6 +33,8 @@ METHODS: dict[str, Callable[..., Mitigation]] = {
         waveform, **({"wiring": "reference_input", "length": 96, "restart": True} | kw)
     ),
     "nlms": Nlms,
+    "nlms_predictor": NlmsPredictor,
+    "linear_prediction": LinearPrediction,
     "whitening": Whitening,
     "blanking": Blanking,
     "tcae": Tcae,

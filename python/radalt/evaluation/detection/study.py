@@ -144,8 +144,8 @@ def _textbook_threshold(speed_m_per_s: float) -> float:
 def measure(case: Case, frames: int, seed: int) -> list[dict[str, float | str]]:
     """One row per allowed speed.
 
-    ``declared`` and ``forced`` are shares of all frames within 5 m, ``wrong`` declared and not, ``rmse_m`` of those that
-    are right by a forced decision; ``ambiguity_right_db`` and ``ambiguity_wrong_db`` medians over what is declared.
+    ``declared`` and ``forced`` are shares of all frames within 5 m, ``wrong`` declared and not, ``rmse_m`` of those
+    that are right by a forced decision; ``ambiguity_right_db`` and ``ambiguity_wrong_db`` medians of declared ones.
     """
     method = create(case.method, WAVEFORM)
     rng = np.random.default_rng([seed, *case.method.encode(), *case.scene.encode(), int(-case.sir_db)])
@@ -178,6 +178,7 @@ def _row(case: Case, speed_m_per_s: float, found: list[tuple]) -> dict[str, floa
         "method": case.method,
         "scene": case.scene,
         "sir_db": case.sir_db,
+        "snr_db": case.snr_db,
         "overlap": case.overlap,
         "allowed_m_per_s": speed_m_per_s,
         "frames": altitude.size,
@@ -227,12 +228,13 @@ def measure_null(case: NullCase, frames: int, seed: int) -> list[dict[str, float
 def table(rows: Iterable[dict]) -> str:
     """Markdown: declared / forced (RMSE in metres), wrong and valid; the textbook's beside them."""
     lines = [
-        "| method, interference, SIR | allowed | declared / forced, RMSE | wrong | textbook: declared / forced, RMSE | wrong |",
+        "| method, interference | allowed | declared / forced, RMSE | wrong | textbook's declared / forced | wrong |",
         "|---|---|---|---|---|---|",
     ]
     for r in rows:
+        level = f"SNR {r['snr_db']:g}" if r["scene"] == "none" else f"{r['scene']} {r['sir_db']:g}"
         lines.append(
-            f"| {r['method']}, {r['scene']} {r['sir_db']:g} dB | {r['allowed_m_per_s']:g} m/s "
+            f"| {r['method']}, {level} dB | {r['allowed_m_per_s']:g} m/s "
             f"| {r['declared']:.3f} / {r['forced']:.3f}, {r['rmse_m']:.2f} m | {r['wrong']:.3f} "
             f"| {r['textbook_declared']:.3f} / {r['textbook_forced']:.3f}, {r['textbook_rmse_m']:.2f} m "
             f"| {r['textbook_wrong']:.3f} |"
@@ -241,7 +243,7 @@ def table(rows: Iterable[dict]) -> str:
 
 
 def null_table(rows: Iterable[dict]) -> str:
-    """Markdown: false altitudes per frame by method and speed, in noise alone, over all interference, in its worst case."""
+    """Markdown: false altitudes per frame by method and speed: noise alone, all interference, its worst case."""
     lines = [
         "| method | allowed | noise alone | interference alone, all cases | worst case | bound |",
         "|---|---|---|---|---|---|",
