@@ -243,7 +243,7 @@ def test_controls_work_while_it_runs(view):
 
 
 def test_button_takes_timing_anew_at_altitude_zero(view):
-    """The bare command takes 700 m for zero, and the segmenter, which knows what is sent, gives no frame of that timing.
+    """The bare command takes 700 m for zero; the segmenter knows what is sent and gives no frame of that timing.
 
     The button sends zero, commands, and goes back to 700 m.
     """
