@@ -102,8 +102,11 @@ def main() -> None:
                     wait(app)
         wanted = min(a.nitems_read(0) for a in altimeters.values()) + LATE + LOOK
         while min(a.nitems_read(0) for a in altimeters.values()) < wanted and time.monotonic() < deadline:
+            if step == "mistimed" and top.frame_segmenter.status()["state"] == "lost":
+                break  # no frames come any more
             wait(app)
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
+        report[step]["timing"] = top.frame_segmenter.status()["state"]
         report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]
     report["calls"] = [call[:2] for call in calls]

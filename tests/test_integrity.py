@@ -60,7 +60,7 @@ def test_an_altitude_without_a_return_is_wrong_by_every_limit():
 
 
 def test_accuracy_is_that_of_do_155_and_of_the_landing_study():
-    from radalt.evaluation.landing.study import accuracy_limit_m as drawn
+    from radalt.evaluation.landing.config import accuracy_limit_m as drawn
 
     altitude = np.array([0.0, 10.0, 30.48, 100.0, 152.4, 152.5, 1000.0])
     np.testing.assert_allclose(accuracy_limit_m(altitude), drawn(altitude))

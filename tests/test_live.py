@@ -230,17 +230,25 @@ def view(tmp_path_factory) -> dict:
     return probed(tmp_path_factory.mktemp("live"))
 
 
+def found(altitude_m: float) -> dict:
+    """What the probe reports where every altimeter has the altitude."""
+    return {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": altitude_m, "timing": "locked"}
+
+
 def test_controls_work_while_it_runs(view):
     assert view["in time"] and view["errors"] == []
     for step, altitude_m in (("start", 300.0), ("higher", 700.0), ("radar only", 700.0)):
-        assert view[step] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": altitude_m}, step
+        assert view[step] == found(altitude_m), step
     assert view["method"] == "nlms"
 
 
 def test_button_takes_timing_anew_at_altitude_zero(view):
-    """The bare command would take 700 m for zero; the button sends zero, commands, and goes back to 700 m."""
-    assert max(view["mistimed"][name] for name in ("none", "tcae", "selected")) == 0.0
-    assert view["reacquired"] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": 700.0}
+    """The bare command takes 700 m for zero; the segmenter knows what is sent and gives no frame of that timing.
+
+    The button sends zero, commands, and goes back to 700 m.
+    """
+    assert view["mistimed"]["timing"] == "lost"
+    assert view["reacquired"] == found(700.0)
     assert "reacquire: timing taken anew" in view["printed"]
 
 
@@ -262,7 +270,7 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
     """ota_live itself, on recorded doubles of two B210s: readback printed, common start, altitude right."""
     view = probed(tmp_path, "air")
     assert view["in time"] and view["errors"] == []
-    assert view["start"] == {"none": 1.0, "tcae": 1.0, "selected": 1.0, "true": 300.0}
+    assert view["start"] == found(300.0)
     assert view["printed"].count("master clock Hz") == 3
     # GRC's template sets the radios as well, before; what counts are the calls from the first clock source on
     calls = [tuple(call) for call in view["calls"] if not call[1].startswith("get_")]

@@ -79,6 +79,8 @@ def imports(package: Path = PACKAGE) -> list[Import]:
 
 def _statements(node: ast.AST, lazy: bool = False) -> Iterator[tuple[ast.stmt, bool]]:
     for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue  # read by type checkers alone, never run
         if isinstance(child, (ast.Import, ast.ImportFrom)):
             yield child, lazy
         yield from _statements(child, lazy or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)))

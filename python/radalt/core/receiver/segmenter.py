@@ -1,4 +1,4 @@
-"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (docs/design.md).
+"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (DESIGN.md 6.1).
 
 Correlating a delayed chirp with the reference peaks at the delay itself, so timing is taken only where the altitude is
 known to be zero (the programme's preamble and synchronisation sections), to a fraction of a sample, and then coasts.
@@ -178,6 +178,7 @@ class FrameSegmenter:
         self._expected: dict[tuple[float, float], np.ndarray] = {}
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
+        self._strength = 0.0  # of the last sweep that was seen near where it was sent
         self.quality_db = float("nan")
         self.reset()
 
@@ -435,22 +436,25 @@ class FrameSegmenter:
         """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
         sent, rate = self._sent(frame.index), self.waveform.rate_hz
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
-        if sent is not None:
-            shift = self._shift_from_expected(frame, sent)
-            if (
-                shift is not None and abs(shift) < 2.0
-            ):  # at the end it may be the flank of a sweep farther away
-                return ("verified" if shift == 0 else "contradicted"), expected + shift, _TOLERANCE
+        near = None if sent is None else self._shift_from_expected(frame, sent)
+        if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
+            self._strength = near[1]
+            return "verified", expected, _TOLERANCE
         peak, significance = self._correlate(frame.samples)
-        if significance < 0.6 * self.settings.lock_threshold:
+        delay = float((peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate)
+        present = significance >= 0.6 * self.settings.lock_threshold
+        # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
+        if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
+            self._strength = near[1]
+            return ("contradicted" if near[0] else "verified"), expected + near[0], _TOLERANCE
+        if not present:
             return "undetermined", 0.0, _COARSE
         self.quality_db = 10.0 * np.log10(significance)
-        delay = (peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate
         inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
-        return ("verified" if inside else "contradicted"), float(delay), _COARSE
+        return ("verified" if inside else "contradicted"), delay, _COARSE
 
-    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> float | None:
-        """Samples between the assumed and the true timing, -2..2; None if the sweep is not found that near.
+    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> tuple[float, float] | None:
+        """Samples between the assumed and the true timing, -2..2, and strength; None if no sweep is found that near.
 
         Matched filters at the transmitted altitude, up to two samples either side; whole samples, unless the sweep is
         strong enough to say a fraction of a quarter and more.
@@ -473,11 +477,11 @@ class FrameSegmenter:
         if strength < self.settings.lock_threshold:
             return None
         if strength < _FINE_STRENGTH or not 0 < best < 4:
-            return float(best - 2)
+            return float(best - 2), strength
         # the filter's response is a sinc in samples: the neighbour's share is the fraction
         beside = best + (1 if response[best + 1] > response[best - 1] else -1)
         fraction = (beside - best) * response[beside] / (response[beside] + response[best])
-        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0)
+        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
     def _expected_frame(self, key: tuple[float, float]) -> np.ndarray:
         """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""

@@ -28,6 +28,7 @@ _SYSTEMATIC_M = (
     1.0  # pull of what a method leaves of a peak; 5 MHz NR behind tcae keeps up 0.95 m for seconds
 )
 _GATE_SIGMAS = 4.0
+_SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grating lobe's speed pass
 _LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
 # least error of one measurement; interference keeps it up from block to block, so that a mean is no better
 _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
@@ -360,7 +361,7 @@ class AltitudeTracker:
         if self._track is not None:
             found = self._continue(self._track, block, middle)
             state = State.TRACK if found else self._missed()
-            if found and self._track_failed():
+            if found and self._track.filter.nis > _INCONSISTENT:
                 found, state, self._track = None, State.LOST, None
             normal = found is not None and self._undisputed(self._track, block, found)
         else:
@@ -412,7 +413,7 @@ class AltitudeTracker:
     def _possible(self, found: Measurement) -> bool:
         """Whether a measurement's speed is one that is allowed, as far as it is known."""
         t = self.integrator
-        spare = _GATE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        spare = _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
         return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
 
     def _continue(self, track: Track, block: Block, middle: float) -> Measurement | None:
@@ -437,6 +438,7 @@ class AltitudeTracker:
             return None
         _, open_speed = self._farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
+        track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.hits, track.missed = track.hits + 1, 0
         return found
 
@@ -511,12 +513,6 @@ class AltitudeTracker:
             return State.LOST
         return State.COAST
 
-    def _track_failed(self) -> bool:
-        """Whether a track contradicts itself: its altitudes, or its speed beyond the rate limit."""
-        f, s = self._track.filter, self.settings
-        spare = _GATE_SIGMAS * np.sqrt(f.covariance[1, 1])
-        return f.nis > _INCONSISTENT or abs(f.mean[1]) > s.max_vertical_speed_m_per_s + spare
-
     # -- what is known --------------------------------------------------------------------------------------------
 
     def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
@@ -562,7 +558,7 @@ class AltitudeTracker:
         moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
         variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
         spread = self._noise_sigmas * np.sqrt(variance)
-        fastest = t.max_speed + _GATE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        fastest = t.max_speed + _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
         own = found.speed_m_per_s
         low = (max(slope - spread, -fastest) - own) / t.speed_per_cell
         high = (min(slope + spread, fastest) - own) / t.speed_per_cell
