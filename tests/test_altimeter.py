@@ -252,7 +252,7 @@ def test_altitude_outside_the_span_is_not_reported():
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
         ({"pfa": 0.9}, "altimeter.pfa is 0.9; it has to be within"),
-        ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be at least 1"),
+        ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be within 1..256"),
     ],
 )
 def test_impossible_settings_are_refused(settings, said):
