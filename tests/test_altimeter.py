@@ -337,11 +337,10 @@ def test_a_speed_from_the_track_decides_between_grating_lobes():
     right = [np.abs(r["forced_altitude_m"] - altitudes) < 5.0 for r in (free, known)]
     assert right[1].mean() > right[0].mean() + 0.08
     assert (known["valid"] & right[1]).mean() > (free["valid"] & right[0]).mean() + 0.08
-    # and a first frame says how ambiguous it is
+    # and a first frame says how ambiguous it is: between a right and a wrong one, it is right in two cases of three
     declared = free["valid"]
-    assert np.median(free["ambiguity_db"][declared & right[0]]) > 3 * np.median(
-        free["ambiguity_db"][declared & ~right[0]]
-    )
+    good, bad = free["ambiguity_db"][declared & right[0]], free["ambiguity_db"][declared & ~right[0]]
+    assert np.mean(good[:, None] > bad) > 0.6
 
 
 def test_ambiguity_of_a_clear_return_is_large_and_of_two_equal_ones_is_none():

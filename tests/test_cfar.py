@@ -137,7 +137,9 @@ def test_support_of_a_tone_and_of_nothing_is_whole():
 def test_white_noise_level_is_the_mean_of_the_band_but_for_the_energy_of_the_cell(group):
     """Reference: one cell at a time, by hand; a tone that peaks in a cell has the energy of ``group`` such cells."""
     power = np.random.default_rng(1).uniform(0.8, 1.2, (2, 2, 120)).astype(np.float32)  # even: no colour
-    cells = Cfar(train=5, guard=1, group=group, per_resolution=group).significance(power, np.ones((2, 2)))
+    cells = Cfar(train=5, guard=1, group=group, per_resolution=group, energy=group).significance(
+        power, np.ones((2, 2))
+    )
     margin, looks = 6 * group, 120 / group - 1
     assert cells.noise.shape == (2, 2, 120 - 2 * margin)
     for frame, half, at in np.ndindex(2, 2, 120 - 2 * margin):
@@ -161,7 +163,9 @@ def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():
     rng = np.random.default_rng(2)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80:] *= 1000
-    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0, energy=1.0).significance(
+        power, np.ones((200, 2))
+    )
     assert cells.noise[..., :30].mean() == pytest.approx(1.0, rel=0.05)
     assert cells.noise[..., -30:].mean() == pytest.approx(1000.0, rel=0.05)
     np.testing.assert_allclose(cells.looks, 0.6 * 24)
@@ -171,7 +175,9 @@ def test_a_strong_return_is_not_taken_for_colour():
     rng = np.random.default_rng(3)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80] += 300.0
-    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0, energy=1.0).significance(
+        power, np.ones((200, 2))
+    )
     assert np.median(cells.looks) > 150
 
 

@@ -58,6 +58,8 @@ class Cfar:
         Neighbouring cells that share a noise level: as many as a resolution cell has.
     per_resolution : float
         Cells per resolution cell, ``1 / T_h``.
+    energy : float
+        Of a tone, over its power in the cell where it peaks.
 
     Notes
     -----
@@ -77,6 +79,7 @@ class Cfar:
     guard: int = 1
     group: int = 4
     per_resolution: float = 4.0
+    energy: float = 4.0
 
     def __post_init__(self) -> None:
         if self.train < 2 or self.guard < 0:
@@ -107,14 +110,13 @@ class Cfar:
         for k in range(1, q):
             sums = sums + power[..., k : groups * q : q]
         whole = sums.sum(axis=-1, keepdims=True)
-        # a tone of a cell's power has the energy of a resolution cell
-        noise = (whole - np.float32(q) * cells) * np.float32(1.0 / (q * (groups - 1)))
+        noise = (whole - np.float32(self.energy) * cells) * np.float32(1.0 / (q * groups - self.energy))
         colour = self._colour(sums, support)
         if colour.any():
             around = np.repeat(self._around(sums), q, axis=-1)
             noise += colour.astype(np.float32)[..., None] * (around - noise)
         np.maximum(noise, whole * np.float32(_ROUNDING / (q * groups)) + np.float32(_TINY), out=noise)
-        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - 1)
+        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
         looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
         value = noise * looks[..., None]
         np.divide(cells, value, out=value)
