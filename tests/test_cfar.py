@@ -133,39 +133,39 @@ def test_support_of_a_tone_and_of_nothing_is_whole():
     np.testing.assert_array_equal(support_of(np.stack([tone, 0 * tone, np.nan * tone]), 250), 1.0)
 
 
-@pytest.mark.parametrize(("train", "guard"), [(5, 2), (8, 0)])
-def test_white_noise_level_is_the_mean_of_the_band_but_for_the_guard_cells(train, guard):
-    """Reference: one cell at a time, by hand."""
-    power = np.random.default_rng(1).uniform(0.8, 1.2, (3, 2, 60)).astype(np.float32)  # even: no colour
-    cells = Cfar(train=train, guard=guard, group=1, per_resolution=1.0).significance(power, np.ones((3, 2)))
-    margin = train + guard
-    assert cells.noise.shape == (3, 2, 60 - 2 * margin)
-    for frame, half, at in np.ndindex(3, 2, 60 - 2 * margin):
-        row, centre = power[frame, half], at + margin
-        rest = [row[i] for i in range(60) if abs(i - centre) > guard]
-        ratio = row[centre] / np.mean(rest)
-        assert cells.noise[frame, half, at] == pytest.approx(np.mean(rest), rel=1e-5)
+@pytest.mark.parametrize("group", [1, 4])
+def test_white_noise_level_is_the_mean_of_the_band_but_for_the_energy_of_the_cell(group):
+    """Reference: one cell at a time, by hand; a tone that peaks in a cell has the energy of ``group`` such cells."""
+    power = np.random.default_rng(1).uniform(0.8, 1.2, (2, 2, 120)).astype(np.float32)  # even: no colour
+    cells = Cfar(train=5, guard=1, group=group, per_resolution=group, energy=group).significance(
+        power, np.ones((2, 2))
+    )
+    margin, looks = 6 * group, 120 / group - 1
+    assert cells.noise.shape == (2, 2, 120 - 2 * margin)
+    for frame, half, at in np.ndindex(2, 2, 120 - 2 * margin):
+        row, here = power[frame, half], power[frame, half, margin + at]
+        level = (row.sum() - group * here) / (120 - group)
+        assert cells.noise[frame, half, at] == pytest.approx(level, rel=1e-5)
         assert cells.value[frame, half, at] == pytest.approx(
-            len(rest) * np.log(1 + ratio / len(rest)), rel=1e-4
+            looks * np.log(1 + here / level / looks), rel=1e-4
         )
 
 
-def test_cells_of_a_group_share_a_noise_level():
-    """A group and the one on each side are left out of its own level, whichever of its cells is asked about."""
-    power = np.random.default_rng(4).uniform(0.8, 1.2, (2, 2, 120)).astype(np.float32)
-    cells = Cfar(train=6, guard=1, group=4, per_resolution=4.0).significance(power, np.ones((2, 2)))
-    assert cells.noise.shape == (2, 2, 120 - 2 * 28)
-    for at in range(0, 64, 4):
-        rest = np.delete(power[1, 0], np.s_[28 + at - 4 : 28 + at + 8])
-        np.testing.assert_allclose(cells.noise[1, 0, at : at + 4], rest.mean(), rtol=1e-5)
-    np.testing.assert_allclose(cells.looks, (120 - 12) / 4)
+def test_level_around_is_the_mean_of_the_training_groups():
+    sums = np.random.default_rng(4).exponential(size=(2, 2, 40)).astype(np.float32)
+    around = Cfar(train=5, guard=2, group=4)._around(sums)
+    for at in range(40 - 14):
+        training = [sums[1, 0, at + 7 + d] for d in range(-7, 8) if abs(d) > 2]
+        assert around[1, 0, at] == pytest.approx(np.mean(training) / 4, rel=1e-5)
 
 
 def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():
     rng = np.random.default_rng(2)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80:] *= 1000
-    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0, energy=1.0).significance(
+        power, np.ones((200, 2))
+    )
     assert cells.noise[..., :30].mean() == pytest.approx(1.0, rel=0.05)
     assert cells.noise[..., -30:].mean() == pytest.approx(1000.0, rel=0.05)
     np.testing.assert_allclose(cells.looks, 0.6 * 24)
@@ -175,7 +175,9 @@ def test_a_strong_return_is_not_taken_for_colour():
     rng = np.random.default_rng(3)
     power = rng.exponential(size=(200, 2, 160)).astype(np.float32)
     power[..., 80] += 300.0
-    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0).significance(power, np.ones((200, 2)))
+    cells = Cfar(train=12, guard=2, group=1, per_resolution=1.0, energy=1.0).significance(
+        power, np.ones((200, 2))
+    )
     assert np.median(cells.looks) > 150
 
 

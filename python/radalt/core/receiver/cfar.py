@@ -58,6 +58,8 @@ class Cfar:
         Neighbouring cells that share a noise level: as many as a resolution cell has.
     per_resolution : float
         Cells per resolution cell, ``1 / T_h``.
+    energy : float
+        Of a tone, over its power in the cell where it peaks.
 
     Notes
     -----
@@ -66,17 +68,18 @@ class Cfar:
     share of the half sweep makes cells that are correlated over the inverse of that share: ``K`` falls with it
     (`support_of`).
 
-    White noise is averaged over the band: a level of 32 cells costs 1 dB there, and more in correlated noise. A network
-    that passes part of the band leaves noise of another level in every part, and the mean of the band is below most
-    peaks. So the quartiles of blocks of 8 resolution cells are compared; where they are further apart than white noise
-    of that support makes them, the level comes from the cells around. A return fills one or two blocks and leaves
-    quartiles alone.
+    White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
+    1 dB, and more in correlated noise. A network that passes part of the band leaves noise of another level in every
+    part, and the mean of the band is below most peaks. So the quartiles of blocks of 8 resolution cells are compared;
+    where they are further apart than white noise of that support makes them, the level comes from the cells around. A
+    return fills one or two blocks and leaves quartiles alone.
     """
 
     train: int = 16
     guard: int = 1
     group: int = 4
     per_resolution: float = 4.0
+    energy: float = 4.0
 
     def __post_init__(self) -> None:
         if self.train < 2 or self.guard < 0:
@@ -102,38 +105,44 @@ class Cfar:
         m = t + g
         groups = power.shape[-1] // q
         inner = groups - 2 * m
+        cells = power[..., m * q : (m + inner) * q]
         sums = power[..., 0 : groups * q : q]
         for k in range(1, q):
             sums = sums + power[..., k : groups * q : q]
-        total = np.empty((*sums.shape[:-1], groups + 1))  # float64 sums: exact enough at 100 dB range
-        total[..., 0] = 0.0
-        np.cumsum(sums, axis=-1, out=total[..., 1:])
-        colour = self._colour(total, support)
-        near = total[..., m + g + 1 : m + g + 1 + inner] - total[..., t : t + inner]
-        whole = total[..., -1:]
-        level = (whole - near) * (1.0 / (q * (groups - 2 * g - 1)))
+        whole = sums.sum(axis=-1, keepdims=True)
+        noise = (whole - np.float32(self.energy) * cells) * np.float32(1.0 / (q * groups - self.energy))
+        colour = self._colour(sums, support)
         if colour.any():
-            around = (total[..., 2 * m + 1 :] - total[..., :inner] - near) * (0.5 / (q * t))
-            level += colour[..., None] * (around - level)
-        np.maximum(level, whole * (_ROUNDING / (q * groups)) + _TINY, out=level)
-        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - 2 * g - 1)
+            around = np.repeat(self._around(sums), q, axis=-1)
+            noise += colour.astype(np.float32)[..., None] * (around - noise)
+        np.maximum(noise, whole * np.float32(_ROUNDING / (q * groups)) + np.float32(_TINY), out=noise)
+        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
         looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
-        noise = np.repeat(level.astype(np.float32), q, axis=-1)
         value = noise * looks[..., None]
-        np.divide(power[..., m * q : m * q + inner * q], value, out=value)
+        np.divide(cells, value, out=value)
         value += np.float32(1.0)
         np.log(value, out=value)
         value *= looks[..., None]
         spared = -0.5 * ((1.0 - colour) * np.log(support)).sum(axis=1)
         return Significance(value, noise, looks, spared.astype(np.float32))
 
-    def _colour(self, total: np.ndarray, support: np.ndarray) -> np.ndarray:
+    def _around(self, sums: np.ndarray) -> np.ndarray:
+        """(n, 2, inner) float32 mean power of the training cells, from sums over groups (n, 2, groups)."""
+        t, g, m = self.train, self.guard, self.train + self.guard
+        inner = sums.shape[-1] - 2 * m
+        total = np.zeros((*sums.shape[:-1], sums.shape[-1] + 1))  # float64: exact enough at 100 dB range
+        np.cumsum(sums, axis=-1, out=total[..., 1:])
+        near = total[..., m + g + 1 : m + g + 1 + inner] - total[..., t : t + inner]
+        around = total[..., 2 * m + 1 :] - total[..., :inner] - near
+        return (around * (0.5 / (self.group * t))).astype(np.float32)
+
+    def _colour(self, sums: np.ndarray, support: np.ndarray) -> np.ndarray:
         """(n, 2) in 0..1: how far block levels are apart, over what white noise of that support makes of them."""
-        edges = total[..., :: max(1, round(_BLOCK * self.per_resolution / self.group))]
-        levels = edges[..., 1:] - edges[..., :-1]
-        count = levels.shape[-1]
+        block = max(1, round(_BLOCK * self.per_resolution / self.group))
+        count = sums.shape[-1] // block
         if count < 4:
             return np.zeros(support.shape)
+        levels = sums[..., : count * block].reshape(*support.shape, count, block).sum(axis=-1)
         levels.sort(axis=-1)
         low, high = levels[..., count // 4], levels[..., count - 1 - count // 4]
         spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
