@@ -1,6 +1,7 @@
 """What every test stands on: the module importable in-tree, one thread a library, and GNU Radio present."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -9,6 +10,10 @@ import pytest
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# A script's background job (`make test &`) starts with Ctrl-C ignored, and hands that on to the programs under test.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parent.parent
 # `radalt` and `gnuradio.radalt` from python/, the command-line programs as modules from flowgraphs/.
