@@ -444,7 +444,7 @@ class Altimeter:
         slope, bend = right - left, 2.0 * here - left - right
         # no peak: towards the higher side
         bend = np.maximum(bend, np.finfo(np.float32).tiny)
-        return np.interp(slope / bend, *self._interpolation)
+        return np.interp(np.divide(slope, bend, dtype=float), *self._interpolation)
 
     def _tops(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) the strongest cells within a resolution cell of a pair: an extended return is no tone."""
