@@ -1,92 +1,76 @@
 #!/usr/bin/env python3
 """The altimeter per frame: beside a textbook one where interference is strong, and where there is no return at all.
 
-    python flowgraphs/detection.py                                # both tables, half an hour, into results/detection
-    python flowgraphs/detection.py --frames 100 --null-frames 0   # the first alone, a minute
-    python flowgraphs/detection.py --methods tcae,whitening --frames 0 --null-frames 1000
-
-Writes rows.csv, null.csv and detection.md.
+.venv/bin/python flowgraphs/detection.py  # both tables, all methods, into results/detection
+.venv/bin/python flowgraphs/detection.py --frames 100 --null-frames 0 --noise-frames 0 --out results/first
+.venv/bin/python flowgraphs/detection.py --publish docs  # then docs/detection.md and its rows
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import sys
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
 from collections.abc import Sequence
-from pathlib import Path
 
-import _startup  # noqa: F401 - one core, a quiet log, the package on the path
+from gnuradio.radalt.evaluation.engine.options import (
+    MAX_SEED,
+    Parser,
+    add_options,
+    command,
+    command_of,
+    number,
+    options_of,
+)
+
+PROGRAM = "detection"
+METHODS = "none,whitening,blanking,linear_prediction,nlms_predictor,nlms,lms_reference_input,tcae"
 
 
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add, count = parser.add_argument, number(int, 0, 10**7)
+    # not lms: towards its reference every altitude is filtered to zero
+    add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
+    add("--frames", type=count, default=600, help="per case with a return (default: %(default)s)")
+    add(
+        "--null-frames", type=count, default=400, help="per case of interference alone (default: %(default)s)"
+    )
+    add("--noise-frames", type=count, default=10_000, help="of noise alone (default: %(default)s)")
+    add("--seed", type=number(int, 0, MAX_SEED), default=2027, help="default: %(default)s")
+    add_options(parser, out=f"results/{PROGRAM}", time_limit_s=3600.0, sampled=False)
+    return parser
+
+
+@command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and write; returns 0, or 2 after one line about what does not fit."""
-    parser = argparse.ArgumentParser(
-        prog="detection", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--methods", help="methods with commas (default: all but lms)")
-    parser.add_argument("--frames", type=int, default=600, help="frames per case (default: %(default)s)")
-    parser.add_argument(
-        "--null-frames", type=int, default=400, help="frames per case without a return (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--noise-frames", type=int, default=10_000, help="in noise alone (default: %(default)s)"
-    )
-    parser.add_argument("--seed", type=int, default=2027, help="default: %(default)s")
-    parser.add_argument("--out", type=Path, default=Path("results/detection"), help="default: %(default)s")
+    parser = _parser()
     args = parser.parse_args(argv)
+    options = options_of(args, parser, command=command_of(args, parser))
 
-    from radalt.core.mitigation import METHODS
-    from radalt.evaluation.detection import study
+    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
+    from gnuradio.radalt.evaluation.detection.study import DetectionStudy
+    from gnuradio.radalt.evaluation.engine.command import main as run
 
-    # towards the reference every altitude is filtered to zero
-    methods = args.methods.split(",") if args.methods else [m for m in METHODS if m != "lms"]
-    stray = [m for m in methods if m not in METHODS]
-    if stray:
-        print(f"detection: --methods names {stray[0]!r}; known: {', '.join(METHODS)}", file=sys.stderr)
-        return 2
-    for name in ("frames", "null_frames", "noise_frames", "seed"):
-        if getattr(args, name) < 0:
-            print(
-                f"detection: --{name.replace('_', '-')} is {getattr(args, name)}; 0 or more", file=sys.stderr
-            )
-            return 2
-    rows, null = [], []
-    for case in study.CASES if args.frames else ():
-        if case.method in methods:
-            rows += study.measure(case, args.frames, args.seed)
-            print(study.table(rows[-len(study.SPEEDS_M_PER_S) :]).split("\n", 2)[2], end="", flush=True)
-    for method in methods:
-        for case in study.null_cases(method):
-            frames = args.noise_frames if case.scene == "none" else args.null_frames
-            if frames:
-                null += study.measure_null(case, frames, args.seed)
-        if null:
-            print(
-                study.null_table(r for r in null if r["method"] == method).split("\n", 2)[2],
-                end="",
-                flush=True,
-            )
-    args.out.mkdir(parents=True, exist_ok=True)
-    _write(args.out / "rows.csv", rows)
-    _write(args.out / "null.csv", null)
-    (args.out / "detection.md").write_text(
-        "# The altimeter per frame\n\n"
-        f"Frames per case: {args.frames}, seed {args.seed}; flown speeds to {study.FLOWN_M_PER_S:g} m/s.\n\n"
-        f"{study.table(rows)}\n## Without a return\n\n{study.null_table(null)}",
-        encoding="utf-8",
-    )
-    return 0
+    methods = tuple(args.methods.split(","))
+    for name in methods:
+        if name not in KNOWN:
+            parser.error(f"--methods names {name[:40]!r}; known: {', '.join(KNOWN)}")
+    if not (args.frames or args.null_frames or args.noise_frames):
+        parser.error("--frames, --null-frames and --noise-frames are all 0; give one of them")
+    study = DetectionStudy(methods, args.frames, args.null_frames, args.noise_frames, args.seed)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
 
 
-def _write(path: Path, rows: list[dict]) -> None:
-    if not rows:
-        return
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
+def _describe(rows: Sequence[dict]) -> str:
+    """A measured point in a line."""
+    first = rows[0]
+    if "rate" in first:
+        rates = ", ".join(f"{r['rate']:.4f}" for r in rows)
+        return f"{first['method']}, {first['scene']} INR {first['inr_db']:g} dB: false {rates}"
+    found = ", ".join(f"{r['declared']:.3f}/{r['forced']:.3f}" for r in rows)
+    return f"{first['method']}, {first['scene']} {first['sir_db']:g} dB: declared/forced {found}"
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -1,16 +1,17 @@
-"""Points, measurement and tables: the altimeter beside the textbook one, and false altitudes without a return.
+"""The altimeter beside the textbook one where interference is strong, and false altitudes where there is no return.
 
 Every point is a function of its case, the number of frames and the seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.stats import beta
 
 from ...core.interference.placement import interference_frames
 from ...core.mitigation import create
@@ -18,27 +19,32 @@ from ...core.receiver.altimeter import Altimeter, AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.scene import load_scene
 from ...core.waveform import Waveform
+from ..engine.study import Point, Run, Study
+from ..results.chain import Chain, seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.integrity import clopper_pearson
+from ..results.rows import Columns
+from ..results.score import CORRECT_LIMIT_M
 from .textbook import textbook_altitudes
 
 __all__ = [
     "CASES",
     "SPEEDS_M_PER_S",
     "Case",
+    "DetectionStudy",
     "NullCase",
     "measure",
     "measure_null",
     "null_cases",
-    "null_table",
-    "table",
 ]
 
 WAVEFORM = Waveform()
 SPEEDS_M_PER_S = (0.0, 20.0, 150.0)  # allowed; flown are up to 10
 FLOWN_M_PER_S = 10.0
-CORRECT_M = 5.0
 SNR_DB = 10.0
 _BATCH = 16
 _NOISE_FRAMES = 3000  # that the textbook's threshold is taken from
+_TEXTBOOK_S = 0.02  # per frame, at all speeds
 
 
 @dataclass(frozen=True)
@@ -163,12 +169,12 @@ def measure(case: Case, frames: int, seed: int) -> list[dict[str, float | str]]:
 def _row(case: Case, speed_m_per_s: float, found: list[tuple]) -> dict[str, float | str]:
     altitude, result, reference, ratio = (np.concatenate(column) for column in zip(*found, strict=True))
     error = np.abs(result["forced_altitude_m"] - altitude)
-    right, valid = error < CORRECT_M, result["valid"]
+    right, valid = error < CORRECT_LIMIT_M, result["valid"]
     textbook = np.abs(reference - altitude)
     exceeds = ratio > _textbook_threshold(speed_m_per_s)
 
     def rmse(errors: np.ndarray) -> float:
-        errors = errors[errors < CORRECT_M]
+        errors = errors[errors < CORRECT_LIMIT_M]
         return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
     def median(mask: np.ndarray) -> float:
@@ -186,10 +192,10 @@ def _row(case: Case, speed_m_per_s: float, found: list[tuple]) -> dict[str, floa
         "forced": float(np.mean(right)),
         "rmse_m": rmse(error),
         "wrong": float(np.mean(valid & ~right)),
-        "textbook_declared": float(np.mean(exceeds & (textbook < CORRECT_M))),
-        "textbook_forced": float(np.mean(textbook < CORRECT_M)),
+        "textbook_declared": float(np.mean(exceeds & (textbook < CORRECT_LIMIT_M))),
+        "textbook_forced": float(np.mean(textbook < CORRECT_LIMIT_M)),
         "textbook_rmse_m": rmse(textbook),
-        "textbook_wrong": float(np.mean(exceeds & (textbook >= CORRECT_M))),
+        "textbook_wrong": float(np.mean(exceeds & (textbook >= CORRECT_LIMIT_M))),
         "ambiguity_right_db": median(valid & right),
         "ambiguity_wrong_db": median(valid & ~right),
     }
@@ -207,6 +213,7 @@ def measure_null(case: NullCase, frames: int, seed: int) -> list[dict[str, float
             counts[speed] += int(_altimeter(speed).process(cleaned)["valid"].sum())
     rows = []
     for speed, count in counts.items():
+        low, high = clopper_pearson(count, frames)
         rows.append(
             {
                 "method": case.method,
@@ -217,52 +224,127 @@ def measure_null(case: NullCase, frames: int, seed: int) -> list[dict[str, float
                 "frames": frames,
                 "false": count,
                 "rate": count / frames,
-                "low": float(beta.ppf(0.025, count, frames - count + 1)) if count else 0.0,
-                "high": float(beta.ppf(0.975, count + 1, frames - count)) if count < frames else 1.0,
+                "low": low,
+                "high": high,
                 "bound": _altimeter(speed).false_alarms_per_frame,
             }
         )
     return rows
 
 
-def table(rows: Iterable[dict]) -> str:
-    """Markdown: declared / forced (RMSE in metres), wrong and valid; the textbook's beside them."""
-    lines = [
-        "| method, interference | allowed | declared / forced, RMSE | wrong | textbook's declared / forced | wrong |",
-        "|---|---|---|---|---|---|",
-    ]
-    for r in rows:
-        level = f"SNR {r['snr_db']:g}" if r["scene"] == "none" else f"{r['scene']} {r['sir_db']:g}"
-        lines.append(
-            f"| {r['method']}, {level} dB | {r['allowed_m_per_s']:g} m/s "
-            f"| {r['declared']:.3f} / {r['forced']:.3f}, {r['rmse_m']:.2f} m | {r['wrong']:.3f} "
-            f"| {r['textbook_declared']:.3f} / {r['textbook_forced']:.3f}, {r['textbook_rmse_m']:.2f} m "
-            f"| {r['textbook_wrong']:.3f} |"
-        )
-    return "\n".join(lines) + "\n"
+_WHERE = ("method", "scene")
+_FOUND = ("declared", "forced", "rmse_m", "wrong")
+_TABLES = {
+    "rows": Columns(
+        names=(
+            *_WHERE,
+            "sir_db",
+            "snr_db",
+            "overlap",
+            "allowed_m_per_s",
+            "frames",
+            *_FOUND,
+            *(f"textbook_{name}" for name in _FOUND),
+            "ambiguity_right_db",
+            "ambiguity_wrong_db",
+        ),
+        text=frozenset(_WHERE),
+        whole=frozenset({"frames"}),
+    ),
+    "null": Columns(
+        names=(
+            *_WHERE,
+            "inr_db",
+            "overlap",
+            "allowed_m_per_s",
+            "frames",
+            "false",
+            "rate",
+            "low",
+            "high",
+            "bound",
+        ),
+        text=frozenset(_WHERE),
+        whole=frozenset({"frames", "false"}),
+    ),
+}
 
 
-def null_table(rows: Iterable[dict]) -> str:
-    """Markdown: false altitudes per frame by method and speed: noise alone, all interference, its worst case."""
-    lines = [
-        "| method | allowed | noise alone | interference alone, all cases | worst case | bound |",
-        "|---|---|---|---|---|---|",
-    ]
-    rows = list(rows)
-    for method, speed in dict.fromkeys((r["method"], r["allowed_m_per_s"]) for r in rows):
-        mine = [r for r in rows if (r["method"], r["allowed_m_per_s"]) == (method, speed)]
-        noise = [r for r in mine if r["scene"] == "none"]
-        jammed = [r for r in mine if r["scene"] != "none"]
-        worst = max(jammed, key=lambda r: r["rate"], default=None)
-        cells = ["-", "-", "-"]
-        if noise:
-            cells[0] = f"{noise[0]['rate']:.4f} ({noise[0]['frames']})"
-        if worst:
-            total = sum(r["frames"] for r in jammed)
-            cells[1] = f"{sum(r['false'] for r in jammed) / total:.4f} ({total})"
-            cells[2] = (
-                f"{worst['rate']:.4f} ({worst['low']:.4f}..{worst['high']:.4f}), {worst['scene']} "
-                f"INR {worst['inr_db']:g} dB, {worst['overlap']:g}"
+@dataclass(frozen=True)
+class DetectionPoint(Point):
+    """A case with a return, or one without (table ``null``)."""
+
+    case: Case | NullCase = NullCase("none", "none")  # noqa: RUF009 - frozen
+
+
+@dataclass(frozen=True)
+class DetectionStudy(Study):
+    """Both tables for a number of methods.
+
+    Attributes
+    ----------
+    methods : tuple of str
+    frames, null_frames, noise_frames : int
+        Per case with a return, per case of interference alone, and of noise alone; 0 leaves the table out.
+    seed : int
+    """
+
+    methods: tuple[str, ...]
+    frames: int = 600
+    null_frames: int = 400
+    noise_frames: int = 10_000
+    seed: int = 2027
+
+    tables: ClassVar[Mapping[str, Columns]] = _TABLES
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "detection.md",
+        "rows.csv": "data/detection.csv",
+        "null.csv": "data/detection_null.csv",
+    }
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in self.methods}}
+
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
+        self.head()
+
+    def points(self) -> Sequence[DetectionPoint]:
+        """Cases with a return first."""
+        cases = [case for case in CASES if case.method in self.methods] if self.frames else []
+        points = [
+            DetectionPoint(
+                f"{c.method}, {c.scene}, SIR {c.sir_db:g} dB, SNR {c.snr_db:g} dB", self.frames, case=c
             )
-        lines.append(f"| {method} | {speed:g} m/s | " + " | ".join(cells) + f" | {mine[0]['bound']:.4f} |")
-    return "\n".join(lines) + "\n"
+            for c in cases
+        ]
+        for null in (case for method in self.methods for case in null_cases(method)):
+            frames = self.noise_frames if null.scene == "none" else self.null_frames
+            name = f"{null.method}, {null.scene} alone, INR {null.inr_db:g} dB, overlap {null.overlap:g}"
+            if frames:
+                points.append(DetectionPoint(name, frames, "null", null))
+        return points
+
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """A row per allowed speed."""
+        rows = measure_null if point.table == "null" else measure
+        return rows(point.case, point.frames, self.seed)
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        return write_report(folder, self, rows, run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        altimeters = len(SPEEDS_M_PER_S) * seconds_per_frame("none", WAVEFORM, AltimeterSettings())
+        textbook = 0.0 if point.table == "null" else _TEXTBOOK_S
+        method = seconds_per_frame(point.case.method, WAVEFORM, AltimeterSettings())
+        return 1.0 + point.frames * (method + altimeters + textbook + 1e-3)
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return "tcae" in self.methods
