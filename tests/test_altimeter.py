@@ -251,8 +251,8 @@ def test_altitude_outside_the_span_is_not_reported():
         ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
-        ({"pfa": 0.9}, "cfar.pfa is 0.9"),
-        ({"cfar": "median"}, "cfar.kind is 'median'"),
+        ({"pfa": 0.9}, "altimeter.pfa is 0.9; it has to be within"),
+        ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be within 1..256"),
     ],
 )
 def test_impossible_settings_are_refused(settings, said):
@@ -276,3 +276,85 @@ def test_return_whose_middle_was_notched_is_read_at_its_peak():
     kept = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.3 * 3750
     error = Altimeter(W).process(frames * kept)["altitude_m"] - altitudes
     assert np.mean(np.abs(error) < 10.0) > 0.97
+
+
+# -- the joint decision -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("amplitude", "said"), [(0.25, "out_of_range"), (0.29, "out_of_range"), (0.4, "ok")])
+def test_a_return_beyond_the_span_ten_decibels_stronger_is_the_return(amplitude, said):
+    """At 1200 m the span of 1000 m has ended; what is at 300 m is then a second echo, unless it is about as strong."""
+    frame = W.beat_shifted(1200.0) + amplitude * W.beat_shifted(300.0)
+    frame = (frame + noise((7500,), 20.0, np.random.default_rng(1)))[None]
+    for strategy, reason in (("strongest", said), ("leading_edge", "ok")):
+        settings = AltimeterSettings(max_altitude_m=1000.0, max_vertical_speed_m_per_s=0.0, strategy=strategy)
+        result = Altimeter(W, settings).process(frame)[0]
+        assert Reason.NAMES[result["reason"]] == reason
+        assert result["forced_altitude_m"] == pytest.approx(300.0, abs=5.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, 20.0, 150.0])
+def test_error_is_the_cramer_rao_bound_at_every_allowed_speed(speed):
+    """Issue: at most 1.1 times the bound in white noise."""
+    rng = np.random.default_rng(31)
+    altitudes = rng.uniform(40, 1400, 1200)
+    frames = point_return(W, altitudes) + noise((1200, 7500), 10.0, rng)
+    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed)).process(frames)
+    assert result["valid"].all()
+    assert rms(result["altitude_m"] - altitudes) < 1.1 * altitude_crb_m(W, 10.0)
+
+
+def test_the_pair_is_the_best_of_all_that_the_speeds_allow():
+    """Brute force over all pairs, and over the rivals beyond a main lobe."""
+    from radalt.core.receiver.sweep_pairing import PairSearch
+
+    rng = np.random.default_rng(32)
+    for apart in ((0, 0), (-3, 3), (-9, 9), (2, 5), (-7, -4), (-60, 60)):
+        value = rng.exponential(size=(20, 2, 40)).astype(np.float32) ** 2
+        search = PairSearch(5, 0, 40, apart, 4, 1.0, 1.0, 1.0, np.zeros(60), False)
+        pair, best, lead = search._best_pair(value)
+        for k in range(20):
+            pairs = [
+                (value[k, 0, i] + value[k, 1, j], i, j)
+                for i in range(40)
+                for j in range(max(0, i - apart[1]), min(39, i - apart[0]) + 1)
+            ]
+            top = max(pairs)
+            rivals = [p[0] for p in pairs if abs(p[1] - top[1]) > 4 or abs(p[2] - top[2]) > 4]
+            assert tuple(pair[k]) == top[1:] and best[k] == pytest.approx(top[0])
+            assert lead[k] == pytest.approx(top[0] - max(rivals), abs=1e-4)
+
+
+def test_a_speed_from_the_track_decides_between_grating_lobes():
+    """Two edges of a sweep 0.8 apart leave lobes 25 m beside the peak, which pass for a speed if speeds are free."""
+    rng = np.random.default_rng(33)
+    altitudes = rng.uniform(100, 1400, 300)
+    edges = np.abs(np.mod(np.arange(7500), 3750) - 1875) > 0.4 * 3750
+    frames = (point_return(W, altitudes) + noise((300, 7500), -13.0, rng)) * edges
+    altimeter = Altimeter(W)
+    free = altimeter.process(frames)
+    known = altimeter.process(frames, vertical_speed_m_per_s=(-2.0, 2.0))
+    right = [np.abs(r["forced_altitude_m"] - altitudes) < 5.0 for r in (free, known)]
+    assert right[1].mean() > right[0].mean() + 0.08
+    assert (known["valid"] & right[1]).mean() > (free["valid"] & right[0]).mean() + 0.08
+    # and a first frame says how ambiguous it is: between a right and a wrong one, it is right in two cases of three
+    declared = free["valid"]
+    good, bad = free["ambiguity_db"][declared & right[0]], free["ambiguity_db"][declared & ~right[0]]
+    assert np.mean(good[:, None] > bad) > 0.6
+
+
+def test_ambiguity_of_a_clear_return_is_large_and_of_two_equal_ones_is_none():
+    clear = Altimeter(W).process(
+        W.beat_shifted(500.0)[None] + noise((1, 7500), 10.0, np.random.default_rng(1))
+    )
+    assert 100 < clear["ambiguity_db"][0] <= 999.0
+    two = W.beat_shifted(500.0) + W.beat_shifted(900.0) + noise((40, 7500), 0.0, np.random.default_rng(2))
+    found = Altimeter(W).process(two)
+    assert np.median(found["ambiguity_db"]) < 40 < clear["ambiguity_db"][0]
+    assert (np.minimum(*np.abs(found["altitude_m"] - np.array([[500.0], [900.0]]))) < 2).all()
+
+
+@pytest.mark.parametrize("interval", [(5.0, -5.0), (-151.0, 0.0), (0.0, np.nan)])
+def test_impossible_intervals_of_speed_are_refused(interval):
+    with pytest.raises(ValueError, match=r"vertical_speed_m_per_s is .* \+/-150 m/s"):
+        Altimeter(W).process(W.beat_shifted(500.0)[None], vertical_speed_m_per_s=interval)

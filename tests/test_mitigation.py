@@ -85,6 +85,103 @@ def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
     assert difference < 0.1  # of a return of power 1
 
 
+@pytest.mark.parametrize("threshold_db", [2.0, 3.0, 4.0])
+def test_blanking_takes_cells_above_the_median_of_noise_by_its_threshold(threshold_db, monkeypatch):
+    """Off the ridge, of white noise: ``2^-factor`` of the cells lie above ``factor`` times the median."""
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal((8, 15000), dtype=np.float32).view(np.complex64)
+    method = create("blanking", W, threshold_db=threshold_db)
+    kept = []
+    restore = method._overlap_add
+    monkeypatch.setattr(method, "_overlap_add", lambda p: kept.append(np.fft.fft(p, axis=-1)) or restore(p))
+    method.process(noise)
+    cells = np.abs(kept[0][:, 4:-4][:, ~method._ridge[4:-4]])
+    gone = np.mean(cells < 1e-4 * cells.mean())
+    assert gone == pytest.approx(2.0 ** -(10 ** (threshold_db / 10)), rel=0.08)
+
+
+# -- linear prediction ------------------------------------------------------------------------------------------------
+
+
+def forced(name: str, interferer: Interferer, count: int = 100, seed: int = 21) -> float:
+    """Share within 5 m of the forced decision of an altimeter that knows the speed."""
+    frames, altitudes = scene(count, interferer, seed)
+    found = STILL.process(create(name, W).process(frames))["forced_altitude_m"]
+    return float(np.mean(np.abs(found - altitudes) < 5.0))
+
+
+STILL = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "emitter", "sir_db"),
+    [
+        ("nlms_predictor", ToneEmitter(1), -57.0),
+        ("linear_prediction", ToneEmitter(1), -66.0),
+        ("linear_prediction", ToneEmitter(5), -66.0),
+        ("linear_prediction", QpskEmitter(pulse="rrc"), -67.0),
+    ],
+)
+def test_prediction_holds_where_the_prototypes_broke(name, emitter, sir_db):
+    assert forced(name, Interferer(emitter, sir_db)) >= 0.9
+
+
+def test_zero_phase_prediction_declares_where_whitening_no_longer_does():
+    interferer = Interferer(QpskEmitter(pulse="rrc"), -70.0)
+    assert pd("linear_prediction", interferer, 100) >= 0.95
+    assert pd("whitening", interferer, 100) < 0.9
+
+
+def test_zero_phase_leaves_the_altitude_and_a_predictor_of_minimum_phase_does_not():
+    """A band that is taken out of the middle of the sweep delays the rest: 26 m, one and a half samples."""
+    frames, altitudes = scene(60, Interferer(QpskEmitter(pulse="rrc"), -30.0), 22)
+    error = {
+        name: np.median(STILL.process(create(name, W).process(frames))["forced_altitude_m"] - altitudes)
+        for name in ("nlms_predictor", "linear_prediction")
+    }
+    assert abs(error["linear_prediction"]) < 0.5
+    assert 20 < error["nlms_predictor"] < 30
+
+
+def test_nlms_predictor_is_the_textbook_recursion():
+    """Sample by sample in float64, weights of 8 samples at a time."""
+    frames, _ = scene(1, Interferer(ToneEmitter(2), -20.0), 23)
+    x = frames[0][:600].astype(complex)
+    method = create("nlms_predictor", W)
+    peak = np.abs(frames.view(np.float32)).max()
+    padded = np.concatenate([np.zeros(32), x / peak])
+    floor = 1e-6 * 32 * np.mean(np.abs(np.concatenate([np.zeros(32), frames[0] / peak])) ** 2)
+    weights, expected = np.zeros(32, complex), []
+    for first in range(0, 600, 8):
+        step = np.zeros(32, complex)
+        for n in range(first, first + 8):
+            past = padded[n : n + 32]
+            expected.append(padded[n + 32] - past @ weights)
+            step += 0.1 * past.conj() * expected[-1] / max(np.vdot(past, past).real, floor)
+        weights = weights + step
+    np.testing.assert_allclose(method.process(frames)[0][:600] / peak, expected, atol=1e-4)
+
+
+def test_linear_prediction_divides_by_the_spectrum_of_its_model():
+    """An autoregressive process of two poles: the frame's response is the inverse of its spectrum."""
+    rng = np.random.default_rng(24)
+    poles = 0.9 * np.exp(2j * np.pi * np.array([0.1, -0.3]))
+    coefficients = np.poly(poles)
+    noise = rng.standard_normal((20, 15000)).view(complex)
+    frames = np.zeros_like(noise)
+    for n in range(7500):
+        frames[:, n] = noise[:, n] - frames[:, max(n - 2, 0) : n][:, ::-1] @ coefficients[1 : 1 + min(n, 2)]
+    frames = frames.astype(np.complex64)
+    cleaned = create("linear_prediction", W).process(frames)
+    gain = np.mean(np.abs(np.fft.fft(cleaned)) ** 2, axis=0) / np.mean(
+        np.abs(np.fft.fft(frames)) ** 2, axis=0
+    )
+    wanted = np.abs(np.fft.fft(coefficients, 7500)) ** 4
+    smooth = [np.convolve(np.log(v), np.ones(75) / 75, "same")[100:-100] for v in (gain, wanted)]
+    difference = smooth[0] - smooth[1]
+    assert np.ptp(difference) < 0.6  # both over 40 dB
+
+
 def test_whitening_levels_a_tone_to_the_sweep():
     frames, _ = scene(4, Interferer(ToneEmitter(frequencies_hz=(1e6,)), -30.0), 4)
     spectrum = np.abs(np.fft.fft(create("whitening", W).process(frames))) ** 2
@@ -180,11 +277,21 @@ def test_returns_beyond_the_span_are_not_declared_at_their_images(name):
     assert abs(result["altitude_m"][0] - 1480) < 5
 
 
-def test_lms_sees_farther_if_told_how_far_the_altimeter_looks():
-    frames = point_return(W, np.array([1700.0]))
+def test_lms_looks_for_the_altitude_as_far_as_it_is_told_and_no_farther():
+    """Told that altitudes end at 900 m, it takes images of a return at 1550 m for altitudes, and silences the frame."""
+    altitudes = np.linspace(1510.0, 1600.0, 24)
+    frames = point_return(W, altitudes)
     far = Altimeter(W, AltimeterSettings(max_altitude_m=1900.0))
-    told = far.process(create("nlms", W, span_m=1900.0).process(frames))
-    assert abs(told["altitude_m"][0] - 1700) < 5
+    seen = {}
+    for span_m in (1900.0, None, 900.0):
+        method = create("lms_reference_input", W, span_m=span_m)
+        told = far.process(method.process(frames))
+        seen[span_m] = int(told["valid"].sum())
+        assert method.unconfirmed_frames == 24 - seen[span_m]
+        assert (np.abs(told["altitude_m"] - altitudes)[told["valid"]] < 5).all()
+    assert seen[1900.0] == 24
+    assert seen[None] < 20
+    assert seen[900.0] == 0
 
 
 # -- the shift check of networks -----------------------------------------------------------------------------------
@@ -325,6 +432,7 @@ def test_a_frame_that_is_not_finite_does_not_touch_the_next(name):
         "none",
         "whitening",
         "blanking",
+        "linear_prediction",
     ):  # the others pull the altitude towards their reference or training
         assert (np.abs(result["altitude_m"][others] - altitudes[others]) < 5).all()
 
@@ -389,6 +497,9 @@ def test_methods_work_for_other_sweeps(name):
         ("lms", {"span_m": -1.0}, "lms.span_m is -1.0; it has to be a finite number of metres above 0"),
         ("blanking", {"window": 30}, "blanking.window is 30; a multiple of 4 within 8..7500"),
         ("blanking", {"threshold_db": -3.0}, "blanking.threshold_db is -3.0"),
+        ("nlms_predictor", {"length": 0}, "nlms_predictor.length is 0; a whole number within 1..256"),
+        ("nlms_predictor", {"step": 0.5}, "nlms_predictor.step is 0.5; it has to be within 0..0.2"),
+        ("linear_prediction", {"order": 2.5}, "linear_prediction.order is 2.5; expected a whole number"),
     ],
 )
 def test_impossible_methods_are_refused_in_one_line(name, options, said):

@@ -72,7 +72,7 @@ def test_noise_is_added_at_its_power_and_follows_its_seed():
 
 
 def test_false_alarms_on_this_noise_meet_the_design():
-    """Of single cells, 2.5e5 of them; neighbours are correlated, so 10 % are some four standard errors."""
+    """Of single cells, 5e5 of them; neighbours are correlated, so 10 % are some four standard errors."""
     altimeter = Altimeter(Waveform(), AltimeterSettings(pfa=1e-2, max_vertical_speed_m_per_s=0.0))
     noise = ReceiverNoise(N, [3])
     alarms = cells = 0
@@ -81,8 +81,7 @@ def test_false_alarms_on_this_noise_meet_the_design():
         for frame in frames:
             noise.add(frame, power=1.0)
         spectra = altimeter.spectra(frames)
-        margin = altimeter.cfar.margin
-        ratio = spectra.power[..., margin:-margin] / spectra.noise
-        alarms += int(np.sum(ratio > altimeter.cfar_scale))
-        cells += ratio.size
+        value = altimeter.significance(spectra).value
+        alarms += int(np.sum(value > -np.log(1e-2)))
+        cells += value.size
     assert alarms / cells == pytest.approx(1e-2, rel=0.1)

@@ -129,7 +129,7 @@ def test_methods_that_confirm_what_they_find_make_no_tables_of_their_own(monkeyp
     made = []
     build = altimeter.Altimeter._build_tables
     monkeypatch.setattr(altimeter.Altimeter, "_build_tables", lambda self: (made.append(self), build(self)))
-    settings = altimeter.AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=0.0)
+    settings = altimeter.AltimeterSettings(max_altitude_m=1500.0)
     waveform = Waveform(carrier_hz=4.25e9)  # of no other test
     measured = []
     for shared in (True, False):

@@ -25,7 +25,7 @@ channel: {snr_db: null, start_offset_samples: 90.5, gain_db: 1, jammer_delay_sam
           jammer_lo_offset_hz: 100, dc_offset: 0.1, iq_gain_db: 0.2, iq_phase_deg: 1, adc_bits: 12, full_scale: 5,
           leakage_db: -20, drops: {count: 2, min_samples: 5, max_samples: 9, tagged: false}}
 segmenter: {acquisition_frames: 3, lock_threshold: 30, confirm_frames: 3, monitor: false}
-altimeter: {max_altitude_m: 900, min_altitude_m: 1, max_vertical_speed_m_per_s: 40, window: hann, pfa: 1e-5, cfar: os,
+altimeter: {max_altitude_m: 900, min_altitude_m: 1, max_vertical_speed_m_per_s: 40, window: hann, pfa: 1e-5,
             train_cells: 12, guard_cells: 2, strategy: centroid}
 methods: [none, blanking]
 method_options: {blanking: {threshold_db: 10}}
@@ -58,7 +58,7 @@ def test_every_section_arrives_where_it_belongs():
     assert (qpsk.sir_db, qpsk.overlap, qpsk.start, qpsk.free_running) == (-12.5, 0.3, 0.1, False)
     assert tones.emitter == ToneEmitter(frequencies_hz=(1e5, -2e6)) and tones.free_running
     assert scene.channel.snr_db is None and scene.channel.drops.tagged is False
-    assert scene.altimeter.cfar == "os" and scene.segmenter.monitor is False
+    assert scene.altimeter.train_cells == 12 and scene.segmenter.monitor is False
     assert scene.radio.radar_serial == "30AD123" and scene.seed == 99
 
 
@@ -135,7 +135,7 @@ WRONG = [
     ({"interference": 7}, "interference", "7", "expected a mapping"),
     ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "1..16"),
     ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
-    ({"altimeter": {"cfar": "go"}}, "cfar", "'go'", "allowed: ca, os"),
+    ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
     ({"altimeter": {"pfa": 2.0}}, "pfa", "2.0", "within"),
     (
         {"altimeter": {"strategy": "best"}},

@@ -15,7 +15,8 @@ __all__ = ["range_profile"]
 class range_profile(gr.basic_block):
     """Power over altitude, and the power that the altimeter would call a detection; see `RangeProfile`.
 
-    ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10((r_up + r_down) / T)``.
+    ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10((r_up + r_down) / r_T)`` with ``r``
+    power over noise and ``r_T`` what both half sweeps alike need for a detection.
 
     Category: [RadAlt]/Displays. Ports: ``frames: complex vector of N > profile: float vector of points``,
     ``threshold: float vector of points`` (both in dB over a return of unit amplitude).

@@ -3,7 +3,7 @@
 >>> from radalt.core.mitigation import METHODS, create
 >>> from radalt.core.waveform import Waveform
 >>> sorted(METHODS)
-['blanking', 'lms', 'lms_reference_input', 'nlms', 'none', 'tcae', 'whitening']
+['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'tcae', 'whitening']
 >>> create("whitening", Waveform()).name
 'whitening'
 """
@@ -23,6 +23,7 @@ from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .own_process import OwnProcess
+from .prediction import LinearPrediction, NlmsPredictor
 from .tcae import Tcae
 from .whitening import Whitening
 
@@ -45,6 +46,8 @@ for _method in (
     BlockLms,
     BlockLmsReferenceInput,
     Nlms,
+    NlmsPredictor,
+    LinearPrediction,
     Whitening,
     Blanking,
     Tcae,

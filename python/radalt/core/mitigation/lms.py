@@ -91,9 +91,7 @@ class BlockLms(Mitigation):
         reach = float(delay_to_altitude_m(self.length / waveform.rate_hz))
         span = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         top = min(max(min(reach, span), 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
-        return shared_altimeter(
-            waveform, AltimeterSettings(max_altitude_m=top, max_vertical_speed_m_per_s=0.0)
-        )
+        return shared_altimeter(waveform, AltimeterSettings(max_altitude_m=top))
 
     def reset(self) -> None:
         """See `Mitigation.reset`: weights and delay line start at zero."""

@@ -10,6 +10,7 @@ from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 
 __all__ = ["Whitening"]
 
+_SEAM_S = 5e-6  # within which the filter's response decays; a return loses 0.05 dB
 _ROUNDING = 1e-14  # of a frame's energy; a return 80 dB under a tone has 1e-12 a cell
 
 
@@ -44,6 +45,7 @@ class Whitening(Mitigation):
             raise MitigationError(f"whitening.exponent is {exponent!r}; it has to be within 0..1")
         self.smoothing_hz, self.exponent = smoothing_hz, exponent
         self._cells = max(1, round(smoothing_hz * waveform.samples_per_frame / waveform.rate_hz))
+        self._seam = min(round(_SEAM_S * waveform.rate_hz), waveform.samples_per_frame // 50) or 1
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
@@ -56,4 +58,8 @@ class Whitening(Mitigation):
         smooth = np.maximum(smooth / np.where(level > 0, level, 1), np.float32(1e-6))
         # exp and log of float32 are vectorised, a power is not and costs as much as a transform
         spectrum *= np.exp(np.float32(-self.exponent) * np.log(smooth))
-        return fft.ifft(spectrum, axis=1, overwrite_x=True)
+        out = fft.ifft(spectrum, axis=1, overwrite_x=True)
+        # the frame's end is not its beginning: at the seam interference comes through, 40 dB above the rest
+        out[:, : self._seam] = 0
+        out[:, -self._seam :] = 0
+        return out

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..waveform import Waveform
-from .cfar import Cfar
 
 __all__ = ["AltimeterSettings", "RESULT_DTYPE", "Reason"]
 
@@ -39,6 +38,7 @@ RESULT_DTYPE = np.dtype(
         ("beat_down_hz", np.float64),
         ("snr_db", np.float64),
         ("forced_altitude_m", np.float64),
+        ("ambiguity_db", np.float64),
     ]
 )
 
@@ -54,17 +54,19 @@ class AltimeterSettings:
         for what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
     max_vertical_speed_m_per_s : float or None
         Largest range rate: how far the two sweeps' beats may differ and still be one target. None for what a scene
-        flies, else 150 m/s. A wider reach costs false alarms and, at equal `pfa`, 1 dB of sensitivity at 150 m/s.
+        flies, else 150 m/s. At equal `pfa` 150 m/s costs 1 dB of sensitivity, and where a method leaves holes in the
+        sweep one half's grating lobe beside the other's peak passes for a speed: who knows more says so per call
+        (`Altimeter.process`).
     window : str
         ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
         lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
         5.6 dB against one there, and a factor 1.6 in error.
     pfa : float
-        False-alarm probability of one cell of the up sweep with all partners that Doppler allows.
-    cfar : str
-        ``"ca"`` or ``"os"``.
+        False alarms in white noise per half resolution cell (1 kHz) of the span and frame, with all partners that
+        Doppler allows; 1e-12..0.5.
     train_cells, guard_cells : float
-        Training and guard on each side, in resolution cells (2 kHz, 20 m by default).
+        Training and guard cells on each side, in resolution cells (2 kHz, 20 m by default), where the noise is
+        not white (`Cfar`).
     strategy : str
         ``"strongest"`` point target; ``"leading_edge"`` nearest edge of an extended return, the -6 dB point of the
         rise, corrected so that a point target is unbiased; ``"centroid"`` power centroid.
@@ -75,9 +77,8 @@ class AltimeterSettings:
     max_vertical_speed_m_per_s: float | None = None
     window: str = "boxcar"
     pfa: float = 1e-4
-    cfar: str = "ca"
     train_cells: float = 16.0
-    guard_cells: float = 3.0
+    guard_cells: float = 1.5
     strategy: str = "strongest"
 
     def __post_init__(self) -> None:
@@ -90,10 +91,9 @@ class AltimeterSettings:
             raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
         if self.window not in ("hann", "hamming", "blackman", "boxcar"):
             raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
-        # here, where a scene is read, and not only where the detector is built
-        Cfar(pfa=self.pfa, kind=self.cfar)
+        if not 1e-12 <= self.pfa <= 0.5:
+            raise ValueError(f"altimeter.pfa is {self.pfa!r}; it has to be within 1e-12..0.5")
         if not (1 <= self.train_cells <= 256 and 0 <= self.guard_cells <= 256):
-            # the scale factor is solved from the covariance of all training cells
             raise ValueError(
                 f"altimeter.train_cells {self.train_cells:g} has to be within 1..256, guard_cells "
                 f"{self.guard_cells:g} within 0..256"

@@ -1,160 +1,234 @@
-"""Constant false-alarm-rate thresholds with their exact scale factors.
-
-The beat cells come from a windowed, oversampled spectrum, so neighbouring cells are correlated and the textbook
-scale factor (independent cells) misses the design false-alarm rate by a factor of several. Here it is solved from
-the cells' true covariance.
+"""Constant false-alarm rate: noise level of every beat cell, how unlikely noise is to reach a cell's power, and the law
+that gives the threshold on the sum of both half sweeps.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import optimize
 
-__all__ = ["Cfar", "cell_correlation"]
+__all__ = ["Cfar", "Significance", "pair_threshold", "support_of", "upcrossings"]
+
+_BLOCK = 8.0  # resolution cells in a block of the test for colour
+_QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
+_WHITE, _COLOURED = (
+    1.5,
+    3.5,
+)  # spread of block levels over that of white noise: up to here white, from here coloured
+_LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
+_FEWEST = 4.0  # looks that a noise level has at least
+_NARROWEST = 0.05  # least support of a half sweep
+_ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding
+_TINY = float(np.finfo(np.float32).tiny)
 
 
-def cell_correlation(window: np.ndarray, lags: int, fft_size: float) -> np.ndarray:
-    """(lags,) complex noise correlation between spectral cells ``0`` and ``lag`` of a windowed ``fft_size``-point FFT.
+class Significance(NamedTuple):
+    """Cells of both half sweeps, held against noise.
 
-    For white noise, ``E[X_k conj(X_l)]`` is the transform of the squared window at ``k - l``.
+    Attributes
+    ----------
+    value : (n, 2, C) float32
+        ``-log P`` with ``P`` the probability that noise alone reaches the cell's power; in noise exponential of mean 1.
+    noise : (n, 2, C) float32
+        Noise level.
+    looks : (n, 2) float32
+        Independent cells that the noise level is the mean of.
+    spared : (n,) float32
+        What narrow support takes from a frame's threshold: its cells are fewer independent trials.
     """
-    n = np.arange(window.size)
-    phase = np.exp(-2j * np.pi * np.outer(np.arange(lags), n) / fft_size)
-    correlation = phase @ (np.asarray(window, dtype=float) ** 2)
-    return correlation / correlation[0].real
+
+    value: np.ndarray
+    noise: np.ndarray
+    looks: np.ndarray
+    spared: np.ndarray
 
 
 @dataclass(frozen=True)
 class Cfar:
-    """Sliding-window CFAR over the cells of a power spectrum.
+    """Cell averaging, over the whole band where its noise is white and around the cell where it is not.
 
     Parameters
     ----------
-    pfa : float
-        False-alarm probability of one cell, 1e-12..0.5.
     train, guard : int
-        Training and guard cells on each side, in cells of the spectrum as it is sampled.
-    kind : str
-        ``"ca"`` averages the training cells; ``"os"`` takes an order statistic of training cells far enough apart
-        to be independent (H. Rohling, IEEE Trans. AES 19(4), 1983), robust against a second target in them.
-    rank : float
-        Order statistic as a fraction of the cells, for ``"os"``.
-    correlation : tuple of complex
-        Noise correlation by lag (`cell_correlation`); empty stands for independent cells.
+        Training groups on each side around a group of cells, and guard groups between.
+    group : int
+        Neighbouring cells that share a noise level: as many as a resolution cell has.
+    per_resolution : float
+        Cells per resolution cell, ``1 / T_h``.
+    energy : float
+        Of a tone, over its power in the cell where it peaks.
+
+    Notes
+    -----
+    A cell of power ``P`` over the mean of ``K`` independent noise cells exceeds ``r`` with probability
+    ``(1 + r/K)^-K``, so ``K log(1 + r/K)`` is exponential of mean 1 whatever ``K`` is. Interference that lasts for a
+    share of the half sweep makes cells that are correlated over the inverse of that share: ``K`` falls with it
+    (`support_of`).
+
+    White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
+    1 dB, and more in correlated noise. A network that passes part of the band leaves noise of another level in every
+    part, and the mean of the band is below most peaks. So the quartiles of blocks of 8 resolution cells are compared;
+    where they are further apart than white noise of that support makes them, the level comes from the cells around. A
+    return fills one or two blocks and leaves quartiles alone.
     """
 
-    pfa: float = 1e-4
-    train: int = 32
-    guard: int = 6
-    kind: str = "ca"
-    rank: float = 0.75
-    correlation: tuple[complex, ...] = ()
+    train: int = 16
+    guard: int = 1
+    group: int = 4
+    per_resolution: float = 4.0
+    energy: float = 4.0
 
     def __post_init__(self) -> None:
-        if not 1e-12 <= self.pfa <= 0.5:
-            raise ValueError(f"cfar.pfa is {self.pfa!r}; it has to be within 1e-12..0.5")
         if self.train < 2 or self.guard < 0:
             raise ValueError(
                 f"cfar.train {self.train} has to be at least 2, cfar.guard {self.guard} at least 0"
             )
-        if self.kind not in ("ca", "os"):
-            raise ValueError(f"cfar.kind is {self.kind!r}; allowed: ca, os")
-        if not 0 < self.rank <= 1:
-            raise ValueError(f"cfar.rank is {self.rank!r}; it has to be within 0..1")
 
     @property
     def margin(self) -> int:
         """Cells needed on each side of a cell under test."""
-        return self.train + self.guard
+        return (self.train + self.guard) * self.group
 
-    def _offsets(self) -> np.ndarray:
-        """Training cells' offsets from the cell under test."""
-        near, far = self.guard + 1, self.guard + self.train
-        stride = 1
-        if self.kind == "os" and self.correlation:
-            magnitude = np.abs(self.correlation)
-            stride = 1 + int(np.max(np.nonzero(magnitude > 0.05)[0]))
-        side = np.arange(near, far + 1, stride)
-        return np.concatenate([-side[::-1], side])
-
-    def survival(self, ratio: np.ndarray) -> np.ndarray:
-        """Probability that a noise cell exceeds ``ratio`` times its own noise estimate, exact in white Gaussian noise.
-
-        Cell averaging: the cell under test is exponential and the training mean a Hermitian quadratic form, so the
-        probability is ``prod 1 / (1 + a lambda_i / n)`` over the eigenvalues of the training cells' covariance (moment
-        generating function, G. L. Turin, Biometrika 47, 1960). Order statistic: ``prod (n - i)/(n - i + a)``,
-        i = 0..k-1 (Rohling 1983, eq. 21).
-        """
-        a = np.maximum(np.asarray(ratio, dtype=float), 0.0)[..., None]
-        offsets = self._offsets()
-        n = offsets.size
-        if self.kind == "os":
-            i = np.arange(self._rank_index(n) + 1)
-            return np.exp(-np.sum(np.log1p(a / (n - i)), axis=-1))
-        return np.exp(-np.sum(np.log1p(a * self._training_eigenvalues(offsets) / n), axis=-1))
-
-    def scale(self) -> float:
-        """Factor between noise estimate and threshold that gives ``pfa`` for one cell of one spectrum."""
-        return float(optimize.brentq(lambda a: np.log(self.survival(a)) - np.log(self.pfa), 1e-9, 1e9))
-
-    def joint_scale(self, floor: float) -> float:
-        """Threshold on the sum of two independent cells' ratios, each at least ``floor``, that gives ``pfa``.
-
-        ``P = int_floor^inf p(r) S(max(floor, t - r)) dr`` with ``S`` the survival function and ``p`` its density.
-        """
-        top = float(optimize.brentq(lambda a: np.log(self.survival(a)) - np.log(self.pfa * 1e-3), 1e-9, 1e9))
-        ratio = np.linspace(floor, max(top, floor + 1.0), 4001)
-        survival = self.survival(ratio)
-        mass = -np.diff(survival)
-        middle = 0.5 * (ratio[1:] + ratio[:-1])
-
-        def log_excess(threshold: float) -> float:
-            other = self.survival(np.maximum(floor, threshold - middle))
-            return float(np.log(np.sum(mass * other)) - np.log(self.pfa))
-
-        if log_excess(2 * floor) < 0:  # the floor alone is rarer than pfa
-            return 2.0 * floor
-        return float(optimize.brentq(log_excess, 2.0 * floor, 4.0 * top))
-
-    def _rank_index(self, n: int) -> int:
-        return min(n - 1, max(0, round(self.rank * n) - 1))
-
-    def _training_eigenvalues(self, offsets: np.ndarray) -> np.ndarray:
-        """Eigenvalues of the training cells' normalised Hermitian covariance."""
-        if not self.correlation:
-            return np.ones(offsets.size)
-        lag = offsets[:, None] - offsets[None, :]
-        table = np.zeros(np.abs(lag).max() + 1, dtype=complex)
-        reach = min(table.size, len(self.correlation))
-        table[:reach] = self.correlation[:reach]
-        covariance = np.where(lag >= 0, table[np.abs(lag)], np.conj(table[np.abs(lag)]))
-        return np.maximum(linalg.eigvalsh(covariance), 0.0)
-
-    def noise(self, power: np.ndarray) -> np.ndarray:
-        """Noise estimate for every cell that has all its training cells.
+    def significance(self, power: np.ndarray, support: np.ndarray) -> Significance:
+        """Of the cells that have all their training cells: element 0 belongs to cell ``margin``.
 
         Parameters
         ----------
-        power : (..., J) float array
-
-        Returns
-        -------
-        (..., J - 2 * margin) float array; element 0 belongs to cell ``margin``.
+        power : (n, 2, J) float32
+        support : (n, 2) float
+            See `support_of`.
         """
-        m, t, g = self.margin, self.train, self.guard
-        inner = power.shape[-1] - 2 * m
-        if self.kind == "os":
-            offsets = self._offsets()
-            cells = power[..., (m + np.arange(inner))[:, None] + offsets]
-            k = self._rank_index(offsets.size)
-            return np.partition(cells, k, axis=-1)[..., k]
-        total = np.zeros(
-            power.shape[:-1] + (power.shape[-1] + 1,)
-        )  # float64 sums: exact enough at 100 dB range
-        np.cumsum(power, axis=-1, out=total[..., 1:])
-        low = total[..., t : t + inner] - total[..., :inner]
-        start = m + g + 1
-        high = total[..., start + t : start + t + inner] - total[..., start : start + inner]
-        return np.maximum((low + high) / (2 * t), 0.0)
+        t, g, q = self.train, self.guard, self.group
+        m = t + g
+        groups = power.shape[-1] // q
+        inner = groups - 2 * m
+        cells = power[..., m * q : (m + inner) * q]
+        sums = power[..., 0 : groups * q : q]
+        for k in range(1, q):
+            sums = sums + power[..., k : groups * q : q]
+        whole = sums.sum(axis=-1, keepdims=True)
+        noise = (whole - np.float32(self.energy) * cells) * np.float32(1.0 / (q * groups - self.energy))
+        colour = self._colour(sums, support)
+        if colour.any():
+            around = np.repeat(self._around(sums), q, axis=-1)
+            noise += colour.astype(np.float32)[..., None] * (around - noise)
+        np.maximum(noise, whole * np.float32(_ROUNDING / (q * groups)) + np.float32(_TINY), out=noise)
+        share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
+        looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
+        value = noise * looks[..., None]
+        np.divide(cells, value, out=value)
+        value += np.float32(1.0)
+        np.log(value, out=value)
+        value *= looks[..., None]
+        spared = -0.5 * ((1.0 - colour) * np.log(support)).sum(axis=1)
+        return Significance(value, noise, looks, spared.astype(np.float32))
+
+    def _around(self, sums: np.ndarray) -> np.ndarray:
+        """(n, 2, inner) float32 mean power of the training cells, from sums over groups (n, 2, groups)."""
+        t, g, m = self.train, self.guard, self.train + self.guard
+        inner = sums.shape[-1] - 2 * m
+        total = np.zeros((*sums.shape[:-1], sums.shape[-1] + 1))  # float64: exact enough at 100 dB range
+        np.cumsum(sums, axis=-1, out=total[..., 1:])
+        near = total[..., m + g + 1 : m + g + 1 + inner] - total[..., t : t + inner]
+        around = total[..., 2 * m + 1 :] - total[..., :inner] - near
+        return (around * (0.5 / (self.group * t))).astype(np.float32)
+
+    def _colour(self, sums: np.ndarray, support: np.ndarray) -> np.ndarray:
+        """(n, 2) in 0..1: how far block levels are apart, over what white noise of that support makes of them."""
+        block = max(1, round(_BLOCK * self.per_resolution / self.group))
+        count = sums.shape[-1] // block
+        if count < 4:
+            return np.zeros(support.shape)
+        levels = sums[..., : count * block].reshape(*support.shape, count, block).sum(axis=-1)
+        levels.sort(axis=-1)
+        low, high = levels[..., count // 4], levels[..., count - 1 - count // 4]
+        spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
+        colour = (_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE)
+        return np.minimum(np.maximum(colour, 0.0), 1.0)
+
+
+def support_of(samples: np.ndarray, count: float) -> np.ndarray:
+    """Share of a half sweep that its noise lasts for, by the fourth moment of its samples.
+
+    ``2 (sum e)^2 / (n sum e^2)`` with ``e = |x|^2``: 1 for Gaussian noise of constant power (``E e^2 = 2 (E e)^2``),
+    its share for noise in a part of the samples. Kept within 0.05..1.
+
+    Parameters
+    ----------
+    samples : (..., M) complex
+        Dechirped and decimated.
+    count : float
+        Samples ``n`` that make up the half sweep, without what filters add.
+    """
+    rails = samples.view(np.float32)
+    squares = rails * rails
+    energy = squares[..., ::2] + squares[..., 1::2]
+    first = energy.sum(axis=-1).astype(np.float64)
+    second = np.einsum("...i,...i->...", energy, energy)
+    # nothing, or nothing that is a number, counts as whole
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        share = 2.0 * first**2 / (count * second)
+    return np.fmax(np.fmin(share, 1.0), _NARROWEST)
+
+
+def upcrossings(window: np.ndarray) -> float:
+    """Constant ``a``: a noise spectrum crosses ``u`` upwards ``a sqrt(u) exp(-u)`` times per resolution cell.
+
+    ``a = sqrt(lambda / pi)`` with ``lambda = (2 pi)^2 var(t / T_h)`` under the squared window: the envelope of a
+    complex Gaussian process (S. O. Rice, Bell Syst. Tech. J. 24, 1945, sec. 3.8).
+    """
+    weight = np.asarray(window, dtype=float) ** 2
+    time = np.arange(weight.size) / weight.size
+    mean = np.average(time, weights=weight)
+    return float(np.sqrt(4.0 * np.pi * np.average((time - mean) ** 2, weights=weight)))
+
+
+def pair_threshold(rate: float, cells: float, partners: float, crossing: float, floor: float) -> float:
+    """Threshold on the sum of both half sweeps' significance that white noise exceeds ``rate`` times per frame.
+
+    Parameters
+    ----------
+    rate : float
+        Expected false alarms per frame.
+    cells : float
+        Resolution cells searched.
+    partners : float
+        Width of the differences between up and down cell that are searched, in resolution cells; 0 for one partner.
+    crossing : float
+        See `upcrossings`.
+    floor : float
+        What each half sweep has to show on its own.
+
+    Notes
+    -----
+    Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T``
+    ``a T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
+    maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor leaves
+    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Measured on white noise the law is met from 0.5 to 1.0 times.
+    """
+
+    def log_excess(level: float) -> float:
+        return float(np.log(_false_alarms(level, cells, partners, crossing, floor)) - np.log(rate))
+
+    low = 2.0 * floor + 1e-3
+    return low if log_excess(low) < 0 else float(optimize.brentq(log_excess, low, 200.0, xtol=1e-6))
+
+
+def _false_alarms(level: float, cells: float, partners: float, crossing: float, floor: float) -> float:
+    """Expected false alarms per frame at a threshold."""
+
+    def maxima(u: np.ndarray | float) -> np.ndarray:  # per resolution cell, above u
+        return crossing * np.sqrt(np.maximum(u, 0.5)) * np.exp(-np.asarray(u, dtype=float))
+
+    both = (level - 2.0 * floor + 1.0) / (level + 1.0) * np.exp(-level)
+    count = both * (cells * crossing * level**1.5 + 1.0 + level)
+    if partners > 0:
+        u = np.linspace(0.5 * level, level + 12.0, 600)
+        middle = 0.5 * (u[1:] + u[:-1])
+        lifted = -np.expm1(-partners * maxima(np.maximum(level - middle, floor)))
+        pairs = 2.0 * np.sum(-np.diff(maxima(u)) * lifted) - partners * maxima(0.5 * level) ** 2
+        count += cells * max(0.0, float(pairs))
+    return float(count)

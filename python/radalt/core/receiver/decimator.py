@@ -113,14 +113,22 @@ class Decimator:
         if self.factor == 1:
             return buffer
         rows, terms = self._rows, self._overlap
-        blocks = buffer.view(np.float32).reshape(-1, rows, 2 * self._row)
-        share = np.empty((len(blocks), rows, terms, self._run), dtype=np.complex64)
-        # one product a block: BLAS rounds differently with the number of rows, and a frame's result must not depend on
-        # how many came with it. SciPy's BLAS: NumPy below 2, which older GNU Radio needs, has one that takes processors
-        # made after it for one of 2004, at a fifth of the speed. It counts columns first: both sides are transposed
-        for block, part in zip(blocks, share.view(np.float32).reshape(len(blocks), rows, -1), strict=True):
-            part[:] = blas.sgemm(1.0, self._matrix, block.T).T
+        blocks = buffer.view(np.float32).reshape(-1, self._blocks(buffer.shape) * rows, 2 * self._row)
+        share = np.empty((*blocks.shape[:2], terms, self._run), dtype=np.complex64)
+        # One product for the blocks of a frame: BLAS rounds differently with the number of rows, and a frame's result
+        # must not depend on how many came with it. SciPy's BLAS, not NumPy's: NumPy below 2 takes new processors for
+        # one of 2004, at a fifth of the speed. BLAS counts columns first, so both sides are transposed, and so is the
+        # share that it writes into.
+        parts = share.view(np.float32).reshape(len(blocks), blocks.shape[1], -1)
+        for block, part in zip(blocks, parts, strict=True):
+            blas.sgemm(1.0, self._matrix, block.T, c=part.T, overwrite_c=1)
+        share = share.reshape(-1, rows, terms, self._run)
         out = share[:, terms - 1 :, 0].copy()
         for k in range(1, terms):
             out += share[:, terms - 1 - k : rows - k, k]
         return out.reshape(*buffer.shape[:-1], -1)[..., : self.outputs]
+
+    @staticmethod
+    def _blocks(shape: tuple[int, ...]) -> int:
+        """Blocks in one product: the last of the leading axes, the half sweeps of a frame."""
+        return shape[-2] if len(shape) > 1 else 1

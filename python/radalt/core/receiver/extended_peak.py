@@ -34,7 +34,10 @@ def edge_of(power: np.ndarray, cell: int, peak: float, lobe: tuple[np.ndarray, n
     lobe : (power, distance)
         Main lobe of a point target: rising relative power, and the distance from its peak in cells.
     """
-    low, _ = _run(power > 0.25 * peak, cell)
+    above = power > 0.25 * peak
+    # interference of two scatterers: a dip of one cell, a quarter of a resolution cell, does not end the run
+    above[1:-1] |= above[:-2] & above[2:]
+    low, _ = _run(above, cell)
     return low + float(np.interp(power[low] / max(peak, 1e-37), *lobe))
 
 

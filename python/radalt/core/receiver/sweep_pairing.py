@@ -1,4 +1,4 @@
-"""Which cell of the up sweep and which of the down sweep are one target (docs/design.md)."""
+"""Which cell of the up sweep and which of the down sweep are one target."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from .altimeter_settings import Reason
+from .cfar import Significance
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
-FLOOR = 3.0  # power over noise that each half sweep has to show on its own for the two to agree
+FLOOR = (
+    3.0  # significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
+)
+_CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
+_HALVES = np.arange(2)
+_OUTSHINING = 10.0  # power of a return beyond the span over the cells found
+_MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 
 
 class Found(NamedTuple):
@@ -26,11 +32,17 @@ class Found(NamedTuple):
         Up and down cell counted from the margin; without detection the best pair all the same.
     around : (n, 2, 3) float32
         Power of each cell and its two neighbours.
+    noise : (n, 2) float32
+        Noise level of each cell.
+    lead : (n,) float32
+        Joint significance of the pair less that of the best other pair; infinite if there is none.
     """
 
     reason: np.ndarray
     pair: np.ndarray
     around: np.ndarray
+    noise: np.ndarray
+    lead: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +52,17 @@ class PairSearch:
     Parameters
     ----------
     margin : int
-        Cells at either end of the spectrum without a noise estimate.
+        Cells at either end of the spectrum without a noise level.
     first, last : int
         Cells searched, ``first..last-1``, counted from ``margin``.
-    reach : int
-        Cells by which Doppler may set the two half sweeps apart.
-    climb : int
-        Cells from the best ratio to the peak of power beside it, at most.
+    apart : (int, int)
+        Least and greatest difference, up cell less down cell, that the allowed speeds make.
+    per_resolution : int
+        Cells per resolution cell.
     cell_threshold, pair_threshold : float
-        On one cell's ratio to the noise, and on the sum of two.
+        On one cell's significance, and on the sum of two.
     flank : float
-        Neighbour-to-cell power that no peak shows.
+        Power half a resolution cell away over a cell's own that no peak shows.
     side_lobes : (J,) float array
         Greatest side lobe by distance in cells.
     outshining : bool
@@ -60,111 +72,123 @@ class PairSearch:
     margin: int
     first: int
     last: int
-    reach: int
-    climb: int
+    apart: tuple[int, int]
+    per_resolution: int
     cell_threshold: float
     pair_threshold: float
     flank: float
     side_lobes: np.ndarray
     outshining: bool
 
-    def __call__(self, power: np.ndarray, noise: np.ndarray) -> Found:
-        """Up and down cell are tested together, for every difference that Doppler allows.
+    def __call__(self, power: np.ndarray, cells: Significance) -> Found:
+        """The pair of greatest joint significance, and whether it is a target.
 
-        The sum of their ratios to the noise against a two-look threshold, each above a floor of its own, so that both
-        sweeps have to show the target.
+        Forced and declared decisions are the same pair: it is declared if the sum exceeds the threshold and each half
+        sweep shows it above a floor of its own.
 
         Parameters
         ----------
-        power : (n, 2, J) float
-        noise : (n, 2, J - 2 margin) float
+        power : (n, 2, J) float32
+        cells : Significance
+            Of the cells with a noise level.
         """
-        first, last, margin = self.first, self.last, self.margin
-        floor = np.maximum(noise[..., first:last], np.finfo(np.float32).tiny)
-        ratio = power[..., margin + first : margin + last] / floor
-        pair, joint = self._best_pair(np.where(ratio >= FLOOR, ratio, -np.inf))
-        found = joint > self.pair_threshold
+        value = cells.value[..., self.first : self.last]
+        pair, joint, lead = self._best_pair(value)
+        n, halves = np.arange(len(pair))[:, None], _HALVES
+        found = (joint + cells.spared > self.pair_threshold) & (value[n, halves, pair] >= FLOOR).all(axis=1)
         reason = np.full(len(found), Reason.OK)
         if not found.all():
-            missed = ~found
-            ratio = ratio[missed]
-            pair[missed] = self._best_pair(ratio)[0]
-            single = (ratio > self.cell_threshold).any(axis=-1).all(axis=-1)
-            reason[missed] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
-        pair += first
-        # from here on half sweeps are rows, whichever frame they belong to
-        rows, cells = power.reshape(-1, power.shape[-1]), pair.reshape(-1)
-        around = self._climb(rows, cells)
-        cut, beyond = self._on_flank(around, cells)
-        side_lobe, outshone = self._outshone(rows, cells)
-        doubt = (cut | side_lobe | beyond).reshape(-1, 2).any(axis=1) | outshone
-        if doubt.any():
-            reason[found & (cut | side_lobe).reshape(-1, 2).any(axis=1)] = Reason.SWEEPS_DISAGREE
-            reason[found & (beyond.reshape(-1, 2).any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
-        return Found(reason, pair, around.reshape(-1, 2, 3))
+            single = (value[~found].max(axis=-1) > self.cell_threshold).all(axis=-1)
+            reason[~found] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
+        pair += self.first
+        far = max(1, self.per_resolution // 2)
+        steps = self.margin + np.array([-far, -1, 0, 1, far])
+        around, noise = (
+            power[n[..., None], _HALVES[:, None], pair[..., None] + steps],
+            cells.noise[n, halves, pair],
+        )
+        cut, beyond = self._on_flank(around[..., ::2], pair, noise)
+        side_lobe, outshone = self._outshone(power, pair, around[..., 2])
+        doubt = cut | side_lobe
+        if (doubt | beyond).any() or outshone.any():
+            reason[found & doubt.any(axis=1)] = Reason.SWEEPS_DISAGREE
+            reason[found & (beyond.any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
+        return Found(reason, pair, around[..., 1:4], noise, lead)
 
-    def _best_pair(self, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) up and down cell with the greatest sum of ratios (n, 2, cells) within Doppler's reach, and the sum."""
-        reach, cells = self.reach, ratio.shape[-1]
-        up, down = ratio[:, 0], ratio[:, 1]
-        near = ndimage.maximum_filter1d(down, 2 * reach + 1, axis=-1, mode="constant", cval=-np.inf)
-        joint = up + near
-        rows = np.arange(len(ratio))
-        pair = np.empty((len(ratio), 2), dtype=np.intp)
-        pair[:, 0] = cell = joint.argmax(axis=-1)
-        window = np.clip(cell[:, None] + np.arange(-reach, reach + 1), 0, cells - 1)
-        pair[:, 1] = window[rows, down[rows[:, None], window].argmax(axis=-1)]
-        return pair, joint[rows, cell]
+    def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, 2) cells of the greatest sum of (n, 2, cells), the sum, and its lead over the best rival.
 
-    def _climb(self, power: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Climb in place to the top of power within a resolution cell, as far as span and Doppler's reach allow.
-
-        Side lobes of a strong return in the training cells tilt the ratio to the noise, whose largest cell then lies
-        beside the peak, where interpolation has no say. Only upwards, never across a valley: a return whose band was
-        notched has side lobes as high as its peak within that distance.
-
-        Parameters
-        ----------
-        power : (2 n, J) rows of up and down sweep in turn
-        cells : (2 n,) counted from the margin
-
-        Returns
-        -------
-        (2 n, 3) powers around the cells.
+        A rival has a cell beyond the main lobe in at least one half sweep: a side lobe, or a grating lobe of what is
+        left of a sweep.
         """
-        far, rows = self.climb, np.arange(len(cells))
-        steps = np.arange(-far - 1, far + 2)
-        wide = power[rows[:, None], np.clip(cells[:, None] + (self.margin + steps), 0, power.shape[1] - 1)]
-        rise = wide[:, 2:-1] - wide[:, 1:-2]
-        right = np.logical_and.accumulate(rise[:, far:] > 0, axis=1).sum(axis=1)
-        left = np.logical_and.accumulate(rise[:, far - 1 :: -1] < 0, axis=1).sum(axis=1)
-        higher = wide[rows, far + 1 + right] >= wide[rows, far + 1 - left]
-        step = np.where(higher, right, -left)
-        moved = cells + step
-        inside = ((moved >= self.first) & (moved < self.last)).reshape(-1, 2).all(axis=1)
-        reached = np.abs(moved[::2] - moved[1::2]) <= self.reach
-        step *= np.repeat(inside & reached, 2)
-        cells += step
-        return wide[rows[:, None], (step + far)[:, None] + np.arange(3)]
+        up, down = value[:, 0], value[:, 1]
+        least, most = self.apart
+        count, n = up.shape[1], np.arange(len(up))
+        padded = self._padded(down)
+        joint = up + _running_maxima(padded, most - least + 1)[:, -count:]
+        cell = joint.argmax(axis=1)
+        best = joint[n, cell]
+        lobe = max(1, round(_MAIN_LOBE * self.per_resolution))
+        # partners of the main lobe of the up cell: those of its own cell are in the middle
+        first = cell[:, None] - lobe
+        near = padded[
+            n[:, None], np.clip(first + np.arange(2 * lobe + most - least + 1), 0, padded.shape[1] - 1)
+        ]
+        partner = near[:, lobe : near.shape[1] - lobe].argmax(axis=1)
+        pair = np.stack([cell, cell - most + partner], axis=1)
+        ups = np.clip(first + np.arange(2 * lobe + 1), 0, count - 1)
+        joint[n[:, None], ups] = -np.inf
+        steps = np.arange(near.shape[1])
+        near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
+        rest = up[n[:, None], ups] + _running_maxima(near, most - least + 1)
+        return pair, best, best - np.maximum(joint.max(axis=1), rest.max(axis=1))
 
-    def _on_flank(self, around: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(2 n,) flags: the search ended on the flank of a peak beyond Doppler's reach; beyond the altitudes' span."""
-        lower, here, upper = around.T
-        flank = np.maximum(lower, upper) > self.flank * here
+    def _padded(self, down: np.ndarray) -> np.ndarray:
+        """Down cells, so that the partners that the allowed differences give up cell ``k`` start at ``k``."""
+        least, most = self.apart
+        count = down.shape[1]
+        padded = np.full((len(down), count + most - least), -np.inf, dtype=down.dtype)
+        low, high = (
+            max(0, -most),
+            min(count, count - least),
+        )  # of the down cells that any up cell has for a partner
+        padded[:, low + most : high + most] = down[:, low:high]
+        return padded
+
+    def _on_flank(
+        self, around: np.ndarray, cells: np.ndarray, noise: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) flags: the cell is on the flank of a peak beyond the allowed speeds; beyond the altitudes' span.
+
+        From the powers (n, 2, 3) half a resolution cell below, here and half a resolution cell above.
+        """
+        lower, here, upper = around[..., 0], around[..., 1], around[..., 2]
+        higher = np.maximum(lower, upper)
+        flank = (higher > self.flank * here) & (higher > here + _CUT * noise)
         edge = ((cells <= self.first) & (lower > upper)) | ((cells >= self.last - 1) & (upper > lower))
         return flank & ~edge, flank & edge
 
-    def _outshone(self, power: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Flags by the strongest cell of each half sweep: (2 n,) the cell is no more than its side lobe.
+    def _outshone(
+        self, power: np.ndarray, pair: np.ndarray, here: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Flags by the strongest cell of each half sweep: (n, 2) the cell is no more than its side lobe.
 
         And (n,) the strongest is the return: it lies beyond the span of altitudes in both half sweeps, 10 dB above the
         cells found.
         """
-        rows, at = np.arange(len(cells)), cells + self.margin
-        strongest = power.argmax(axis=1)
-        here, top = power[rows, at], power[rows, strongest]
-        side_lobe = here <= self.side_lobes[np.abs(strongest - at)] * top
+        strongest, top = power.argmax(axis=-1), power.max(axis=-1)
+        side_lobe = here <= self.side_lobes[np.abs(strongest - (pair + self.margin))] * top
         if not self.outshining:
-            return side_lobe, np.zeros(len(cells) // 2, dtype=bool)
+            return side_lobe, np.zeros(len(pair), dtype=bool)
         outside = (strongest < self.margin + self.first) | (strongest >= self.margin + self.last)
-        return side_lobe, (outside & (top > 10.0 * here)).reshape(-1, 2).all(axis=1)
+        return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
+
+
+def _running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
+    """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
+    have = 1
+    while have < width:
+        step = min(have, width - have)
+        rows = np.maximum(rows[:, :-step], rows[:, step:])
+        have += step
+    return rows

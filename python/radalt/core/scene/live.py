@@ -82,13 +82,15 @@ class RangeProfile:
 
     def process(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Profile and threshold of ``(n, N)`` frames: two (n, points) float32 arrays in dB."""
-        margin = self.altimeter.cfar.margin
         spectra = self.altimeter.spectra(frames)
-        power = spectra.power[..., margin:-margin].astype(float)
-        ratio = (power / np.maximum(spectra.noise, np.finfo(np.float32).tiny)).sum(axis=1)
+        cells = self.altimeter.significance(spectra)
+        # K log(1 + r/K) of both half sweeps alike, turned back into power over noise r
+        looks = 2.0 * cells.looks.mean(axis=1, keepdims=True)
+        ratio = np.expm1(cells.value.sum(axis=1) / looks)
+        needed = np.expm1((self.altimeter.pair_threshold - cells.spared[:, None]) / looks)
         profile = self._power_db(spectra) - self._unit_db
         with np.errstate(divide="ignore", invalid="ignore"):
-            threshold = profile - 10.0 * np.log10(ratio / self.altimeter.pair_scale)
+            threshold = profile - 10.0 * np.log10(ratio / needed)
         return self._resample(profile), self._resample(threshold)
 
     def _power_db(self, spectra: Spectra) -> np.ndarray:

@@ -101,7 +101,7 @@ class Chain:
         for k in range(0, len(frames), step):
             spectra = altimeter.spectra(method.process(frames[k : k + step]))
             if self.looks > 1:
-                spectra = _averaged(altimeter, spectra, self.looks)
+                spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
         return np.concatenate(parts), method
 
@@ -124,14 +124,15 @@ def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Cha
     return tuple(moved(chain) for chain in chains)
 
 
-def _averaged(altimeter: Altimeter, spectra: Spectra, looks: int) -> Spectra:
+def _averaged(spectra: Spectra, looks: int) -> Spectra:
     """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
     # spectra come scaled to unit peak; undo that, so that looks weigh by their power
     power = spectra.power * (spectra.scale**2)[:, None, None]
     power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
     scale = np.sqrt(power.max(axis=(1, 2)))
     power = (power / np.where(scale > 0, scale, 1.0)[:, None, None] ** 2).astype(np.float32)
-    return Spectra(power, altimeter.cfar.noise(power), spectra.beat_hz, scale)
+    support = spectra.support.reshape(-1, looks, 2).mean(axis=1)
+    return Spectra(power, support, spectra.beat_hz, scale)
 
 
 @lru_cache(maxsize=64)

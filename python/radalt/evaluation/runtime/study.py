@@ -78,7 +78,6 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
     altimeters = {
         "none, centroid": {"strategy": "centroid"},
         "none, leading edge": {"strategy": "leading_edge"},
-        "none, order-statistic CFAR": {"cfar": "os"},
         "none, Hann window": {"window": "hann"},
         "none, span 6 km": {"max_altitude_m": 6000.0},
         "none, span 37 km": {"max_altitude_m": 37_000.0},

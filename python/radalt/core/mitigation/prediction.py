@@ -1,0 +1,131 @@
+"""Linear prediction: what a frame's past tells of its next sample is interference, the rest is kept.
+
+A tone or a narrow band is predictable from a few samples; noise is not, and neither is the sweep, whose frequency has
+moved on. Two ways: an adaptive one-step predictor, and the best predictor of the whole frame as a filter of zero phase.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, linalg, signal
+
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale
+
+__all__ = ["LinearPrediction", "NlmsPredictor"]
+
+_BLOCK = 8  # samples with the same weights: 20 and more are unstable on a tone at a step of 0.1
+_ROUNDING = 1e-12  # of a frame's power, added to lag 0: rounding makes the lags of a tone no autocorrelation
+
+
+class NlmsPredictor(Mitigation):
+    """Prediction error of a one-step NLMS predictor, ``e_n = x_n - w^T (x_{n-1} ... x_{n-L})``.
+
+    Card: *adaptive line enhancer's error output.* Every sample is predicted from the ``L`` before it; weights follow
+    ``w += mu conj(x) e / |x|^2``. Good against tones; modulation as wide as the sweep leaves nothing to predict.
+    The filter is of minimum phase, not of zero phase: what takes a band out of the sweep delays the rest, by 26 m under
+    shaped QPSK at -30 dB, and such an altitude is declared. A row of the comparison, then, not a method to fly.
+
+    Parameters
+    ----------
+    length : int
+        Weights ``L``, 1..256.
+    step : float
+        ``mu``, above 0 and at most 0.2.
+
+    Notes
+    -----
+    B. Widrow et al., "Adaptive noise cancelling: principles and applications", Proc. IEEE 63(12), 1975, sec. VIII.
+    Weights start at zero with every frame and are kept for 8 samples at a time.
+    """
+
+    name = "nlms_predictor"
+    title = "NLMS one-step predictor"
+    style = PlotStyle("#666666", "X", "--")
+
+    def __init__(self, waveform: Waveform, *, length: int = 32, step: float = 0.1) -> None:
+        if not (isinstance(length, int) and 1 <= length <= 256):
+            raise MitigationError(f"nlms_predictor.length is {length!r}; a whole number within 1..256")
+        if not (np.isfinite(step) and 0 < step <= 0.2):
+            raise MitigationError(f"nlms_predictor.step is {step!r}; it has to be within 0..0.2")
+        self.length, self.step = length, float(step)
+        super().__init__(waveform)
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        scale = peak_scale(batch)
+        n, samples = batch.shape
+        padded = np.zeros((n, self.length + samples), dtype=np.complex64)
+        np.divide(batch, scale, out=padded[:, self.length :])
+        # row m holds the samples before sample m, oldest first
+        past = np.lib.stride_tricks.sliding_window_view(padded, self.length, axis=1)[:, :samples]
+        power = padded.real**2 + padded.imag**2
+        energy = np.cumsum(power, axis=1, dtype=np.float64)
+        energy = np.concatenate([np.zeros((n, 1)), energy], axis=1)
+        window = (energy[:, self.length : -1] - energy[:, : -self.length - 1]).astype(np.float32)
+        floor = 1e-6 * self.length * power.mean(axis=1, keepdims=True) + np.finfo(np.float32).tiny
+        gain = self.step / np.maximum(window, floor)
+        out = np.empty_like(batch)
+        weights = np.zeros((n, self.length, 1), dtype=np.complex64)
+        for first in range(0, samples, _BLOCK):
+            span = slice(first, min(first + _BLOCK, samples))
+            rows = past[:, span]
+            error = padded[:, self.length + span.start : self.length + span.stop, None] - rows @ weights
+            out[:, span] = error[..., 0]
+            weights = weights + rows.conj().transpose(0, 2, 1) @ (error * gain[:, span, None])
+        return out * scale
+
+
+class LinearPrediction(Mitigation):
+    """``X |A|^2`` with ``A`` the prediction-error filter of the frame: zero phase, one Toeplitz solve per frame.
+
+    Card: *autoregressive whitening as a matched filter.* The spectrum of the interference is modelled by ``order``
+    poles, ``S = g / |A|^2``; dividing by it is the matched filter for a known signal in that noise. Narrow lines take a
+    pole each, which no smoothed periodogram resolves so well; interference as wide as the sweep is white to it.
+
+    Parameters
+    ----------
+    order : int
+        Poles, 1..256.
+
+    Notes
+    -----
+    Yule-Walker equations on the circular autocorrelation of the tapered frame (J. Makhoul, "Linear prediction: a
+    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well; it is white over the band.
+    """
+
+    name = "linear_prediction"
+    title = "linear prediction, zero phase"
+    style = PlotStyle("#8C6D1F", "<", "-.")
+
+    def __init__(self, waveform: Waveform, *, order: int = 32) -> None:
+        if not (isinstance(order, int) and 1 <= order <= min(256, waveform.samples_per_frame // 4)):
+            raise MitigationError(
+                f"linear_prediction.order is {order!r}; a whole number within "
+                f"1..{min(256, waveform.samples_per_frame // 4)}"
+            )
+        self.order = order
+        self._taper = signal.get_window("hann", waveform.samples_per_frame).astype(np.float32)
+        super().__init__(waveform)
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        scaled = batch / peak_scale(batch)
+        tapered = fft.fft(scaled * self._taper, axis=1)
+        power = tapered.real.astype(np.float64) ** 2 + tapered.imag.astype(np.float64) ** 2
+        lags = fft.ifft(power, axis=1)[:, : self.order + 1]
+        spectrum = fft.fft(scaled, axis=1)
+        for row, lag in zip(spectrum, lags, strict=True):
+            level = lag[0].real
+            if not level > 0:  # a frame of nothing
+                continue
+            lag = lag / level
+            lag[0] = 1.0 + _ROUNDING
+            taps = np.zeros(row.size, dtype=np.complex64)
+            taps[0] = 1.0
+            taps[1 : self.order + 1] = -linalg.solve_toeplitz(lag[:-1], lag[1:])
+            response = fft.fft(taps)
+            row *= response.real**2 + response.imag**2
+        out = fft.ifft(spectrum, axis=1, overwrite_x=True)
+        # the frame's end is not its beginning: within the filter's reach of the seam interference comes through
+        out[:, : self.order] = 0
+        out[:, -self.order :] = 0
+        return out

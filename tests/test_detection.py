@@ -1,0 +1,100 @@
+"""The altimeter beside a textbook one that shares no code with it, and the study that tabulates both."""
+
+import numpy as np
+import pytest
+
+from radalt.core.interference.placement import interference_frames
+from radalt.core.mitigation import create
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.returns.point import point_return
+from radalt.core.scene import load_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.detection import study
+from radalt.evaluation.detection.report import null_table, return_table
+from radalt.evaluation.detection.textbook import textbook_altitudes
+
+W = Waveform()
+FRAMES = 160
+
+
+def frames_of(scene_name: str, sir_db: float, snr_db: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng([41, *scene_name.encode()])
+    altitudes, speeds = rng.uniform(3, 1500, FRAMES), rng.uniform(-10, 10, FRAMES)
+    frames = point_return(W, altitudes, vertical_speed_m_per_s=speeds, dtype=np.complex128)
+    if scene_name != "none":
+        scene = load_scene(scene_name).at(overlap=1.0, sir_db=sir_db)
+        frames += interference_frames(
+            scene.interference, FRAMES, 7500, 7.5e6, rng, total_sir_db=scene.total_sir_db
+        )
+    frames += 10 ** (-snr_db / 20) * np.sqrt(0.5) * rng.standard_normal((FRAMES, 15000)).view(complex)
+    return frames.astype(np.complex64), altitudes
+
+
+BLIND = 76  # samples of a half sweep during which an echo from 1500 m is still on the other slope
+
+
+def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
+    """Told, as the altimeter is, that the sweep's first samples say nothing; the study's table has it without."""
+    return textbook_altitudes(
+        frames,
+        bandwidth_hz=7.5e6,
+        rate_hz=7.5e6,
+        carrier_hz=4.3e9,
+        speed_m_per_s=speed,
+        max_altitude_m=1500.0,
+        blind_samples=BLIND,
+    )[0]
+
+
+@pytest.mark.parametrize(
+    ("method", "scene", "sir_db"),
+    [
+        ("none", "qpsk_shaped", -28.0),
+        ("none", "paper_qpsk", -28.0),
+        ("none", "tones", -26.0),
+        ("whitening", "nr10", -30.0),
+        ("whitening", "mixture", -38.0),
+        ("whitening", "nr5", -36.0),
+    ],
+)
+def test_forced_decisions_are_not_behind_the_textbook(method, scene, sir_db):
+    """Paired on the same frames: what it finds and we do not is within 2.5 standard deviations of chance."""
+    frames, altitudes = frames_of(scene, sir_db)
+    cleaned = create(method, W).process(frames)
+    for speed in (0.0, 20.0, 150.0):
+        altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed))
+        error = np.abs(altimeter.process(cleaned)["forced_altitude_m"] - altitudes)
+        reference = np.abs(textbook(cleaned, speed) - altitudes)
+        ours, theirs = error < 5.0, reference < 5.0
+        only_theirs, only_ours = np.sum(theirs & ~ours), np.sum(ours & ~theirs)
+        assert only_theirs - only_ours <= 2.5 * np.sqrt(only_theirs + only_ours + 1.0)
+        both = ours & theirs
+        excess = error[both] ** 2 - reference[both] ** 2
+        assert excess.mean() <= 2.5 * excess.std() / np.sqrt(both.sum())
+
+
+def test_without_noise_both_measure_the_same():
+    altitudes = np.linspace(20.0, 1450.0, 40)
+    frames = point_return(W, altitudes)
+    assert np.abs(textbook(frames, 0.0) - altitudes).max() < 0.5
+    still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
+    assert np.abs(still.process(frames)["forced_altitude_m"] - altitudes).max() < 0.5
+
+
+def test_the_study_is_a_function_of_case_frames_and_seed():
+    case = study.Case("whitening", "nr5", -30.0)
+    once, again = (study.measure(case, 20, 5) for _ in range(2))
+    assert repr(once) == repr(again)  # NaN where nothing wrong was declared
+    assert [row["allowed_m_per_s"] for row in once] == [0.0, 20.0, 150.0]
+    assert all(0 <= row["declared"] <= row["forced"] <= 1 and row["frames"] == 20 for row in once)
+    assert "| whitening, nr5 -30 dB | 20 |" in return_table(once)
+
+
+@pytest.mark.parametrize("method", ["whitening", "tcae"])
+def test_false_altitudes_in_noise_alone_stay_within_the_bound(method):
+    """A method may not invent: the lower end of the interval lies within the design's bound."""
+    rows = study.measure_null(study.NullCase(method, "none"), 600, 6)
+    for row in rows:
+        assert row["low"] <= row["bound"] < 0.02
+        assert row["rate"] == row["false"] / 600
+    assert f"| {method} | 150 |" in null_table(rows)
