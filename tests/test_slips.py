@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.segmenter import Frame, FrameSegmenter
+from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 
 W = Waveform()
@@ -272,3 +274,22 @@ class TestThroughTheBlock:
         assert not runner.is_alive() and getattr(block, "error", None) is None
         assert seen
         assert silently_wrong(stream, seen, block.segmenter.counters["lock_losses"]) == []
+
+
+@pytest.mark.parametrize("overlap", [0.05, 0.1, 0.2, 0.6])
+@pytest.mark.parametrize("name", ["paper_qpsk", "nr10", "fmcw"])
+def test_bursts_of_interference_are_no_slip(name, overlap):
+    """At SIR -28 dB they hide the sweep, and show a piece of it at many delays: 136 of 150 frames were lost by that."""
+    programme = Programme(altitudes_m=(200.0, 400.0, 600.0, 800.0, 1000.0), frames_per_step=30)
+    samples = received(programme, False, 10.0, 4)
+    count, first = samples.size // N, programme.preamble_frames
+    rng = np.random.default_rng([5, *name.encode(), int(100 * overlap)])
+    scene = load_scene(name).at(overlap=overlap, sir_db=-28.0)
+    jam = interference_frames(
+        scene.interference, count - first, N, W.rate_hz, rng, total_sir_db=scene.total_sir_db
+    )
+    samples[first * N : count * N] += jam.astype(np.complex64).reshape(-1)
+    segmenter = FrameSegmenter(W, programme)
+    frames = len(segmenter.push(samples)) + len(segmenter.drain())
+    assert segmenter.counters["lock_losses"] == 0
+    assert frames >= 0.99 * count

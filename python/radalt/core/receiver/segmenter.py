@@ -34,6 +34,9 @@ _TOLERANCE, _COARSE = (
     1.0,
 )  # samples between where a sweep is and where it is seen: matched filter, correlation
 _FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
+# A burst of narrow-band interference correlates with a piece of the sweep at many delays, all about as strong; a sweep
+# has one peak. Power of that over any other, beyond its flanks (samples):
+_ALONE, _FLANK = 4.0, 3
 _MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
 
 
@@ -325,7 +328,7 @@ class FrameSegmenter:
         n, count = self._n, self.settings.acquisition_frames
         rotation = np.conj(self.waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
         folded = (samples[: count * n].reshape(count, n) * rotation).mean(axis=0).astype(np.complex64)
-        peak, significance = self._correlate(folded)
+        peak, significance, _ = self._correlate(folded)
         if significance < 0.6 * self.settings.lock_threshold:
             return None
         aligned = samples[peak : peak + count * n].reshape(count, n)
@@ -337,13 +340,19 @@ class FrameSegmenter:
         whole = round(total)
         return whole, total - whole
 
-    def _correlate(self, frame: np.ndarray) -> tuple[int, float]:
-        """Circular correlation of one frame with the sweep, halves added in power: peak lag and peak-to-mean power."""
+    def _correlate(self, frame: np.ndarray) -> tuple[int, float, float]:
+        """Circular correlation of one frame with the sweep, halves added in power.
+
+        Peak lag, its power over the mean, and over the greatest that is no part of it.
+        """
         response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
         power = (response.real**2 + response.imag**2).sum(axis=0)
         peak = int(np.argmax(power))
-        mean = float(power.mean())
-        return peak, float(power[peak] / mean) if np.isfinite(mean) and mean > 0 else 0.0
+        top, mean = float(power[peak]), float(power.mean())
+        if not (np.isfinite(mean) and mean > 0):
+            return peak, 0.0, 0.0
+        power[np.arange(peak - _FLANK, peak + _FLANK + 1) % self._n] = 0.0
+        return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
@@ -440,9 +449,9 @@ class FrameSegmenter:
         if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
             self._strength = near[1]
             return "verified", expected, _TOLERANCE
-        peak, significance = self._correlate(frame.samples)
+        peak, significance, alone = self._correlate(frame.samples)
         delay = float((peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate)
-        present = significance >= 0.6 * self.settings.lock_threshold
+        present = significance >= 0.6 * self.settings.lock_threshold and alone >= _ALONE
         # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
         if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
             self._strength = near[1]
@@ -474,7 +483,8 @@ class FrameSegmenter:
         best = response.index(max(response))
         strength = response[best] ** 2 * self._n / energy
         self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
-        if strength < self.settings.lock_threshold:
+        away = max(r for shift, r in enumerate(response) if abs(shift - best) >= 2)
+        if strength < self.settings.lock_threshold or response[best] ** 2 < _ALONE * away**2:
             return None
         if strength < _FINE_STRENGTH or not 0 < best < 4:
             return float(best - 2), strength
@@ -525,7 +535,7 @@ class FrameSegmenter:
 
     def _confirm_index(self) -> bool:
         """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
-        peak, significance = self._correlate(self._waiting(0, self._n))
+        peak, significance, _ = self._correlate(self._waiting(0, self._n))
         delay = peak if peak < self._n // 2 else peak - self._n
         after = (
             float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz
