@@ -126,7 +126,8 @@ class FrameSegmenter:
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``.
+        ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``, ``index_corrections`` by
+        whole frames that went missing (altitudes set by hand).
     unverified_frames : int
         Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in
         frames that show the sweep; under interference that hides it, and with an extended return, it is not.
@@ -175,6 +176,7 @@ class FrameSegmenter:
                 "lock_losses",
                 "unlocked_frames",
                 "acquisitions",
+                "index_corrections",
             ),
             0,
         )
@@ -340,10 +342,11 @@ class FrameSegmenter:
         whole = round(total)
         return whole, total - whole
 
-    def _correlate(self, frame: np.ndarray) -> tuple[int, float, float]:
+    def _correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
         """Circular correlation of one frame with the sweep, halves added in power.
 
-        Peak lag, its power over the mean, and over the greatest that is no part of it.
+        Peak lag, its power over the mean, and over the greatest that is part neither of it nor of a sweep at the lag
+        ``sent``: a torn frame has both.
         """
         response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
         power = (response.real**2 + response.imag**2).sum(axis=0)
@@ -351,7 +354,8 @@ class FrameSegmenter:
         top, mean = float(power[peak]), float(power.mean())
         if not (np.isfinite(mean) and mean > 0):
             return peak, 0.0, 0.0
-        power[np.arange(peak - _FLANK, peak + _FLANK + 1) % self._n] = 0.0
+        for lag in (peak, round(sent)):
+            power[np.arange(lag - _FLANK, lag + _FLANK + 1) % self._n] = 0.0
         return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
 
     # -- locked ---------------------------------------------------------------------------------------------------
@@ -426,6 +430,7 @@ class FrameSegmenter:
     def _count_on(self, frames: int) -> None:
         """Whole frames were lost: the timing is right, and altitudes set by hand have no trials to be put wrong."""
         self._index += frames
+        self.counters["index_corrections"] += 1
         for frame, verdict in self._held:
             if verdict == "contradicted":
                 frame.index += frames
@@ -449,7 +454,7 @@ class FrameSegmenter:
         if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
             self._strength = near[1]
             return "verified", expected, _TOLERANCE
-        peak, significance, alone = self._correlate(frame.samples)
+        peak, significance, alone = self._correlate(frame.samples, expected + self._offset_s * rate)
         delay = float((peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate)
         present = significance >= 0.6 * self.settings.lock_threshold and alone >= _ALONE
         # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
