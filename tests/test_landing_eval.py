@@ -24,7 +24,7 @@ from radalt.evaluation.landing import report as landing_report
 from radalt.evaluation.landing.assumptions import ASSUMPTIONS
 from radalt.evaluation.landing.study import LandingStudy
 from radalt.evaluation.results.folder import SCHEMA
-from radalt.evaluation.results.score import score_frames
+from radalt.evaluation.results.score import accuracy_limit_m, score_frames
 
 SMALL = """
 seed: 3
@@ -234,7 +234,7 @@ def test_study_files_are_checked(data, message):
 
 
 def test_accuracy_bands_in_feet():
-    limit = landing.accuracy_limit_m(np.array([20.0, 99.9, 100.1, 500.0, 501.0, 1000.0]) * 0.3048) / 0.3048
+    limit = accuracy_limit_m(np.array([20.0, 99.9, 100.1, 500.0, 501.0, 1000.0]) * 0.3048) / 0.3048
     assert limit == pytest.approx([3.0, 3.0, 3.003, 15.0, 25.05, 50.0], rel=1e-3)
 
 

@@ -12,7 +12,8 @@ from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene, SweepSpec
 from radalt.evaluation.overlap.points import OverlapPoint, parse_axis, point_seed, scene_at, sweep_points
 from radalt.evaluation.overlap.rows import make_row
-from radalt.evaluation.results.score import pool, score, wilson_interval
+from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.score import pool, score
 
 PROGRAMME = Programme(altitudes_m=(600.0, 100.0), frames_per_step=4, preamble_frames=6)
 

@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 from radalt.evaluation.engine import precision
 from radalt.evaluation.engine.precision import PrecisionError, batches_needed, check_precision, most_batches
-from radalt.evaluation.results.score import wilson_interval
+from radalt.evaluation.results.proportion import wilson_interval
 
 
 def test_examples_in_docstrings_run():

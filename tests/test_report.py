@@ -17,7 +17,8 @@ from radalt.evaluation.overlap.report import break_points, build_report, write_r
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
-from radalt.evaluation.results.score import Score, wilson_interval
+from radalt.evaluation.results.proportion import wilson_interval
+from radalt.evaluation.results.score import Score
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 

@@ -8,7 +8,7 @@ from radalt.core.receiver.integrator import Integrator
 from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
-from radalt.evaluation.results.integrity import clopper_pearson
+from radalt.evaluation.results.proportion import clopper_pearson
 
 W = Waveform()
 N = W.samples_per_frame

@@ -22,7 +22,7 @@ from ...core.waveform import Waveform
 from ..engine.study import Point, Run, Study
 from ..results.chain import Chain, seconds_per_frame
 from ..results.folder import RunFolder
-from ..results.integrity import clopper_pearson
+from ..results.proportion import clopper_pearson
 from ..results.rows import Columns
 from ..results.score import CORRECT_LIMIT_M
 from .textbook import textbook_altitudes

@@ -15,7 +15,7 @@ from typing import Any
 
 from scipy.special import ndtri
 
-from ..results.score import wilson_interval
+from ..results.proportion import wilson_interval
 
 __all__ = ["MAX_BATCHES", "PrecisionError", "batches_needed", "check_precision", "half_width", "most_batches"]
 

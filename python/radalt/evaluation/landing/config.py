@@ -40,7 +40,6 @@ __all__ = [
     "CurveSpec",
     "LandingConfig",
     "StudyError",
-    "accuracy_limit_m",
     "check_config",
     "config_dict",
     "load_config",
@@ -173,13 +172,6 @@ class LandingConfig:
 @lru_cache(maxsize=4)
 def _flight(spec: LandingSpec) -> Trajectory:
     return spec.flight()
-
-
-def accuracy_limit_m(height_m: np.ndarray) -> np.ndarray:
-    """Largest altitude error allowed, in metres: 3 ft below 100 ft, 3 % up to 500 ft, 5 % above."""
-    height_m = np.asarray(height_m, dtype=float)
-    feet = height_m / FOOT_M
-    return np.where(feet < 100.0, 3.0 * FOOT_M, np.where(feet <= 500.0, 0.03 * height_m, 0.05 * height_m))
 
 
 def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingConfig:

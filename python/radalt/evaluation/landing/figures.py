@@ -11,8 +11,8 @@ import numpy as np
 from ...core.mitigation import create
 from ...core.receiver.altimeter import Altimeter
 from ..overlap.figures import series_style
-from ..results.score import CORRECT_LIMIT_M
-from .config import LandingConfig, accuracy_limit_m
+from ..results.score import CORRECT_LIMIT_M, accuracy_limit_m
+from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
 
 __all__ = ["condition", "curve_of", "draw_figures"]

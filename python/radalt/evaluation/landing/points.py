@@ -17,9 +17,9 @@ from ...core.returns.terrain import GroundReturn
 from ..engine.study import Point
 from ..results.chain import Chain, seconds_per_frame
 from ..results.rows import Columns
-from ..results.score import SCORE_COLUMNS, pool, score_frames
+from ..results.score import SCORE_COLUMNS, accuracy_limit_m, pool, score_frames
 from .assumptions import ASSUMPTIONS
-from .config import LandingConfig, accuracy_limit_m
+from .config import LandingConfig
 
 __all__ = [
     "TABLES",

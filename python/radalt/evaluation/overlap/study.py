@@ -118,6 +118,7 @@ class OverlapStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS, "ceiling": COLUMNS}
     sampled: ClassVar[bool] = True
+    published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
 
     @property
     def max_jobs(self) -> int | None:

@@ -11,62 +11,19 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.special import betaincinv
 
 from ...core.receiver.tracker_settings import Status
+from .proportion import clopper_pearson
+from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
 __all__ = [
     "Integrity",
-    "accuracy_limit_m",
-    "clopper_pearson",
     "integrity",
     "stanford",
     "time_to_alert_s",
     "time_to_first_s",
 ]
 
-WRONG_LIMITS_M = (5.0, 20.0)
-_FT_M = 0.3048
-
-
-def clopper_pearson(events: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Two-sided interval of a binomial proportion, from the exact distribution; (0, 1) without trials.
-
-    C. J. Clopper, E. S. Pearson, Biometrika 26, 1934. For zero events the upper end is ``1 - (alpha / 2) ** (1 / n)``.
-
-    Parameters
-    ----------
-    events, trials : int
-        ``0 <= events <= trials``.
-    confidence : float
-        Coverage, within 0..1 exclusive.
-
-    Raises
-    ------
-    ValueError
-        If a count or the confidence is out of range.
-
-    Examples
-    --------
-    >>> low, high = clopper_pearson(0, 10_000)
-    >>> low, round(high, 6)
-    (0.0, 0.000369)
-    """
-    if not 0 <= events <= trials:
-        raise ValueError(f"{events} events of {trials} trials; expected 0 <= events <= trials")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; it has to lie between 0 and 1")
-    tail = 0.5 * (1.0 - confidence)
-    low = float(betaincinv(events, trials - events + 1, tail)) if events else 0.0
-    high = float(betaincinv(events + 1, trials - events, 1.0 - tail)) if events < trials else 1.0
-    return low, high
-
-
-def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
-    """Accuracy an altimeter has to keep (RTCA DO-155): 3 ft below 100 ft, 3 % from 100 to 500 ft, 5 % above."""
-    altitude = np.abs(np.asarray(altitude_m, dtype=float))
-    share = np.where(altitude > 500.0 * _FT_M, 0.05, 0.03)
-    return np.maximum(3.0 * _FT_M, share * altitude)
 
 
 @dataclass(frozen=True)
@@ -165,8 +122,8 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         failures=int(np.count_nonzero(outputs["status"] == Status.FAILURE)),
         misleading=count(error > level),
         hazardous=count((error > limit) & (level <= limit)),
-        wrong_5m=count(error >= WRONG_LIMITS_M[0]),
-        wrong_20m=count(error >= WRONG_LIMITS_M[1]),
+        wrong_5m=count(error >= CORRECT_LIMIT_M),
+        wrong_20m=count(error >= FAR_LIMIT_M),
         wrong_accuracy=count(error > accuracy),
         interruptions=int(np.count_nonzero(computed[:-1] & ~computed[1:])),
         followed=int(np.count_nonzero(computed[:-1])),

@@ -13,87 +13,31 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.special import betaincinv, ndtri
 
 from ...core.programme import Programme
+from .proportion import clopper_pearson_bound, wilson_interval
 
 __all__ = [
     "CORRECT_LIMIT_M",
     "FAR_LIMIT_M",
     "SCORE_COLUMNS",
     "Score",
-    "clopper_pearson_bound",
+    "accuracy_limit_m",
     "pool",
     "score",
     "score_frames",
-    "wilson_interval",
 ]
 
 CORRECT_LIMIT_M = 5.0  # success criterion of the paper
 FAR_LIMIT_M = 20.0  # a range cell of the default radar: beyond it, it is another target
+_FT_M = 0.3048
 
 
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Score interval of a binomial proportion; (0, 1) without trials.
-
-    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc.
-    22, 1927. Unlike the normal interval it stays within 0..1 and keeps its width at 0 and at 1.
-
-    Parameters
-    ----------
-    successes, trials : int
-        ``0 <= successes <= trials``.
-    confidence : float
-        Coverage, within 0..1 exclusive.
-
-    Raises
-    ------
-    ValueError
-        If a count or the confidence is out of range.
-
-    Examples
-    --------
-    >>> low, high = wilson_interval(8, 10)
-    >>> round(low, 3), round(high, 3)
-    (0.49, 0.943)
-    """
-    _check_counts(successes, trials, confidence)
-    if trials == 0:
-        return 0.0, 1.0
-    z2 = float(ndtri(0.5 + 0.5 * confidence)) ** 2
-    p = successes / trials
-    centre = p + z2 / (2 * trials)
-    half = np.sqrt(z2 * (p * (1 - p) / trials + z2 / (4 * trials**2)))
-    low, high = (centre - half) / (1 + z2 / trials), (centre + half) / (1 + z2 / trials)
-    # at the ends the bound is the end itself; rounding must not step over it
-    return (0.0 if successes == 0 else float(low)), (1.0 if successes == trials else float(high))
-
-
-def clopper_pearson_bound(events: int, trials: int, confidence: float = 0.95) -> float:
-    """One-sided upper bound of a rate; 1 without trials. Zero events give a bound too, about 3 / trials.
-
-    C. J. Clopper and E. S. Pearson, "The use of confidence or fiducial limits illustrated in the case of the
-    binomial", Biometrika 26, 1934: exact, never below the stated confidence.
-
-    Raises
-    ------
-    ValueError
-        If a count or the confidence is out of range.
-
-    Examples
-    --------
-    >>> round(clopper_pearson_bound(0, 300), 5)
-    0.00994
-    """
-    _check_counts(events, trials, confidence)
-    return 1.0 if events >= trials else float(betaincinv(events + 1, trials - events, confidence))
-
-
-def _check_counts(successes: int, trials: int, confidence: float) -> None:
-    if not 0 <= successes <= trials:
-        raise ValueError(f"{successes} successes of {trials} trials; expected 0 <= successes <= trials")
-    if not 0 < confidence < 1:
-        raise ValueError(f"confidence is {confidence!r}; it has to lie between 0 and 1")
+def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
+    """Accuracy an altimeter has to keep (RTCA DO-155): 3 ft below 100 ft, 3 % from 100 to 500 ft, 5 % above."""
+    altitude = np.abs(np.asarray(altitude_m, dtype=float))
+    share = np.where(altitude > 500.0 * _FT_M, 0.05, 0.03)
+    return np.maximum(3.0 * _FT_M, share * altitude)
 
 
 @dataclass(frozen=True)
