@@ -11,7 +11,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
+from collections.abc import Mapping
+from typing import Any
 
 from ..cores import allowed_cores
 from ..parsing import arguments
@@ -36,6 +39,7 @@ __all__ = [
     "create",
     "method_class",
     "register",
+    "with_span",
 ]
 
 # a method of the user's own, from a Python file: not among METHODS, since it is nothing without its file
@@ -68,6 +72,16 @@ def method_class(name: str) -> type[Mitigation]:
     if name not in METHODS:
         raise MitigationError(f"unknown mitigation method {name!r}; known: {', '.join(METHODS)}")
     return METHODS[name]
+
+
+def with_span(name: str, options: Mapping[str, Any], max_altitude_m: float) -> dict[str, Any]:
+    """Options of a method for an altimeter that looks up to ``max_altitude_m``.
+
+    A method that checks what will be found behind it (``span_m``) has to look as far and no farther.
+    """
+    if "span_m" in inspect.signature(method_class(name)).parameters:
+        return {"span_m": max_altitude_m, **options}
+    return dict(options)
 
 
 def create(

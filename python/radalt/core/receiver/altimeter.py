@@ -363,10 +363,7 @@ class Altimeter:
         up, down = self._refine(spectra, found, search.apart)
         ok = usable & (found.reason == Reason.OK)
         altitude = self._altitude(up, down, timing_offset_s)
-        half_cell = 0.5 * self.waveform.range_resolution_m
-        inside = (altitude >= self.settings.min_altitude_m - half_cell) & (
-            altitude <= self.settings.max_altitude_m + half_cell
-        )
+        inside = self._inside(altitude)
         reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
         ok &= inside
         out["altitude_m"] = out["forced_altitude_m"] = altitude
@@ -388,7 +385,8 @@ class Altimeter:
         """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is found.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
-        own strongest cell: more than a first side lobe, less than the loss by interference.
+        own strongest cell: more than a first side lobe, less than the loss by interference. What is found beyond the
+        span of altitudes is not confirmed: an altimeter that does not look so far finds something weaker.
         """
         raw = self.spectra(received)
         raw_noise = self.significance(raw).noise
@@ -398,7 +396,16 @@ class Altimeter:
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
         noise = np.take_along_axis(raw_noise, pair[..., None], axis=-1)[..., 0]
         strong = (power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)
-        return strong.all(axis=-1) | (reason != Reason.OK)
+        beats = self.beat_hz[pair + self.cfar.margin]
+        inside = self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
+        return (strong.all(axis=-1) & inside) | (reason != Reason.OK)
+
+    def _inside(self, altitude_m: np.ndarray) -> np.ndarray:
+        """Whether altitudes lie within the span, half a resolution cell over either end included."""
+        half_cell = 0.5 * self.waveform.range_resolution_m
+        return (altitude_m >= self.settings.min_altitude_m - half_cell) & (
+            altitude_m <= self.settings.max_altitude_m + half_cell
+        )
 
     def _altitude(self, up_hz: np.ndarray, down_hz: np.ndarray, offset_s: np.ndarray | float) -> np.ndarray:
         return self.waveform.beats_to_altitude_m(up_hz, -down_hz) - delay_to_altitude_m(offset_s)
