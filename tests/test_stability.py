@@ -168,7 +168,7 @@ class Overflow(Mitigation):
 @pytest.mark.parametrize("method", [Grudge, Overflow])
 def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
     monkeypatch.setattr(
-        "gnuradio.radalt.evaluation.results.chain.create", lambda name, waveform: method(waveform)
+        "gnuradio.radalt.evaluation.results.chain.create", lambda name, waveform, **_: method(waveform)
     )
     assert judge(case, Chain("bad", "bad"))["verdict"] == "FAIL"
 

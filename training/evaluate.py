@@ -44,7 +44,10 @@ OTHER_RETURNS = (("clean", None), ("qpsk_shaped", -30.0), ("qpsk_rectangular_del
 # returns by the number of their scenes: points for sweep and special cases, echoes (1-3, 6-25 dB down, 5-120 m behind),
 # extended ground
 RETURNS = (None, None, SceneConfig(multipath=1.0, extended=0.0), SceneConfig(multipath=0.0, extended=1.0))
-CLASSICAL = ("none", "lms", "lms_reference_input", "nlms", "whitening", "blanking")
+CLASSICAL = (
+    *("none", "lms", "lms_reference_input", "nlms", "nlms_predictor"),
+    *("whitening", "linear_prediction", "blanking"),
+)
 NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
 COLUMNS = Columns(
     ("interferer", "overlap", "sir_db", "method", *SCORE_COLUMNS, "diverged_frames"),
@@ -165,6 +168,8 @@ class MethodStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {
+        "report.md": "tcae_comparison.md",
+        "rows.csv": "data/tcae_comparison.csv",
         "pd.png": "figures/tcae_pd.png",
         "gain.png": "figures/tcae_gain.png",
     }

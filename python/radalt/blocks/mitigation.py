@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.mitigation import Mitigation, create, method_class, with_span
+from ..core.mitigation import Mitigation, create, method_class
 from ..core.scene import Scene
 from ._mitigation import MitigationBlock
 
@@ -38,7 +38,7 @@ class mitigation(MitigationBlock):
 
     def _create(self, method: str) -> Mitigation:
         parameters = {**self._scene.method_options.get(method, {}), **self._options}
-        parameters = with_span(method, parameters, self._scene.altimeter_settings.max_altitude_m)
+        parameters["max_altitude_m"] = self._scene.altimeter_settings.max_altitude_m
         return create(method, self._scene.waveform, **parameters)
 
     def set_method(self, method: str) -> None:

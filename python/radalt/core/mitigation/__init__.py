@@ -13,8 +13,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Mapping
-from typing import Any
 
 from ..cores import allowed_cores
 from ..parsing import arguments
@@ -39,7 +37,6 @@ __all__ = [
     "create",
     "method_class",
     "register",
-    "with_span",
 ]
 
 # a method of the user's own, from a Python file: not among METHODS, since it is nothing without its file
@@ -74,18 +71,14 @@ def method_class(name: str) -> type[Mitigation]:
     return METHODS[name]
 
 
-def with_span(name: str, options: Mapping[str, Any], max_altitude_m: float) -> dict[str, Any]:
-    """Options of a method for an altimeter that looks up to ``max_altitude_m``.
-
-    A method that checks what will be found behind it (``span_m``) has to look as far and no farther.
-    """
-    if "span_m" in inspect.signature(method_class(name)).parameters:
-        return {"span_m": max_altitude_m, **options}
-    return dict(options)
-
-
 def create(
-    name: str, waveform: Waveform, *, own_process: bool = False, batch: int = 4, **parameters: object
+    name: str,
+    waveform: Waveform,
+    *,
+    own_process: bool = False,
+    batch: int = 4,
+    max_altitude_m: float | None = None,
+    **parameters: object,
 ) -> Mitigation:
     """A fresh method by its registry name; ``"custom"`` with ``file=`` is one of your own (`Custom`).
 
@@ -97,6 +90,8 @@ def create(
         Compute in a process of its own, ``batch`` frames at a time (`OwnProcess`). Without effect where this process
         may use one core only, since the two would but take turns.
     batch : int
+    max_altitude_m : float or None
+        How far the altimeter behind it looks: the default of ``span_m`` of a method that checks what will be found.
     **parameters
         Of the method.
 
@@ -106,6 +101,8 @@ def create(
         For an unknown name or parameter; names what is allowed.
     """
     method = method_class(name)
+    if max_altitude_m is not None and "span_m" in inspect.signature(method).parameters:
+        parameters = {"span_m": max_altitude_m, **parameters}
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:

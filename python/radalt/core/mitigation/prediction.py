@@ -41,7 +41,7 @@ class NlmsPredictor(Mitigation):
 
     name = "nlms_predictor"
     title = "NLMS one-step predictor"
-    style = PlotStyle("#666666", "X", "--")
+    style = PlotStyle("#666666", "p", "--")
 
     def __init__(self, waveform: Waveform, *, length: int = 32, step: float = 0.1) -> None:
         if not (isinstance(length, int) and 1 <= length <= 256):
@@ -95,7 +95,7 @@ class LinearPrediction(Mitigation):
 
     name = "linear_prediction"
     title = "linear prediction, zero phase"
-    style = PlotStyle("#8C6D1F", "<", "-.")
+    style = PlotStyle("#117733", "h", "-.")
 
     def __init__(self, waveform: Waveform, *, order: int = 32) -> None:
         if not (isinstance(order, int) and 1 <= order <= min(256, waveform.samples_per_frame // 4)):

@@ -119,7 +119,7 @@ class LandingConfig:
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
-    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "tcae")
+    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "linear_prediction", "tcae")
     method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
     snr_db: float | None = None
     doppler: bool = True

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import Mitigation, create, with_span
+from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ...core.waveform import Waveform
 
@@ -71,7 +71,7 @@ class Chain:
     def build(self, waveform: Waveform) -> Mitigation:
         """A fresh method; raises `MitigationError` where it does not fit the waveform."""
         span_m = self.settings.resolved(waveform).max_altitude_m
-        return create(self.method, waveform, **with_span(self.method, dict(self.options), span_m))
+        return create(self.method, waveform, max_altitude_m=span_m, **dict(self.options))
 
     @property
     def model(self) -> Path | None:

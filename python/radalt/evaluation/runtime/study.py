@@ -83,7 +83,16 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
         "none, span 37 km": {"max_altitude_m": 37_000.0},
         "none, Doppler to 150 m/s": {"max_vertical_speed_m_per_s": 150.0},
     }
-    methods = ("none", "whitening", "blanking", "nlms", "lms_reference_input", "lms")
+    methods = (
+        "none",
+        "whitening",
+        "linear_prediction",
+        "blanking",
+        "nlms_predictor",
+        "nlms",
+        "lms_reference_input",
+        "lms",
+    )
     # the networks themselves; the check would double the time of all but the default
     bare = {"options": (("shift_check", False),), "settings": settings()}
     return (
