@@ -22,9 +22,13 @@ class Bar:
     """A bar on a terminal, a line per point elsewhere."""
 
     def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
-        self._describe, self._bar = describe, None
+        self._describe, self._bar, self._told = describe, None, False
 
     def __call__(self, p: Progress) -> None:
+        if p.rejected and not self._told:
+            self._told = True
+            more = f" and {len(p.rejected) - 1} others" if len(p.rejected) > 1 else ""
+            print(f"{p.rejected[0]}{more}: cut, changed or of another run; measured again", flush=True)
         if sys.stderr.isatty():
             self._show(p)
         elif p.rows:

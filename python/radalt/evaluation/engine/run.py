@@ -55,6 +55,8 @@ class Progress:
         Batches; ``total`` grows once, when the pilots have said how many are needed.
     resumed : int
         Of them, there before this start.
+    rejected : sequence of str
+        Lines of the journal that did not hold; what they were is measured again.
     rows : list of dict
         Of the batch just measured; none at the first call.
     remaining_s : float
@@ -66,6 +68,7 @@ class Progress:
     resumed: int
     rows: Sequence[dict[str, Any]]
     remaining_s: float
+    rejected: Sequence[str] = ()
 
 
 def measure_task(task: Task) -> Outcome:
@@ -117,9 +120,28 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         # a cluster that is not there leaves no folder behind
         cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
         folder = stack.enter_context(
-            contextlib.closing(RunFolder(options.out, head_of(study), resume=options.resume))
+            contextlib.closing(
+                RunFolder(
+                    options.out,
+                    head_of(study),
+                    resume=options.resume,
+                    holds=lambda entry: _holds(study, points, entry),
+                )
+            )
         )
         return _run(study, points, _Watch(study, folder, options, progress, cluster), begin)
+
+
+def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool:
+    """Whether these are rows of one of the study's points, each with its table's columns and kinds of values."""
+    point = next((p for p in points if p.name == entry["point"]), None)
+    if point is None or entry["batch"] < 0:
+        return False
+    columns = study.tables[point.table]
+    try:
+        return all(columns.row(row) == row for row in entry["rows"])
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        return False
 
 
 def _cluster(study: Study, scheduler: str) -> Cluster:
@@ -177,6 +199,7 @@ class _Watch:
         self._cluster = cluster
         self.total = self.done = self.resumed = 0
         self._study = study
+        self._streamed: set[str] = set()
         self._begun = time.monotonic()
 
     def stage(self, study: Study, wanted: Sequence[tuple[Point, int]]) -> None:
@@ -200,13 +223,23 @@ class _Watch:
             self._tell(outcome.rows, first, count, len(todo))
 
     def _stream_files(self, study: Study) -> Callable[[Point, Sequence[dict[str, Any]]], None]:
-        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end."""
+        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end.
+
+        Each begins with what the journal holds: what a file of an earlier start holds is no matter.
+        """
+        table_of = {point.name: point.table for point in self._study.points()}
 
         def append(point: Point, rows: Sequence[dict[str, Any]]) -> None:
-            path = self.folder.path / f"{point.table}.csv"
-            new = not path.exists()
-            with path.open("a", encoding="utf-8", newline="") as file:
-                file.write(study.tables[point.table].csv(rows, header=new))
+            name, columns = f"{point.table}.csv", study.tables[point.table]
+            if name not in self._streamed:
+                self._streamed.add(name)
+                held = [
+                    r for (p, _), rows in self.folder.done.items() if table_of[p] == point.table for r in rows
+                ]
+                self.folder.write_text(name, columns.csv(held))
+                return
+            with (self.folder.path / name).open("a", encoding="utf-8", newline="") as file:
+                file.write(columns.csv(rows, header=False))
 
         return append
 
@@ -222,4 +255,5 @@ class _Watch:
         known = spent / count * (todo - count) if count else 0.0
         weight = min(1.0, count / max(2 * self.jobs, 1))
         remaining = weight * known + (1 - weight) * max(0.0, first_s - spent if count else first_s)
-        self.progress(Progress(self.done, self.total, self.resumed, rows, remaining))
+        rejected = self.folder.rejected
+        self.progress(Progress(self.done, self.total, self.resumed, rows, remaining, rejected))
