@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from pathlib import Path
 
@@ -411,28 +410,76 @@ def test_shipped_networks_are_not_rehearsed(monkeypatch):
 # -- a disk that is full, or may not be written -----------------------------------------------------
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
-def test_a_full_disk_is_one_line(tmp_path):
-    """Rows, captures and reports are written to a small disk in memory, mounted in a namespace of its own."""
-    script = textwrap.dedent(
-        f"""
-        mount -t tmpfs -o size=$1 radalt {tmp_path} && cd {tmp_path} || exit 77
-        exec {sys.executable} {ROOT}/flowgraphs/ota_eval.py --sim --methods none --overlap 0,0.5 --sir-db=-10 \\
-            --frames 2 --jobs 1 --out run $2
-        """
-    )
-    probe = subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False)
-    if probe.returncode:
-        pytest.skip("no mount namespace without privileges here")
-    for size, capture in (("64k", ""), ("1m", "--capture")):
-        done = subprocess.run(
-            ["unshare", "-rm", "sh", "-c", script, "sh", size, capture],
-            capture_output=True, text=True, timeout=100, check=False,
-        )  # fmt: skip
-        if done.returncode == 77:
-            pytest.skip("no tmpfs here")
-        assert_refused(done.returncode, done.stderr)
-        assert "No space left" in done.stderr
+def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProcess:
+    """Run a shell script that may mount what nobody else sees; skips where the machine does not allow that."""
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script, "sh", *map(str, arguments)],
+        capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip("no mounts without privileges here")
+    return done
+
+
+SMALL_DISK = """
+import subprocess, sys
+sys.path[:0] = {path!r}
+from hostile import assert_refused, ended
+from test_engine import Coins, Options, Path, command, rows_of, run
+from test_fuzz import measured_here
+import pytest
+patch = pytest.MonkeyPatch()
+measured_here(patch)
+disk, whole = Path(sys.argv[1]), Path(sys.argv[2])
+
+def resumed(folder, resume):
+    options = Options(folder, resume=resume, jobs=1)
+    return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
+
+def mount(*options):
+    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True)
+
+run(Coins(), Options(whole, jobs=1))
+ends = []
+for pages in range(1, 8):
+    mount("-o", f"size={{4 * pages}}k")
+    status, error = resumed(disk / "run", False)
+    ends.append(status)
+    if status:
+        assert_refused(status, error)
+        assert "cannot be written (No space left on device)" in error, error
+        mount("-o", "remount,size=1m")
+        status, error = resumed(disk / "run", True)
+    assert (status, error) == (0, "") and rows_of(disk / "run") == rows_of(whole), error
+    mount("-o", "remount,ro")
+    for folder, resume in ((disk / "run", True), (disk / "run", False), (disk / "new", False)):
+        status, error = resumed(folder, resume)
+        assert_refused(status, error)
+        assert "(Read-only file system)" in error, error
+    subprocess.run(["umount", disk], check=True)
+assert ends[0] == 2 and ends[-1] == 0, ends
+"""
+
+
+def test_a_disk_full_or_read_only_is_one_line_and_nothing_is_lost(tmp_path):
+    """Full at each file that a run writes in turn; with more room the run is completed, to the same rows."""
+    program, disk = tmp_path / "program.py", tmp_path / "disk"
+    disk.mkdir()
+    program.write_text(SMALL_DISK.format(path=[str(ROOT / "tests"), *sys.path]), encoding="utf-8")
+    script = f'mount -t tmpfs radalt {disk} && umount {disk} || exit 77; exec {sys.executable} {program} "$@"'
+    done = in_a_namespace(script, disk, tmp_path / "whole")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
+    script = f"""
+        mount -t tmpfs -o size=1m radalt {tmp_path} && cd {tmp_path} || exit 77
+        exec {sys.executable} {ROOT}/flowgraphs/ota_eval.py --sim --methods none --overlap 0 --frames 2 --jobs 1 \\
+            --out run --capture
+    """
+    done = in_a_namespace(script)
+    assert_refused(done.returncode, done.stderr)
+    assert "No space left" in done.stderr
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shlex
 import sys
 import time
@@ -16,6 +17,8 @@ from .run import Progress, estimate, run
 from .study import Study
 
 __all__ = ["Bar", "main"]
+
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 
 class Bar:
@@ -86,7 +89,7 @@ def main(
         status = after(options.out)
     except expected_errors() as error:
         bar.close()
-        complain(program, error)
+        complain(program, _full(error, options) or error)
         return 2
     except KeyboardInterrupt:
         bar.close()
@@ -94,6 +97,16 @@ def main(
         return 130
     print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
     return status or 0
+
+
+def _full(error: Exception, options: Options) -> str:
+    """One line where the disk would not take more, else nothing."""
+    if getattr(error, "errno", None) not in _DISK:
+        return ""
+    return (
+        f"{options.out} cannot be written ({error.strerror}); the points so far are kept: "
+        "mend that and go on with --resume"
+    )
 
 
 def _cost(study: Study, options: Options) -> str:
