@@ -27,8 +27,9 @@ from hostile import assert_line, assert_refused, ended
 from gnuradio.radalt.core.mitigation import MitigationError, create, rehearsal
 from gnuradio.radalt.core.parsing import InputError, load_yaml, shown
 from gnuradio.radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
-from gnuradio.radalt.core.scene import SceneError, load_scene
+from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.overlap.points import point_seed, sweep_points
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -480,6 +481,47 @@ def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
     done = in_a_namespace(script)
     assert_refused(done.returncode, done.stderr)
     assert "No space left" in done.stderr
+
+
+# -- files that change under a run ------------------------------------------------------------------
+
+
+def in_this_process(monkeypatch, first) -> None:
+    """Points are measured here, after ``first()``: when the command has read what it reads."""
+    monkeypatch.setattr(
+        "gnuradio.radalt.evaluation.engine.run.run_tasks",
+        lambda function, tasks, **_: (first(), ((k, function(task)) for k, task in enumerate(tasks)))[1],
+    )
+
+
+def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch):
+    """The run is of the scene that it read, and says so; another content is another run."""
+    scene, out = tmp_path / "it.yaml", tmp_path / "run"
+    text = "seed: 5\nmethods: [none]\naltitude: {frames: 2}\nsweep: {overlap: [0]}\n"
+    scene.write_text(text)
+    in_this_process(monkeypatch, lambda: scene.write_text(text.replace("5", "6")))
+    command = ("--sim", "--scene", scene, "--jobs", "1", "--out", out)
+    assert ended(ota_eval.main, *command) == (0, "")
+    assert "seed: 6" in scene.read_text() and "seed: 5" in (out / "scene.yaml").read_text()
+    assert '"seed": 5' in (out / "run.json").read_text()
+    (point,) = sweep_points(parse_scene({"sweep": {"overlap": [0]}}))
+    assert f",{point_seed(5, point)}," in (out / "rows.csv").read_text()
+    status, error = ended(ota_eval.main, *command, "--resume")
+    assert_refused(status, error)
+    assert "scene.seed is 5 there and 6 here" in error
+
+
+def test_a_method_file_that_is_swapped_while_it_runs_ends_the_run(tmp_path, monkeypatch):
+    """Every worker reads it anew: the marker says whose rows these are."""
+    method, out = tmp_path / "m.py", tmp_path / "run"
+    method.write_text("def mitigate(frames, waveform): return frames\n")
+    change = "def mitigate(frames, waveform): return 2 * frames\n"
+    in_this_process(monkeypatch, lambda: method.write_text(change))
+    options = ("--methods", "none", "--method-file", method, "--overlap", "0", "--frames", "1", "--jobs", "1")
+    status, error = ended(ota_eval.main, "--sim", *options, "--out", out)
+    assert_refused(status, error)
+    assert "m.py was changed while the run read it" in error
+    assert not (out / "points.jsonl").exists()
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):

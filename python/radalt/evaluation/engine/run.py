@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -119,6 +120,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     with contextlib.ExitStack() as stack:
         # a cluster that is not there leaves no folder behind
         cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
+        inputs = None if cluster else _Inputs(study)  # workers elsewhere have copies
         folder = stack.enter_context(
             contextlib.closing(
                 RunFolder(
@@ -129,7 +131,41 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
                 )
             )
         )
-        return _run(study, points, _Watch(study, folder, options, progress, cluster), begin)
+        return _run(study, points, _Watch(study, folder, options, progress, cluster, inputs), begin)
+
+
+class _Inputs:
+    """The files that a measurement reads: each has to stay what it was when the run began."""
+
+    def __init__(self, study: Study) -> None:
+        self._held = {path: (_stamp(path), _sha256(path)) for path in study.files().values()}
+
+    def check(self) -> None:
+        """Raise if one has another content by now; what changed its time alone is forgiven."""
+        for path, (stamp, digest) in self._held.items():
+            now = _stamp(path)
+            if now == stamp:
+                continue
+            if _sha256(path) != digest:
+                raise WorkerError(
+                    f"{path} was changed while the run read it; put it back and go on with --resume, or begin anew"
+                )
+            self._held[path] = now, digest
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    try:
+        status = path.stat()
+    except OSError:
+        return ()
+    return status.st_mtime_ns, status.st_size, status.st_ino
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:  # whoever reads it says so
+        return ""
 
 
 def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool:
@@ -192,11 +228,12 @@ class _Watch:
         options: Options,
         progress: Callable[[Progress], None],
         cluster: Cluster | None,
+        inputs: _Inputs | None,
     ) -> None:
         self.folder, self.options, self.progress = folder, options, progress
         self.jobs = min(options.jobs, study.max_jobs or options.jobs)
         self.peaks: dict[int | str, int] = {}
-        self._cluster = cluster
+        self._cluster, self._inputs = cluster, inputs
         self.total = self.done = self.resumed = 0
         self._study = study
         self._streamed: set[str] = set()
@@ -215,6 +252,8 @@ class _Watch:
         stream = self._stream_files(study)
         tasks = [Task(study, p, b) for p, b in todo]
         for count, (index, outcome) in enumerate(self._outcomes(tasks), start=1):
+            if self._inputs is not None:
+                self._inputs.check()
             point, batch = todo[index]
             self.folder.add(point.name, batch, outcome.rows)
             stream(point, outcome.rows)
