@@ -226,6 +226,7 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
     with pytest.raises(RecordingError) as caught:
         open_capture(path)
     assert "foreign.sigmf-meta" in str(caught.value)
+    assert ("foreign.sigmf-data: cannot be read (No such file" in str(caught.value)) == (how == "no data")
     assert "\n" not in str(caught.value)
 
 
