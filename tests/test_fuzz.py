@@ -197,7 +197,7 @@ def test_scenes(tmp_path, report):
         assert parse_scene(scene_to_mapping(scene)) == scene
         return "read"
 
-    report(fuzz(check, 150, CHANGES | MILD), "read", "refused")
+    report(fuzz(check, 80, CHANGES | MILD), "read", "refused")
 
 
 def test_plans(tmp_path, report):
@@ -261,7 +261,7 @@ def test_yaml(tmp_path, report):
             assert yaml.safe_load(path.read_bytes()) == data or data != data
         return "read"
 
-    report(fuzz(check, 150, broken_text() | st.text(max_size=60)), "read", "refused")
+    report(fuzz(check, 100, broken_text() | st.text(max_size=60)), "read", "refused")
 
 
 OPTIONS = ["--overlap", "--sir-db", "--snr-db", "--altitudes", "--frames", "--seed", "--methods", "--scene", "--jobs",
@@ -434,7 +434,7 @@ def test_resumed_folders(finished, tmp_path, report, monkeypatch):
         assert rows_of(folder) == finished["rows.csv"]
         return "resumed"
 
-    report(fuzz(check, 120, spoilt(), spoilt()), "resumed", "refused")
+    report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
 
 
 # -- messages --------------------------------------------------------------------------------------
