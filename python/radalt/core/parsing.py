@@ -60,7 +60,7 @@ _UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
 _WHOLE = 2**63 - 1
 _DIGITS = 19  # of an integer in YAML
 _MEGA = 1 << 20
-_YAML_BYTES = 4 * _MEGA
+_YAML_BYTES = _MEGA  # ten times the longest of use; a reader written in Python takes 15 s for it
 _DEPTH, _NODES = 40, 1_000_000  # of a YAML document, aliases followed
 _TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 

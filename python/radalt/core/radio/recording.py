@@ -279,7 +279,9 @@ def open_capture(path: Path | str) -> Capture:
     head = _check_header(meta)
     data = meta.with_suffix(".sigmf-data")
     named = head.get("core:dataset")
-    if not data.exists() and isinstance(named, str):
+    if not data.exists() and named is not None:
+        if not isinstance(named, str) or Path(named).name != named:
+            raise RecordingError(f"{meta}: core:dataset is {shown(named)}; name a file beside it, no folder")
         data = meta.parent / named
     remedy = f"put it beside {meta.name}"
     try:
