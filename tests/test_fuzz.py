@@ -6,6 +6,7 @@ Seconds in the suite, the same examples every time. `make fuzz` runs it with oth
 
 import contextlib
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -22,17 +23,20 @@ import yaml
 from gnuradio import radalt
 from hostile import assert_line, assert_refused, ended
 from test_engine import Coins, Options, command, rows_of, run
+from test_report import FolderError, finished, scene_of
 
 from gnuradio.radalt.core.parsing import InputError, load_yaml
 from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
 from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.evaluation.engine.options import complain
+from radalt.evaluation.overlap.pooling import PoolError, pool_runs, read_run
 
 hypothesis = pytest.importorskip("hypothesis", reason="requirements-test.txt has it")
 from hypothesis import HealthCheck, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
-TARGETS = 7
+TARGETS = 8
 pytestmark = pytest.mark.timeout(max(120, 3 * SECONDS))
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -353,7 +357,7 @@ def test_recordings(recording, tmp_path, report):
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def spoilable(tmp_path_factory):
     """A small run, its files and its rows."""
     folder = tmp_path_factory.mktemp("finished") / "run"
     with pytest.MonkeyPatch.context() as patch:
@@ -410,7 +414,7 @@ def spoil(path: Path, kind: str, at: float, length: int, salt: bytes, values: li
             os.mkfifo(path)
 
 
-def test_resumed_folders(finished, tmp_path, report, monkeypatch):
+def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
     """Whatever became of a run's files: its true rows, or one line."""
     measured_here(monkeypatch)
 
@@ -418,7 +422,7 @@ def test_resumed_folders(finished, tmp_path, report, monkeypatch):
         folder = tmp_path / "run"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        for name, data in finished.items():
+        for name, data in spoilable.items():
             (folder / name).write_bytes(data)
         for name, *change in changes:
             if (folder / name).is_file():
@@ -431,10 +435,46 @@ def test_resumed_folders(finished, tmp_path, report, monkeypatch):
         if status:
             assert_refused(status, error)
             return "refused"
-        assert rows_of(folder) == finished["rows.csv"]
+        assert rows_of(folder) == spoilable["rows.csv"]
         return "resumed"
 
     report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
+
+
+# -- reports that are pooled ------------------------------------------------------------------------
+
+
+def test_pooled_reports(tmp_path, report):
+    """Any value in any place of one of two reports."""
+    for name, seed in (("a", 1), ("b", 2)):
+        finished(tmp_path / name, scene_of(seed=seed))
+    path = tmp_path / "a/report.json"
+    whole = json.loads(path.read_text())
+    whole["rows"] = whole["rows"][:4]
+    ways = [p for p in places(whole) if p]
+
+    def check(changes):
+        with contextlib.suppress(TypeError, ValueError):
+            text = json.dumps(changed(whole, [(ways[k % len(ways)], value) for k, value in changes]))
+            written(path, text)
+        try:
+            rows, _ = pool_runs([read_run(path.parent), read_run(tmp_path / "b")])
+        except (PoolError, FolderError) as error:
+            assert_refused(2, complained(error))
+            return "refused"
+        assert all(0 <= row["correct"] <= row["trials"] for row in rows)
+        return "pooled"
+
+    some = st.lists(st.tuples(st.integers(0, 9999), VALUES), min_size=1, max_size=2)
+    report(fuzz(check, 80, some), "pooled", "refused")
+
+
+def complained(error: Exception) -> str:
+    """The line that a command makes of an error."""
+    err = io.StringIO()
+    with contextlib.redirect_stderr(err):
+        complain("collect", error)
+    return err.getvalue()
 
 
 # -- messages --------------------------------------------------------------------------------------
