@@ -493,6 +493,15 @@ def test_results_are_published_over_zmq_as_json():
     assert received[4]["reason"] == "no_signal" and received[4]["altitude_m"] is None
 
 
+@pytest.mark.parametrize("block", [radalt.altimeter_sink, radalt.altitude_tracker])
+def test_an_endpoint_that_other_machines_reach_is_refused_unless_asked_for(block):
+    with pytest.raises(
+        ValueError, match="altimeter_sink.endpoint is 'tcp://0.0.0.0:.': other machines reach"
+    ):
+        block(scene_of(), endpoint="tcp://0.0.0.0:*")
+    assert block(scene_of(), endpoint="tcp://0.0.0.0:*", network=True).stop()
+
+
 def test_endpoint_that_is_taken_is_refused_in_one_line():
     import zmq
 

@@ -115,6 +115,25 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     assert rows_of(tmp_path / "run") == rows_of(whole)
 
 
+def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again(whole, tmp_path, capsys):
+    """Sealed, but of other columns, another kind or no point: a study changed without its version, say."""
+    study = Coins()
+    row = study.tables["rows"].row(study.measure(study.points()[0])[0])
+    folder = RunFolder(tmp_path, head_of(study))
+    for point, rows in (
+        ("coin 0.1", [row | {"more": 1}]),
+        ("coin 0.5", [row | {"pd": "high"}]),
+        ("coin 0.97", [7]),
+        ("no coin", [row]),
+    ):
+        folder.add(point, 0, rows)
+    folder.close()
+    assert command.main(study, Options(tmp_path, resume=True, jobs=1), program="coins", dry_run=False) == 0
+    assert rows_of(tmp_path) == rows_of(whole)
+    line = f"{tmp_path / 'points.jsonl'}:1 and 3 others: cut, changed or of another run; measured again"
+    assert line in capsys.readouterr().out
+
+
 def test_another_seed_is_another_run(whole):
     with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
         run(Coins(seed=2), Options(whole, resume=True))

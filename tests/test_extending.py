@@ -9,6 +9,8 @@ import sys
 import pytest
 import yaml
 
+from radalt.core.parsing import arguments, build
+
 pytestmark = pytest.mark.timeout(120)
 
 EXAMPLES = ("interferer", "method", "radio", "study")
@@ -43,6 +45,38 @@ def written(folder, **scene):
     path = folder / "scene.yaml"
     path.write_text(yaml.safe_dump(scene))
     return str(path)
+
+
+CHECKED_ONLY = """
+from __future__ import annotations
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    import numpy as np
+    from nowhere import Taps
+
+def method(self, waveform: Waveform, *, taps: Taps = 1, order: int = 2, more: list[np.ndarray] | None = None): ...
+
+@dataclass(frozen=True)
+class Emitter:
+    taps: Taps = 1
+    order: int = 2
+"""
+
+
+def test_annotations_for_type_checkers_alone_convert_nothing(tmp_path, monkeypatch):
+    """A plugin's options are read all the same, those that can be converted as ever."""
+    (tmp_path / "checked_only.py").write_text(CHECKED_ONLY)
+    monkeypatch.syspath_prepend(tmp_path)
+    import checked_only
+
+    given = {"taps": "as it is", "order": "3"}
+    assert arguments(checked_only.method, given | {"more": [1]}, "it") == given | {"order": 3, "more": [1]}
+    assert build(checked_only.Emitter, given, "it") == checked_only.Emitter("as it is", 3)
+    for read in (arguments, build):
+        owner = checked_only.method if read is arguments else checked_only.Emitter
+        with pytest.raises(ValueError, match="it.order is 'x'; expected a whole number"):
+            read(owner, {"order": "x"}, "it")
 
 
 def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, outside, tmp_path):

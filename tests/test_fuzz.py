@@ -4,9 +4,12 @@ Seconds in the suite, the same examples every time. `make fuzz` runs it with oth
 (default 3600), and prints how many of each target there were and how they ended.
 """
 
+import contextlib
 import hashlib
+import io
 import json
 import os
+import shutil
 import time
 from collections import Counter
 from pathlib import Path
@@ -19,17 +22,21 @@ import sigmf
 import yaml
 from gnuradio import radalt
 from hostile import assert_line, assert_refused, ended
+from test_engine import Coins, Options, command, rows_of, run
+from test_report import FolderError, finished, scene_of
 
 from gnuradio.radalt.core.parsing import InputError, load_yaml
 from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
 from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.evaluation.engine.options import complain
+from radalt.evaluation.overlap.pooling import PoolError, pool_runs, read_run
 
 hypothesis = pytest.importorskip("hypothesis", reason="requirements-test.txt has it")
 from hypothesis import HealthCheck, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 SECONDS = float(os.environ.get("RADALT_FUZZ_S", 0))
-TARGETS = 6
+TARGETS = 8
 pytestmark = pytest.mark.timeout(max(120, 3 * SECONDS))
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -194,7 +201,7 @@ def test_scenes(tmp_path, report):
         assert parse_scene(scene_to_mapping(scene)) == scene
         return "read"
 
-    report(fuzz(check, 150, CHANGES | MILD), "read", "refused")
+    report(fuzz(check, 80, CHANGES | MILD), "read", "refused")
 
 
 def test_plans(tmp_path, report):
@@ -258,7 +265,7 @@ def test_yaml(tmp_path, report):
             assert yaml.safe_load(path.read_bytes()) == data or data != data
         return "read"
 
-    report(fuzz(check, 150, broken_text() | st.text(max_size=60)), "read", "refused")
+    report(fuzz(check, 100, broken_text() | st.text(max_size=60)), "read", "refused")
 
 
 OPTIONS = ["--overlap", "--sir-db", "--snr-db", "--altitudes", "--frames", "--seed", "--methods", "--scene", "--jobs",
@@ -345,6 +352,132 @@ def test_recordings(recording, tmp_path, report):
     keys = st.lists(st.tuples(st.sampled_from(ways), VALUES), max_size=2)
     report(fuzz(check, 100, keys, st.sampled_from([0, 0, 0, 8, 3, 72_000])), "read", "refused")
 
+
+# -- a result folder that is resumed ---------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def spoilable(tmp_path_factory):
+    """A small run, its files and its rows."""
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        measured_here(patch)
+        run(Coins(), Options(folder, jobs=1))
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+def measured_here(patch) -> None:
+    """Points are measured in this process: a pool would start one an example. Nothing waits for the disk."""
+    patch.setattr("radalt.evaluation.results.folder.os.fsync", lambda file: None)
+    patch.setattr(
+        "radalt.evaluation.engine.run.run_tasks",
+        lambda function, tasks, **_: ((k, function(task)) for k, task in enumerate(tasks)),
+    )
+
+
+FILES = ("run.json", "points.jsonl", "rows.csv")
+
+
+@st.composite
+def spoilt(draw):
+    """A change of one file: bytes cut, doubled and salted, values put in places, lines in another order, or no file."""
+    name = draw(st.sampled_from(FILES))
+    kind = draw(st.sampled_from(["bytes", "bytes", "values", "lines", "gone", "folder", "pipe"]))
+    at, length = draw(st.floats(0, 1)), draw(st.integers(0, 60))
+    salt = draw(st.binary(max_size=6) | st.sampled_from([b"\n", b"7", b"-5", b"NaN", b"[" * 5000, b"\xff"]))
+    values = draw(st.lists(st.tuples(st.integers(0, 999), VALUES), min_size=1, max_size=2))
+    return name, kind, at, length, salt, values, draw(st.permutations(range(4)))
+
+
+def spoil(path: Path, kind: str, at: float, length: int, salt: bytes, values: list, order: list[int]) -> None:
+    data = path.read_bytes()
+    where = int(at * len(data))
+    lines = data.splitlines(keepends=True)
+    if kind == "bytes":
+        path.write_bytes(data[:where] + salt + data[where + length :])
+    elif kind == "lines":
+        path.write_bytes(b"".join(lines[k % len(lines)] for k in order))
+    elif kind == "values":
+        with contextlib.suppress(
+            TypeError, ValueError, RecursionError
+        ):  # of a table, or after another change
+            whole = json.loads(data) if path.name == "run.json" else [json.loads(line) for line in lines]
+            ways = [p for p in places(whole) if p]
+            whole = changed(whole, [(ways[k % len(ways)], value) for k, value in values])
+            entries = whole if isinstance(whole, list) else [whole]
+            written(path, "".join(json.dumps(entry) + "\n" for entry in entries))
+    else:
+        path.unlink()
+        if kind == "folder":
+            path.mkdir()
+        elif kind == "pipe":
+            os.mkfifo(path)
+
+
+def test_resumed_folders(spoilable, tmp_path, report, monkeypatch):
+    """Whatever became of a run's files: its true rows, or one line."""
+    measured_here(monkeypatch)
+
+    def check(*changes):
+        folder = tmp_path / "run"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        for name, data in spoilable.items():
+            (folder / name).write_bytes(data)
+        for name, *change in changes:
+            if (folder / name).is_file():
+                spoil(folder / name, *change)
+        status, error = ended(
+            lambda _: command.main(
+                Coins(), Options(folder, resume=True, jobs=1), program="coins", dry_run=False
+            )
+        )
+        if status:
+            assert_refused(status, error)
+            return "refused"
+        assert rows_of(folder) == spoilable["rows.csv"]
+        return "resumed"
+
+    report(fuzz(check, 80, spoilt(), spoilt()), "resumed", "refused")
+
+
+# -- reports that are pooled ------------------------------------------------------------------------
+
+
+def test_pooled_reports(tmp_path, report):
+    """Any value in any place of one of two reports."""
+    for name, seed in (("a", 1), ("b", 2)):
+        finished(tmp_path / name, scene_of(seed=seed))
+    path = tmp_path / "a/report.json"
+    whole = json.loads(path.read_text())
+    whole["rows"] = whole["rows"][:4]
+    ways = [p for p in places(whole) if p]
+
+    def check(changes):
+        with contextlib.suppress(TypeError, ValueError):
+            text = json.dumps(changed(whole, [(ways[k % len(ways)], value) for k, value in changes]))
+            written(path, text)
+        try:
+            rows, _ = pool_runs([read_run(path.parent), read_run(tmp_path / "b")])
+        except (PoolError, FolderError) as error:
+            assert_refused(2, complained(error))
+            return "refused"
+        assert all(0 <= row["correct"] <= row["trials"] for row in rows)
+        return "pooled"
+
+    some = st.lists(st.tuples(st.integers(0, 9999), VALUES), min_size=1, max_size=2)
+    report(fuzz(check, 80, some), "pooled", "refused")
+
+
+def complained(error: Exception) -> str:
+    """The line that a command makes of an error."""
+    err = io.StringIO()
+    with contextlib.redirect_stderr(err):
+        complain("collect", error)
+    return err.getvalue()
+
+
+# -- messages --------------------------------------------------------------------------------------
 
 JSON = st.recursive(
     st.none() | st.booleans() | NUMBERS | st.text(max_size=20),

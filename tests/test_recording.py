@@ -226,6 +226,7 @@ def test_a_recording_that_does_not_fit_gets_one_line(tmp_path, how):
     with pytest.raises(RecordingError) as caught:
         open_capture(path)
     assert "foreign.sigmf-meta" in str(caught.value)
+    assert ("foreign.sigmf-data: cannot be read (No such file" in str(caught.value)) == (how == "no data")
     assert "\n" not in str(caught.value)
 
 
@@ -355,4 +356,16 @@ def test_a_recording_that_is_a_pipe_is_refused(tmp_path, ending):
     path.with_suffix(f".{ending}").unlink()
     os.mkfifo(path.with_suffix(f".{ending}"))
     with pytest.raises(RecordingError):
+        open_capture(path)
+
+
+@pytest.mark.parametrize("name", ["pipe", "../pipe", "/dev/zero", 7, "a\0b"])
+def test_data_that_the_metadata_name_are_a_file_beside_them(tmp_path, name):
+    path = write_foreign(tmp_path, np.ones(8000, complex), 7.5e6, "cf32_le")
+    path.with_suffix(".sigmf-data").unlink()
+    os.mkfifo(tmp_path / "pipe")
+    meta = json.loads(path.read_text())
+    meta["global"]["core:dataset"] = name
+    path.write_text(json.dumps(meta))
+    with pytest.raises(RecordingError, match="a pipe or device|name a file beside it|null byte"):
         open_capture(path)

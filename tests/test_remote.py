@@ -7,7 +7,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import control_client
+import numpy as np
 import pytest
+import uhd_double
 import zmq
 from gnuradio import radalt
 
@@ -188,6 +190,19 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
     assert (after["errors"], after["transmit"]) == (0, "none")
 
 
+@pytest.mark.parametrize("parts", [[b"x" * 60_000] * 4, [b""] * 5000], ids=["bytes", "parts"])
+def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
+    """The socket's own limit is on one part; what is beyond is not read on, and the next client is answered."""
+    control = bench.start()
+    with zmq.Context.instance().socket(zmq.REQ) as socket:
+        socket.setsockopt(zmq.LINGER, 0)
+        socket.connect(control._control)
+        socket.send_multipart(parts)
+        wait(lambda: control.errors == 1)
+    assert bench.ask(b'{"version": 1, "command": "get"}')["error"].startswith("the flowgraph has not started")
+    assert bench.gates[0].why_closed is None
+
+
 def test_a_subscriber_that_never_reads_slows_nothing(loop):
     client, endpoints, _, _ = loop
     with zmq.Context.instance().socket(zmq.SUB) as dead:
@@ -293,6 +308,72 @@ def test_stop_is_carried_out_before_the_first_sample(bench):
 def test_gates_close_when_nobody_asks_for_as_long_as_agreed(bench):
     bench.start(keep_alive_s=0.5)
     wait(lambda: all("no request for more than 0.5 s" in (gate.why_closed or "") for gate in bench.gates))
+
+
+class Listened(uhd_double.Air):
+    """No echo and no memory: how much each transmitter took, and when it last took anything but zeros."""
+
+    def __init__(self) -> None:
+        super().__init__(ticking=True)
+        self.taken, self.loud = {}, {}
+
+    def send(self, device, samples):
+        if samples.any():
+            self.loud[device] = time.monotonic()
+        self.taken[device] = self.taken.get(device, 0) + samples.size
+        time.sleep(samples.size / 7.5e6)  # a radio takes them at its rate
+
+    def receive(self, first, count):
+        time.sleep(count / 7.5e6)
+        return np.zeros(count, np.complex64)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # one is made to end
+@pytest.mark.parametrize("lost", ["the thread hangs", "the thread ends", "the client is silent"])
+def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path, monkeypatch, lost):
+    """Two radios send; within the second (or the agreed silence) and what is under way both get zeros alone."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    air = Listened()
+    uhd_double.install(monkeypatch, air)
+    radio = {"radar_serial": "R", "jammer_serial": "J", "enclosure": "cabled", "attenuation_db": 60.0}
+    radio |= {"radar_tx_gain_db": 40.0, "jammer_tx_gain_db": 50.0, "radar_rx_gain_db": 20.0}
+    scene = parse_scene(
+        {"radio": radio, "interference": {"qpsk": {"sir_db": -5.0, "bandwidth_hz": 2.0025e6}}}
+    )
+    answer, go_on, stop = radalt.remote_control._answer, threading.Event(), threading.Event()
+
+    def lose(self, parts):
+        if parts != [b"lose"]:
+            return answer(self, parts)
+        if lost == "the thread ends":
+            raise SystemExit
+        return go_on.wait(30) and ""
+
+    monkeypatch.setattr(radalt.remote_control, "_answer", lose)
+    options = {"telemetry": "", "control": f"ipc://{tmp_path}/control", "sim": False, "transmit": True}
+    options |= {"keep_alive_s": 1.0} if lost == "the client is silent" else {}
+    thread = threading.Thread(
+        target=lambda: drive_remotely(scene, ("none",), stop=stop, log=lambda line: None, **options)
+    )
+    thread.start()
+    try:
+        with zmq.Context.instance().socket(zmq.REQ) as socket:
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.connect(options["control"])
+            wait(lambda: len(air.loud) == 2)
+            if lost != "the client is silent":
+                socket.send(b"lose")
+            began = time.monotonic()
+            time.sleep(2.0)
+            last, taken = dict(air.loud), dict(air.taken)
+            # the gates' second, samples under way, and a machine that does other things besides
+            assert all(t - began < 1.8 for t in last.values())
+            wait(lambda: all(air.taken[device] > taken[device] for device in taken))  # it runs on: zeros
+            assert air.loud == last
+    finally:
+        go_on.set()
+        stop.set()
+        thread.join(20)
 
 
 @pytest.mark.parametrize("jammer", [True, False])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 
 import numpy as np
 import pytest
@@ -155,6 +156,27 @@ def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
     journal.write_text(journal.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
     again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
     assert again.done == {} and again.rejected == [f"{journal}:1"]
+
+
+def test_rows_of_another_seed_do_not_hold(tmp_path):
+    """Somebody copied the journal: same points, same columns, whole lines."""
+    for name, seed in (("a", 1), ("b", 2)):
+        folder = RunFolder(tmp_path / name, head_of(scene_of(seed=seed)))
+        folder.add("a", 0, rows_of(scene_of(seed=seed))[:2])
+        folder.close()
+    journal = tmp_path / "a" / "points.jsonl"
+    journal.write_bytes((tmp_path / "b" / "points.jsonl").read_bytes())
+    again = RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
+    assert again.done == {} and again.rejected == [f"{journal}:1"]
+
+
+@pytest.mark.parametrize("name", [".lock", "run.json", "points.jsonl", "report.json"])
+def test_a_pipe_in_the_folder_is_not_waited_at(tmp_path, name):
+    finished(tmp_path / "a", scene_of())
+    (tmp_path / "a" / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / "a" / name)
+    with pytest.raises(FolderError, match=f"{name} is a folder, pipe or device"):
+        RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
 
 
 # -- one run, one folder ------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ wants Python 3.11, only the packages themselves: PyTorch depends on gigabytes. W
 
 from __future__ import annotations
 
+import argparse
+import re
 import subprocess
 import sys
 import tempfile
@@ -50,10 +52,21 @@ def resolve(requirements: list[str], python: str, *options: str) -> str:
     return next((line for line in reversed(done.stderr.splitlines()) if "ERROR" in line), "pip failed")
 
 
+def version(text: str) -> str:
+    """For ``type=``: a Python such as 3.12."""
+    if not re.fullmatch(r"3\.\d{1,2}", text):
+        raise argparse.ArgumentTypeError(f"it is {text[:40]!r}; it has to be a Python such as 3.12")
+    return text
+
+
 def main() -> int:
     """Resolve for each Python; 0 where all was found."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("python", nargs="*", type=version, default=["3.10", "3.11", "3.12", "3.13"])
     failed = False
-    for python in sys.argv[1:] or ["3.10", "3.11", "3.12", "3.13"]:
+    for python in parser.parse_args().python:
         runtime = [
             *wanted(ROOT / "requirements.txt", python),
             *wanted(ROOT / "requirements-test.txt", python),

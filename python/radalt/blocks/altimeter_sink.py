@@ -9,6 +9,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.radio.control import check_endpoint
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
 from ._frames import read_frame_tags
@@ -42,6 +43,13 @@ class altimeter_sink(gr.sync_block):
         Results kept for `results`; older ones are overwritten.
     stream : bool
         Whether the block has the output ``altitude``, one value a frame, for displays.
+    network : bool
+        Allow an endpoint that other machines reach.
+
+    Raises
+    ------
+    ValueError
+        If the endpoint is none, is not of this machine, or is taken; one line.
 
     Example
     -------
@@ -56,7 +64,9 @@ class altimeter_sink(gr.sync_block):
         messages: bool = True,
         capacity: int = 100_000,
         stream: bool = False,
+        network: bool = False,
     ) -> None:
+        check_endpoint("altimeter_sink.endpoint", endpoint, network=network)
         n = scene.waveform.samples_per_frame
         outputs = [np.float32] if stream else None
         gr.sync_block.__init__(self, f"radalt_{type(self).__name__}", [(np.complex64, n)], outputs)

@@ -33,7 +33,7 @@ class altitude_tracker(altimeter_sink):
     ----------
     scene : Scene
         Waveform, settings of altimeter and tracker, programme.
-    method, endpoint, messages, capacity, stream
+    method, endpoint, messages, capacity, stream, network
         As in `altimeter_sink`; ``messages`` is about ``result`` alone.
 
     Example
@@ -49,8 +49,9 @@ class altitude_tracker(altimeter_sink):
         messages: bool = False,
         capacity: int = 100_000,
         stream: bool = False,
+        network: bool = False,
     ) -> None:
-        altimeter_sink.__init__(self, scene, method, endpoint, messages, capacity, stream)
+        altimeter_sink.__init__(self, scene, method, endpoint, messages, capacity, stream, network)
         self.tracker = AltitudeTracker(self.altimeter, scene.tracker_settings)
         self._outputs = np.zeros(max(1, int(capacity) // self.tracker.frames), dtype=OUTPUT_DTYPE)
         self._output_count = 0

@@ -27,6 +27,7 @@ __all__ = ["remote_control"]
 _POLL_MS = 20
 _STATE_EVERY = 50  # polls between state messages: one second
 _WAIT_S = 0.1  # after an error, before the thread tries again
+_MOST_PARTS = 1000  # of a message that is read to its end, to be answered
 _QUEUED = 10_000  # messages a slow subscriber may lag behind before it loses some
 
 
@@ -153,12 +154,23 @@ class remote_control:
     def _reply(self) -> None:
         """Take one message and answer it; a socket that cannot is replaced."""
         try:
-            parts = self._replier.recv_multipart()
-            self._replier.send_string(self._answer(parts))
+            self._replier.send_string(self._answer(self._receive()))
         except Exception:
             self._replier.close()
             self._replier = None
             raise
+
+    def _receive(self) -> list[bytes]:
+        """The parts of one message, together no more than one may have: the limit of the socket is on each alone."""
+        parts = []
+        while True:
+            parts.append(self._replier.recv())
+            if not self._replier.rcvmore:
+                return parts
+            if len(parts) >= _MOST_PARTS or sum(map(len, parts)) > MAX_REQUEST_BYTES:
+                raise RequestError(
+                    f"a message of more than {_MOST_PARTS} parts or {MAX_REQUEST_BYTES} bytes; send one part"
+                )
 
     def _count_error(self, where: str, error: Exception) -> None:
         self.errors += 1

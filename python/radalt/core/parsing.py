@@ -7,13 +7,16 @@ of YAML the part that means one thing only. Bounds on numbers that hold for ever
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import functools
+import inspect
 import math
 import re
 import reprlib
 import stat
+import sys
 import types
 import typing
 from collections.abc import Callable
@@ -57,7 +60,7 @@ _UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
 _WHOLE = 2**63 - 1
 _DIGITS = 19  # of an integer in YAML
 _MEGA = 1 << 20
-_YAML_BYTES = 4 * _MEGA
+_YAML_BYTES = _MEGA  # ten times the longest of use; a reader written in Python takes 15 s for it
 _DEPTH, _NODES = 40, 1_000_000  # of a YAML document, aliases followed
 _TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 
@@ -291,7 +294,7 @@ def build(
     """
     if not isinstance(data, dict):
         raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     fields = {f.name for f in dataclasses.fields(cls) if f.init}
     values = {}
     for key, value in data.items():
@@ -303,7 +306,7 @@ def build(
             raise ValueError(f"unknown key {path!r}; {hint}allowed: {_listed(sorted(fields))}")
         path = f"{where}.{key}" if where else key
         convert_field = (special or {}).get(key)
-        values[key] = convert_field(value, path) if convert_field else convert(hints[key], value, path)
+        values[key] = convert_field(value, path) if convert_field else convert(hints.get(key), value, path)
     try:
         return cls(**values)
     except TypeError as error:
@@ -420,13 +423,27 @@ def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -
     ValueError
         One line with key, value and what is allowed.
     """
-    hints = typing.get_type_hints(function)
+    hints = _hints(function)
     return {
         key: convert(hints[key], value, f"{where}.{key}")
         if key in hints and not isinstance(value, Path)
         else value
         for key, value in given.items()
     }
+
+
+def _hints(owner: Any) -> dict[str, Any]:
+    """Annotations of a class or function; what exists for type checkers alone is left out, and converts nothing."""
+    with contextlib.suppress(Exception):  # somebody else's annotations: anything can come
+        return typing.get_type_hints(owner)
+    found = {}
+    for part in reversed(owner.__mro__) if isinstance(owner, type) else [owner]:
+        names = getattr(part, "__globals__", None) or vars(sys.modules[part.__module__])
+        for key, hint in inspect.get_annotations(part).items():
+            with contextlib.suppress(Exception):
+                alone = types.SimpleNamespace(__annotations__={key: hint})
+                found |= typing.get_type_hints(alone, globalns=names)
+    return found
 
 
 def _float(value: Any) -> float:

@@ -53,7 +53,7 @@ def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
     Raises
     ------
     ValueError
-        One line: there is no authentication, so whoever reaches a control endpoint drives the transmitters.
+        One line: there is no authentication: whoever reaches an endpoint reads the results, or drives the transmitters.
     """
     if not endpoint:
         return

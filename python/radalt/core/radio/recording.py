@@ -276,11 +276,16 @@ def open_capture(path: Path | str) -> Capture:
     meta = path.with_suffix(".sigmf-meta")
     if not meta.is_file():
         raise RecordingError(f"{meta}: no such recording; give the .sigmf-meta file")
-    _check_header(meta)
+    head = _check_header(meta)
     data = meta.with_suffix(".sigmf-data")
+    named = head.get("core:dataset")
+    if not data.exists() and named is not None:
+        if not isinstance(named, str) or Path(named).name != named:
+            raise RecordingError(f"{meta}: core:dataset is {shown(named)}; name a file beside it, no folder")
+        data = meta.parent / named
+    remedy = f"put it beside {meta.name}"
     try:
-        if data.exists():  # else the metadata may name another
-            check_file(data, most_bytes=_DATA_BYTES, what="recording")
+        check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=remedy)
     except InputError as error:
         raise RecordingError(str(error)) from None
     try:
@@ -297,8 +302,8 @@ def open_capture(path: Path | str) -> Capture:
     return _checked(meta, recording)
 
 
-def _check_header(meta: Path) -> None:
-    """What a replay needs of the metadata, in terms of the file: sigmf's own words name its internals."""
+def _check_header(meta: Path) -> dict[str, Any]:
+    """The object ``global`` with what a replay needs, in terms of the file: sigmf's own words name its internals."""
     try:
         data = json.loads(read_text(meta, most_bytes=_META_BYTES, what="recording"))
     except InputError as error:
@@ -319,6 +324,7 @@ def _check_header(meta: Path) -> None:
         )
     if channels not in (None, 1):
         raise RecordingError(f"{meta}: {shown(channels)} channels; recordings of one channel are read")
+    return head
 
 
 def _checked(meta: Path, recording: Any) -> Capture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shlex
 import sys
 import time
@@ -17,14 +18,20 @@ from .study import Study
 
 __all__ = ["Bar", "main"]
 
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+
 
 class Bar:
     """A bar on a terminal, a line per point elsewhere."""
 
     def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
-        self._describe, self._bar = describe, None
+        self._describe, self._bar, self._told = describe, None, False
 
     def __call__(self, p: Progress) -> None:
+        if p.rejected and not self._told:
+            self._told = True
+            more = f" and {len(p.rejected) - 1} others" if len(p.rejected) > 1 else ""
+            print(f"{p.rejected[0]}{more}: cut, changed or of another run; measured again", flush=True)
         if sys.stderr.isatty():
             self._show(p)
         elif p.rows:
@@ -82,7 +89,7 @@ def main(
         status = after(options.out)
     except expected_errors() as error:
         bar.close()
-        complain(program, error)
+        complain(program, _full(error, options) or error)
         return 2
     except KeyboardInterrupt:
         bar.close()
@@ -90,6 +97,16 @@ def main(
         return 130
     print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
     return status or 0
+
+
+def _full(error: Exception, options: Options) -> str:
+    """One line where the disk would not take more, else nothing."""
+    if getattr(error, "errno", None) not in _DISK:
+        return ""
+    return (
+        f"{options.out} cannot be written ({error.strerror}); the points so far are kept: "
+        "mend that and go on with --resume"
+    )
 
 
 def _cost(study: Study, options: Options) -> str:

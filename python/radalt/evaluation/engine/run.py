@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -55,6 +56,8 @@ class Progress:
         Batches; ``total`` grows once, when the pilots have said how many are needed.
     resumed : int
         Of them, there before this start.
+    rejected : sequence of str
+        Lines of the journal that did not hold; what they were is measured again.
     rows : list of dict
         Of the batch just measured; none at the first call.
     remaining_s : float
@@ -66,6 +69,7 @@ class Progress:
     resumed: int
     rows: Sequence[dict[str, Any]]
     remaining_s: float
+    rejected: Sequence[str] = ()
 
 
 def measure_task(task: Task) -> Outcome:
@@ -116,10 +120,64 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     with contextlib.ExitStack() as stack:
         # a cluster that is not there leaves no folder behind
         cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
+        inputs = None if cluster else _Inputs(study)  # workers elsewhere have copies
         folder = stack.enter_context(
-            contextlib.closing(RunFolder(options.out, head_of(study), resume=options.resume))
+            contextlib.closing(
+                RunFolder(
+                    options.out,
+                    head_of(study),
+                    resume=options.resume,
+                    holds=lambda entry: _holds(study, points, entry),
+                )
+            )
         )
-        return _run(study, points, _Watch(study, folder, options, progress, cluster), begin)
+        return _run(study, points, _Watch(study, folder, options, progress, cluster, inputs), begin)
+
+
+class _Inputs:
+    """The files that a measurement reads: each has to stay what it was when the run began."""
+
+    def __init__(self, study: Study) -> None:
+        self._held = {path: (_stamp(path), _sha256(path)) for path in study.files().values()}
+
+    def check(self) -> None:
+        """Raise if one has another content by now; what changed its time alone is forgiven."""
+        for path, (stamp, digest) in self._held.items():
+            now = _stamp(path)
+            if now == stamp:
+                continue
+            if _sha256(path) != digest:
+                raise WorkerError(
+                    f"{path} was changed while the run read it; put it back and go on with --resume, or begin anew"
+                )
+            self._held[path] = now, digest
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    try:
+        status = path.stat()
+    except OSError:
+        return ()
+    return status.st_mtime_ns, status.st_size, status.st_ino
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:  # whoever reads it says so
+        return ""
+
+
+def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool:
+    """Whether these are rows of one of the study's points, each with its table's columns and kinds of values."""
+    point = next((p for p in points if p.name == entry["point"]), None)
+    if point is None or entry["batch"] < 0:
+        return False
+    columns = study.tables[point.table]
+    try:
+        return all(columns.row(row) == row for row in entry["rows"])
+    except (AttributeError, TypeError, ValueError, OverflowError):
+        return False
 
 
 def _cluster(study: Study, scheduler: str) -> Cluster:
@@ -170,13 +228,15 @@ class _Watch:
         options: Options,
         progress: Callable[[Progress], None],
         cluster: Cluster | None,
+        inputs: _Inputs | None,
     ) -> None:
         self.folder, self.options, self.progress = folder, options, progress
         self.jobs = min(options.jobs, study.max_jobs or options.jobs)
         self.peaks: dict[int | str, int] = {}
-        self._cluster = cluster
+        self._cluster, self._inputs = cluster, inputs
         self.total = self.done = self.resumed = 0
         self._study = study
+        self._streamed: set[str] = set()
         self._begun = time.monotonic()
 
     def stage(self, study: Study, wanted: Sequence[tuple[Point, int]]) -> None:
@@ -192,6 +252,8 @@ class _Watch:
         stream = self._stream_files(study)
         tasks = [Task(study, p, b) for p, b in todo]
         for count, (index, outcome) in enumerate(self._outcomes(tasks), start=1):
+            if self._inputs is not None:
+                self._inputs.check()
             point, batch = todo[index]
             self.folder.add(point.name, batch, outcome.rows)
             stream(point, outcome.rows)
@@ -200,13 +262,23 @@ class _Watch:
             self._tell(outcome.rows, first, count, len(todo))
 
     def _stream_files(self, study: Study) -> Callable[[Point, Sequence[dict[str, Any]]], None]:
-        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end."""
+        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end.
+
+        Each begins with what the journal holds: what a file of an earlier start holds is no matter.
+        """
+        table_of = {point.name: point.table for point in self._study.points()}
 
         def append(point: Point, rows: Sequence[dict[str, Any]]) -> None:
-            path = self.folder.path / f"{point.table}.csv"
-            new = not path.exists()
-            with path.open("a", encoding="utf-8", newline="") as file:
-                file.write(study.tables[point.table].csv(rows, header=new))
+            name, columns = f"{point.table}.csv", study.tables[point.table]
+            if name not in self._streamed:
+                self._streamed.add(name)
+                held = [
+                    r for (p, _), rows in self.folder.done.items() if table_of[p] == point.table for r in rows
+                ]
+                self.folder.write_text(name, columns.csv(held))
+                return
+            with (self.folder.path / name).open("a", encoding="utf-8", newline="") as file:
+                file.write(columns.csv(rows, header=False))
 
         return append
 
@@ -222,4 +294,5 @@ class _Watch:
         known = spent / count * (todo - count) if count else 0.0
         weight = min(1.0, count / max(2 * self.jobs, 1))
         remaining = weight * known + (1 - weight) * max(0.0, first_s - spent if count else first_s)
-        self.progress(Progress(self.done, self.total, self.resumed, rows, remaining))
+        rejected = self.folder.rejected
+        self.progress(Progress(self.done, self.total, self.resumed, rows, remaining, rejected))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...core.parsing import LARGEST, shown
 from ..results.folder import SCHEMA, RunFolder, flatten, read_report
 from ..results.page import render
 from ..results.score import pool
@@ -30,18 +31,17 @@ _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
 # what has to be equal in every run; the channel only among simulated ones
 _SCENE_PARTS = ("waveform", "altimeter", "segmenter")
 _ALTITUDE_KEYS = ("programme_m", "mode", "vertical_speed_m_per_s")
-_NEEDED = (
-    "source",
-    "name",
-    "seed",
-    "scene",
-    "methods",
-    "rows",
-    "title",
-    "created",
-    "versions",
-    "trials_per_point",
-)
+# what is read of a report.json, and of which kind it is
+_NEEDED = {
+    **dict.fromkeys(("source", "name", "title", "created"), str),
+    **dict.fromkeys(("scene", "methods", "versions", "scene.altitude", "scene.method_options"), dict),
+    **dict.fromkeys((f"scene.{part}" for part in (*_SCENE_PARTS, "channel")), dict),
+    **dict.fromkeys(("seed", "trials_per_point", "scene.altitude.frames"), int),
+    **dict.fromkeys(("rows", "scene.interference"), list),
+    **{f"scene.altitude.{key}": object for key in _ALTITUDE_KEYS},
+}
+# columns that may hold nothing: no interference, no noise, no detection
+_OPEN = frozenset(COLUMNS.names) - COLUMNS.text - COLUMNS.whole - {"overlap"}
 _NOT_EMITTER = ("sir_db", "overlap")  # those are the axes of the report
 
 
@@ -87,13 +87,35 @@ def read_run(folder: str | Path) -> Run:
         raise PoolError(
             f"{folder}: is itself a {report.get('kind')} report; name the folders of the runs in it"
         )
-    for number, row in enumerate(report.get("rows", ()), start=1):
+    problem = _malformed(report)
+    if problem:
+        raise PoolError(f"{folder}: report.json does not hold: {problem}; measure it again")
+    for number, row in enumerate(report["rows"], start=1):
         problem = _problem(row)
+        if not problem and row["method"] not in report["methods"]:
+            problem = f"method {shown(row['method'])} is not among the report's"
         if problem:
             raise PoolError(
                 f"{folder}: row {number} of report.json does not hold: {problem}; measure it again"
             )
     return Run(str(folder), report)
+
+
+def _malformed(report: dict[str, Any]) -> str:
+    """What is missing or of another kind in a report, empty if nothing is."""
+    for key, kind in _NEEDED.items():
+        value = report
+        for part in key.split("."):
+            if part not in value:
+                return f"it has no {key}"
+            value = value[part]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            return f"{key} is {shown(value)}"
+    scene = report["scene"]
+    inner = [*report["methods"].items(), *((m, given or {}) for m, given in scene["method_options"].items())]
+    for entry in scene["interference"]:
+        inner += entry.items() if isinstance(entry, dict) else [("interference", entry)]
+    return next((f"{shown(k)} is {shown(v)}" for k, v in inner if not isinstance(v, dict)), "")
 
 
 def _problem(row: Any) -> str:
@@ -103,12 +125,30 @@ def _problem(row: Any) -> str:
     missing = [c for c in COLUMNS.names if c not in row]
     if missing:
         return f"it has no {missing[0]}"
+    for name, value in row.items():
+        if name in COLUMNS.names and not _fits(name, value):
+            return f"{name} is {shown(value)}"
     counts = [row[c] for c in ("correct", "detections", "trials")]
     if not all(type(c) is int for c in counts) or not 0 <= counts[0] <= counts[1] <= counts[2]:
         return f"correct, detections, trials are {_brief(counts)}"
     if counts[2] and (row["pd"] is None or abs(row["pd"] - counts[0] / counts[2]) > 1e-6):
         return f"pd is {_brief(row['pd'])} with {counts[0]} correct of {counts[2]}"
+    try:
+        pool([row]).row()
+    except (TypeError, ValueError, ArithmeticError):
+        return "its counts and means do not go together"
     return ""
+
+
+def _fits(name: str, value: Any) -> bool:
+    """Whether a value is one that its column can hold."""
+    if value is None or isinstance(value, bool):
+        return value is None and name in _OPEN
+    if name in COLUMNS.text:
+        return isinstance(value, str)
+    if name in COLUMNS.whole:
+        return isinstance(value, int) and 0 <= value <= LARGEST
+    return isinstance(value, (int, float)) and abs(value) <= LARGEST
 
 
 def pool_runs(runs: Sequence[Run]) -> tuple[list[dict[str, Any]], list[str]]:

@@ -1,8 +1,8 @@
 """The result folder of a run: one writer, one marker that says whose run it holds, and what has been measured so far.
 
 ``run.json`` is the marker: everything that a row depends on, versions included. ``points.jsonl`` keeps the rows of each
-point as it is measured, every line with a digest; the tables (``rows.csv`` and others) are written from it, so that
-what is resumed is what was measured.
+point as it is measured, every line with a digest of it and of the marker; the tables (``rows.csv`` and others) are
+written from it, so that what is resumed is what was measured, and for this run.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ import json
 import math
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+from ...core.parsing import InputError, read_bytes, shown
 
 __all__ = [
     "SCHEMA",
@@ -29,6 +31,7 @@ __all__ = [
 ]
 
 SCHEMA = 2
+_JOURNAL_VERSION = 2  # a digest without the marker would let rows of another run in
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
 MAX_REPORT_BYTES = 256 << 20  # of any file of a result folder that is read back
 
@@ -96,16 +99,19 @@ def _replace(path: Path, text: str) -> None:
     fresh.replace(path)
 
 
-def _read_json(file: Path, hint: str) -> dict[str, Any]:
+def _read(file: Path, hint: str) -> bytes:
     try:
-        if file.stat().st_size > MAX_REPORT_BYTES:
-            raise FolderError(f"{file}: more than {MAX_REPORT_BYTES >> 20} MiB, so no report of ours; {hint}")
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, FolderError):
-            raise
-        reason = getattr(error, "strerror", None) or "not valid JSON"
-        raise FolderError(f"{file}: cannot be read ({reason}); {hint}") from None
+        return read_bytes(file, most_bytes=MAX_REPORT_BYTES, what="file", remedy=hint)
+    except InputError as error:
+        raise FolderError(str(error)) from None
+
+
+def _read_json(file: Path, hint: str) -> dict[str, Any]:
+    text = _read(file, hint)
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        raise FolderError(f"{file}: cannot be read (not valid JSON); {hint}") from None
     if not isinstance(content, dict) or "schema" not in content:
         raise FolderError(f"{file}: not a report of ours (no 'schema'); {hint}")
     return content
@@ -137,13 +143,15 @@ class RunFolder:
         Whether the folder may hold a part of this very run.
     replace : bool
         Whether it may hold another result of the same study, which this one replaces.
+    holds : callable
+        Whether an entry of the journal (``point``, ``batch``, ``rows``) is one that this run could have written.
 
     Attributes
     ----------
     done : dict of (point, batch) -> list of dict
         Rows that are there.
     rejected : list of str
-        Lines that did not hold (cut, changed); their points are measured again.
+        Lines that did not hold (cut, changed, of another run); their points are measured again.
 
     Raises
     ------
@@ -152,17 +160,28 @@ class RunFolder:
     """
 
     def __init__(
-        self, path: Path, head: dict[str, Any], *, resume: bool = False, replace: bool = False
+        self,
+        path: Path,
+        head: dict[str, Any],
+        *,
+        resume: bool = False,
+        replace: bool = False,
+        holds: Callable[[dict[str, Any]], bool] = lambda entry: True,
     ) -> None:
         self.path, self._replaces = path, replace
-        self.head = json.loads(json.dumps(plain_json({"schema": SCHEMA} | head)))  # as JSON gives it back
+        whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
+        self.head = json.loads(json.dumps(plain_json(whole)))  # as JSON gives it back
+        self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         self.done: dict[tuple[str, int], list[dict[str, Any]]] = {}
         self.rejected: list[str] = []
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
+            self._check_kinds()
             self._lock = (path / _LOCK).open("a")
+        except FolderError:
+            raise
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise FolderError(f"--out {path} cannot be written ({reason}); name another folder") from None
@@ -172,9 +191,16 @@ class RunFolder:
             raise FolderError(
                 f"another process writes into {path}; wait for it, or name another --out"
             ) from None
-        self._claim(resume)
+        self._claim(resume, holds)
 
-    def _claim(self, resume: bool) -> None:
+    def _check_kinds(self) -> None:
+        """Every file of ours is a file: a pipe would be waited at for ever."""
+        for name in (_LOCK, _MARKER, _JOURNAL, _REPORT):
+            path = self.path / name
+            if path.exists() and not path.is_file():
+                raise FolderError(f"{path} is a folder, pipe or device; name another --out")
+
+    def _claim(self, resume: bool, holds: Callable[[dict[str, Any]], bool]) -> None:
         marker = self.path / _MARKER
         if marker.exists():
             held = _read_json(marker, "name another --out")
@@ -187,7 +213,7 @@ class RunFolder:
                     f"{self.path} holds a run already; add --resume to complete it, or name another --out"
                 )
             self._check(held)
-            self._read()
+            self._read(holds)
             return
         strange = sorted(f.name for f in self.path.iterdir() if f.name not in (_LOCK, marker.name + ".tmp"))
         if strange:
@@ -198,25 +224,29 @@ class RunFolder:
         _replace(marker, json.dumps(self.head, indent=1) + "\n")
 
     def _check(self, held: dict[str, Any]) -> None:
-        mine, have = flatten(self.head), flatten(held)
+        try:
+            mine, have = flatten(self.head), flatten(held)
+        except RecursionError:
+            raise FolderError(
+                f"{self.path} holds another run: run.json is nested too deep; name another --out"
+            ) from None
         for key in [*mine, *(k for k in have if k not in mine)]:
             if mine.get(key) != have.get(key):
-                there, here = (_brief(side.get(key)) for side in (have, mine))
+                there, here = (shown(side.get(key)) for side in (have, mine))
                 raise FolderError(
-                    f"{self.path} holds another run: {key} is {there} there and {here} here; "
+                    f"{self.path} holds another run: {key[:60]} is {there} there and {here} here; "
                     "repeat that run's options, or name another --out"
                 )
 
-    def _read(self) -> None:
+    def _read(self, holds: Callable[[dict[str, Any]], bool]) -> None:
         journal = self.path / _JOURNAL
-        try:
-            text = journal.read_text(encoding="utf-8", errors="replace")
-        except FileNotFoundError:
+        if not journal.exists():
             return
+        text = _read(journal, "name another --out").decode("utf-8", errors="replace")
         kept = []
         for number, line in enumerate(text.splitlines(keepends=True), start=1):
-            entry = _entry(line)
-            if entry is None:
+            entry = self._entry(line)
+            if entry is None or not holds(entry):
                 self.rejected.append(f"{journal}:{number}")
             else:
                 self.done[entry["point"], entry["batch"]] = entry["rows"]
@@ -227,7 +257,7 @@ class RunFolder:
     def add(self, point: str, batch: int, rows: Sequence[dict[str, Any]]) -> None:
         """Keep the rows of a point, on the disk before this returns."""
         content = {"point": point, "batch": batch, "rows": list(rows)}
-        line = json.dumps(content | {"digest": _digest(content)}, allow_nan=False) + "\n"
+        line = json.dumps(content | {"digest": self._digest(content)}, allow_nan=False) + "\n"
         with (self.path / _JOURNAL).open("a", encoding="utf-8") as file:
             file.write(line)
             file.flush()
@@ -249,24 +279,21 @@ class RunFolder:
         """Let others write into the folder."""
         self._lock.close()
 
+    def _digest(self, content: dict[str, Any]) -> str:
+        digest = self._seal.copy()
+        digest.update(json.dumps(content, sort_keys=True).encode())
+        return digest.hexdigest()[:16]
 
-def _brief(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
-def _digest(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _entry(line: str) -> dict[str, Any] | None:
-    """A line of the journal, None where it is cut or was changed."""
-    if not line.endswith("\n"):  # a cut inside a number leaves a shorter, valid one
-        return None
-    try:
-        entry = json.loads(line)
-        digest = entry.pop("digest")
-    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
-        return None
-    sound = set(entry) == {"point", "batch", "rows"} and isinstance(entry["rows"], list)
-    return entry if sound and digest == _digest(entry) else None
+    def _entry(self, line: str) -> dict[str, Any] | None:
+        """A line of the journal, None where it is cut, was changed or is another run's."""
+        if not line.endswith("\n"):  # a cut inside a number leaves a shorter, valid one
+            return None
+        try:
+            entry = json.loads(line)
+            digest = entry.pop("digest")
+            if digest != self._digest(entry) or set(entry) != {"point", "batch", "rows"}:
+                return None
+        except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            return None
+        kinds = (type(entry["point"]), type(entry["batch"]), type(entry["rows"]))
+        return entry if kinds == (str, int, list) else None
