@@ -68,7 +68,7 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
     places = {
         "hazardous": (10.0, 0.0015),
         "misleading": (0.25, 0.0015),
-        "bounded": (0.0012, 0.006),
+        "bounded": (0.0012, 0.018),
         "not to be used": (0.0012, 30.0),
     }
     for text, (x, y) in places.items():

@@ -148,8 +148,8 @@ def _kind_table(rows: Sequence[Row]) -> str:
     """By kind and method; what is known to be open stands in lines of its own."""
     lines = []
     for r in sorted(
-        pooled(rows, lambda r: (r["kind"], case_of(r["case"]).known, r["method"])),
-        key=lambda r: (list(KINDS).index(r["kind"]), case_of(r["case"]).known),
+        pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"])),
+        key=lambda r: (list(KINDS).index(r["kind"]), bool(case_of(r["case"]).known)),
     ):
         known = " (known limit)" if case_of(r["case"]).known else ""
         alert = DASH if r["alert_s"] is None and not r["unalerted"] else number(r["alert_s"] or 0.0)
