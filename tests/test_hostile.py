@@ -11,6 +11,7 @@ import collect
 import control_client
 import error_vs_runtime
 import gallery
+import integrity
 import landing_eval
 import leaving_out
 import make_flowgraphs
@@ -231,6 +232,7 @@ COMMANDS = [
     ),
     (error_vs_runtime, ["--frames", "--rounds", "--seed", "--sir-db"]),
     (leaving_out, ["--frames", "--repeats"]),
+    (integrity, ["--frames", "--outputs", "--seed"]),
     (realtime_benchmark, ["--seconds", "--overlap", "--batch"]),
     (gallery, ["--seed"]),
     (ota_remote, ["--keep-alive-s"]),
@@ -270,6 +272,11 @@ OTHERS = [
     (stability, "--methods=" + "x" * 999),
     (stability, "--groups="),
     (stability, "--models=nothing.onnx"),
+    (integrity, "--methods=" + "x" * 999),
+    (integrity, "--groups=nothing"),
+    (integrity, "--frames=401"),
+    (integrity, "--replay=nothing:1"),
+    (integrity, "--replay=noise:-1"),
     (collect, "nothing"),
     (collect, "/dev/zero"),
     (collect, "a\0b"),

@@ -8,9 +8,42 @@ import numpy as np
 
 from ..programme import Programme
 from ..waveform import Waveform
-from .placement import Interferer, interference_frames
+from .placement import Emitter, Interferer, interference_frames
 
-__all__ = ["JammerStream"]
+__all__ = ["Continued", "JammerStream"]
+
+
+class Continued:
+    """An emitter that goes on from frame to frame: one window for many frames, of which every call takes the next part.
+
+    Symbols, carrier phase and fading run on within a window; the next window is drawn anew. For an emitter that places
+    its window where it is heard (``always_in_window``) this makes no sense.
+
+    Parameters
+    ----------
+    emitter : Emitter
+    frame_samples : int
+        Samples from the start of one call's part to the next one's.
+    frames : int
+        Frames in one window.
+    repeats : bool
+        The first window for ever: for an emitter whose period divides it.
+    """
+
+    def __init__(
+        self, emitter: Emitter, frame_samples: int, frames: int = 40, *, repeats: bool = False
+    ) -> None:
+        self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
+        self.repeats = repeats
+        self._next, self._window = 0, np.empty(0, dtype=np.complex128)
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `Emitter`; ``count`` is at most ``frame_samples``."""
+        if self._next == 0 and not (self.repeats and self._window.size):
+            self._window = self.emitter.samples(self.frames * self.frame_samples, rate_hz, rng)
+        first = self._next * self.frame_samples
+        self._next = (self._next + 1) % self.frames
+        return self._window[first : first + count]
 
 
 class JammerStream:

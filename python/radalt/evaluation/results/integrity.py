@@ -8,22 +8,48 @@ whose upper bound says something for zero events as well.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from ...core.receiver.tracker_settings import Status
-from .proportion import clopper_pearson
+from .proportion import clopper_pearson, clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
 __all__ = [
+    "COUNTS",
     "Integrity",
+    "alert_limit_m",
+    "error_m",
     "integrity",
+    "is_hazardous",
     "stanford",
     "time_to_alert_s",
     "time_to_first_s",
 ]
 
+_LEAST_ALERT_M = 10.0  # half a range cell of the default sweep
+
+
+def alert_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
+    """Alert limit of the campaigns: the accuracy of DO-155, and 10 m where that is less; 10 m where there is no return.
+
+    Half a range cell (20 m) is the floor: two returns nearer than that are one peak.
+    """
+    return np.maximum(_LEAST_ALERT_M, accuracy_limit_m(np.nan_to_num(altitude_m)))
+
+
+def error_m(outputs: np.ndarray, truth_m: np.ndarray) -> np.ndarray:
+    """(n,) error of each altitude given, NaN where none is; infinite where there is no return (truth NaN)."""
+    error = np.where(np.isfinite(truth_m), np.abs(outputs["altitude_m"] - truth_m), np.inf)
+    return np.where(outputs["status"] == Status.NORMAL, error, np.nan)
+
+
+def is_hazardous(outputs: np.ndarray, truth_m: np.ndarray, limit_m: np.ndarray | float) -> np.ndarray:
+    """(n,) bool: called NORMAL, wrong by more than the alert limit, and bounded within it."""
+    return (error_m(outputs, truth_m) > limit_m) & (outputs["protection_level_m"] <= limit_m)
 
 
 @dataclass(frozen=True)
@@ -71,6 +97,21 @@ class Integrity:
         """Clopper-Pearson interval of `rate`."""
         return clopper_pearson(getattr(self, name), self.outputs, confidence)
 
+    def bound(self, name: str) -> float:
+        """95 % upper bound (Clopper and Pearson, one-sided) of `rate`."""
+        return clopper_pearson_bound(getattr(self, name), self.outputs)
+
+    @classmethod
+    def of_row(cls, row: Mapping[str, Any]) -> Integrity:
+        """Counts as a report's row holds them."""
+        return cls(*(row[name] for name in COUNTS))
+
+    def row(self) -> dict[str, Any]:
+        """Counts, availability, continuity, and the upper bounds of what must not happen."""
+        names = ("misleading", "hazardous", "wrong_5m", "wrong_20m", "wrong_accuracy")
+        bounds = {f"{name}_bound": self.bound(name) for name in names}
+        return vars(self) | {"availability": self.availability, "continuity": self.continuity} | bounds
+
     @property
     def availability(self) -> float:
         """Share of outputs that are computed with a protection level within the alert limit; NaN without outputs."""
@@ -80,6 +121,9 @@ class Integrity:
     def continuity(self) -> float:
         """Probability that a computed output is followed by another; NaN where none was followed at all."""
         return 1.0 - self.interruptions / self.followed if self.followed else float("nan")
+
+
+COUNTS = tuple(f.name for f in fields(Integrity))
 
 
 def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarray | float) -> Integrity:
@@ -109,8 +153,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     if not np.all(limit > 0):
         raise ValueError(f"alert_limit_m holds {limit[~(limit > 0)][0]!r}; it has to be above 0")
     computed = outputs["status"] == Status.NORMAL
-    error = np.where(np.isfinite(truth), np.abs(outputs["altitude_m"] - truth), np.inf)
-    level = outputs["protection_level_m"]
+    error, level = error_m(outputs, truth), outputs["protection_level_m"]
 
     def count(which: np.ndarray) -> int:
         return int(np.count_nonzero(computed & which))
@@ -121,7 +164,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         computed=int(computed.sum()),
         failures=int(np.count_nonzero(outputs["status"] == Status.FAILURE)),
         misleading=count(error > level),
-        hazardous=count((error > limit) & (level <= limit)),
+        hazardous=count(is_hazardous(outputs, truth, limit)),
         wrong_5m=count(error >= CORRECT_LIMIT_M),
         wrong_20m=count(error >= FAR_LIMIT_M),
         wrong_accuracy=count(error > accuracy),
@@ -160,10 +203,8 @@ def time_to_alert_s(
     fault_frame : int
         First frame that the fault touches.
     """
-    truth = np.asarray(truth_m, dtype=float)
-    error = np.where(np.isfinite(truth), np.abs(outputs["altitude_m"] - truth), np.inf)
-    hazardous = (outputs["status"] == Status.NORMAL) & (error > alert_limit_m)
-    hazardous &= (outputs["protection_level_m"] <= alert_limit_m) & (outputs["frame_index"] >= fault_frame)
+    hazardous = is_hazardous(outputs, np.asarray(truth_m, dtype=float), alert_limit_m)
+    hazardous &= outputs["frame_index"] >= fault_frame
     if not hazardous.any():
         return 0.0
     last = int(np.nonzero(hazardous)[0][-1])
@@ -172,7 +213,9 @@ def time_to_alert_s(
     return float((outputs["frame_index"][last + 1] + 1 - fault_frame) * sweep_s)
 
 
-def stanford(outputs: np.ndarray, truth_m: np.ndarray, edges_m: np.ndarray) -> np.ndarray:
+def stanford(
+    outputs: np.ndarray, truth_m: np.ndarray, edges_m: np.ndarray, unit_m: np.ndarray | float = 1.0
+) -> np.ndarray:
     """(k, k) counts of computed outputs by error (rows) and protection level (columns): the Stanford diagram.
 
     Parameters
@@ -181,12 +224,13 @@ def stanford(outputs: np.ndarray, truth_m: np.ndarray, edges_m: np.ndarray) -> n
         As in `integrity`.
     edges_m : (k + 1,) float
         Rising bin edges from 0; what lies beyond the last counts in the last bin.
+    unit_m : (n,) or scalar
+        What the edges are multiples of, such as each output's alert limit.
     """
     edges = np.asarray(edges_m, dtype=float)
-    truth = np.asarray(truth_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL
-    error = np.where(np.isfinite(truth), np.abs(outputs["altitude_m"] - truth), np.inf)[computed]
-    level = outputs["protection_level_m"][computed]
+    error = (error_m(outputs, np.asarray(truth_m, dtype=float)) / unit_m)[computed]
+    level = (outputs["protection_level_m"] / unit_m)[computed]
     top = np.nextafter(edges[-1], 0.0)
     counts, _, _ = np.histogram2d(np.minimum(error, top), np.minimum(level, top), bins=(edges, edges))
     return counts.astype(np.int64)

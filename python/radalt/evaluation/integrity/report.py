@@ -1,0 +1,209 @@
+"""The page of the integrity campaign: pooled cases, every hazardous output, two figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..engine.study import Run
+from ..results.folder import RunFolder
+from ..results.integrity import Integrity
+from ..results.page import render
+from ..results.score import Score, clopper_pearson_bound
+from ..results.table import DASH, number, table
+from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
+from .study import EVENTS, POOLED
+
+if TYPE_CHECKING:
+    from .study import IntegrityStudy
+
+__all__ = ["events_of", "pooled", "summarise", "write_report"]
+
+Row = Mapping[str, Any]
+_LISTED = 200  # flights with hazardous outputs that the page lists; events.csv has all
+
+
+def _frame_score(rows: Sequence[Row]) -> Score:
+    return Score(*(sum(r[name] for r in rows) for name in ("trials", "detections", "correct")))
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, Any]:
+    """One row from several: counts added, rates and bounds anew, median time to the first output, worst to alert."""
+    total = sum((Integrity.of_row(r) for r in rows), Integrity())
+    frames = _frame_score(rows)
+    first = [r["first_s"] for r in rows if r["first_s"] is not None]
+    alert = [r["alert_s"] for r in rows if r["alert_s"] is not None]
+    ground = all(case_of(r["case"]).ground for r in rows)
+    return {
+        **rows[0],
+        **total.row(),
+        "parts": len(rows),
+        "first_s": float(np.median(first)) if first else None,
+        "alert_s": max(alert, default=None),
+        "unalerted": sum(r["unalerted"] for r in rows),
+        "trials": frames.trials,
+        "detections": frames.detections,
+        "correct": frames.correct,
+        "pd": frames.pd if ground else None,
+        "wrong": frames.wrong,
+        "wrong_bound": frames.wrong_bound,
+    }
+
+
+def pooled(rows: Sequence[Row], key: Callable[[Row], Any]) -> list[dict[str, Any]]:
+    """`summarise` of all rows that share a key, in the order of the first of each."""
+    groups: dict[Any, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return [summarise(mine) for mine in groups.values()]
+
+
+def _cause(row: Row, last: int, study: IntegrityStudy) -> str:
+    """Which limit that docs/tracker.md states a hazardous output comes of; empty for none."""
+    case = case_of(row["case"])
+    if case.known or case.kind not in ("step", "landing"):
+        return case.known
+    steps = fly(case, study.seed, row["batch"], study.frames).steps
+    late = any(last - BLOCK // 4 < k <= last for k in steps)
+    return "step in the block's last quarter" if late else ""
+
+
+def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]]:
+    """Every hazardous output, a row of `EVENTS` each."""
+    out = []
+    for row in rows:
+        for event in (row["events"] or "").split():
+            values = dict(zip(EVENTS.names[4:9], event.split(","), strict=True))
+            numbers = {k: float(v) if v else None for k, v in values.items()}
+            where = {"replay": f"{row['case']}:{study.seed}:{row['batch']}", "seed": study.seed}
+            where["cause"] = _cause(row, int(numbers["frame_index"]), study)
+            out.append(EVENTS.row({**row, **numbers, **where}))
+    return out
+
+
+def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], run: Run) -> Path:
+    """Write figures, ``cases.csv``, ``events.csv``, ``report.md`` and ``report.json``; returns the page."""
+    from .figures import draw_sir, draw_stanford
+
+    by_case = pooled(rows, lambda r: (r["case"], r["method"]))
+    events = events_of(rows, study)
+    folder.write_text("cases.csv", POOLED.csv(map(POOLED.row, by_case)))
+    folder.write_text("events.csv", EVENTS.csv(events))
+    draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
+    draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
+    default = "tcae" if "tcae" in study.methods else study.methods[-1]
+    report = folder.head | {
+        "run": run.as_dict(),
+        "headline": _headline(rows, by_case, events, default),
+        "hazardous": len(events),
+    }
+    values = report | {
+        "flight_s": study.frames * WAVEFORM.sweep_s,
+        "kind_table": _kind_table(rows),
+        "event_table": _event_table(events),
+        "flights_listed": _LISTED,
+        "flights_with_events": len({(e["replay"], e["method"], e["cause"]) for e in events}),
+        "times": _times(rows),
+    }
+    page = folder.write_text("report.md", render(Path(__file__).with_name("report.md.j2"), **values))
+    folder.write_report(report | {"events": events})
+    return page
+
+
+def _headline(
+    rows: Sequence[Row], by_case: Sequence[Row], events: Sequence[Row], default: str
+) -> dict[str, Any]:
+    """Numbers of the first paragraph: all methods, the default method, and both without what is known to be open."""
+    open_ = [r for r in rows if not case_of(r["case"]).known]
+    visible = [r for r in by_case if r["method"] == default and (r["pd"] or 0.0) >= 0.5]
+    names = {r["case"] for r in visible}
+    seen = [r for r in rows if r["method"] == default and r["case"] in names]
+    jammed = [r for r in seen if r["kind"] == "jammed"]
+
+    def judged(method: str = "") -> dict[str, Any]:
+        outputs = sum(r["outputs"] for r in open_ if r["method"] == method or not method)
+        count = sum(not e["cause"] for e in events if e["method"] == method or not method)
+        return {"outputs": outputs, "hazardous": count, "bound": clopper_pearson_bound(count, outputs)}
+
+    return {
+        "default": default,
+        "cases": len({r["case"] for r in rows}),
+        "outputs": sum(r["outputs"] for r in rows),
+        "open": judged(),
+        "of_default": judged(default),
+        "visible_cases": len(names),
+        "availability": sum((Integrity.of_row(r) for r in seen), Integrity()).availability,
+        "availability_jammed": sum((Integrity.of_row(r) for r in jammed), Integrity()).availability,
+    }
+
+
+def _rate(value: float) -> str:
+    return f"{value:.1e}" if value else "0"
+
+
+def _kind_table(rows: Sequence[Row]) -> str:
+    """By kind and method; what is known to be open stands in lines of its own."""
+    lines = []
+    for r in sorted(
+        pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"])),
+        key=lambda r: (list(KINDS).index(r["kind"]), bool(case_of(r["case"]).known)),
+    ):
+        known = " (known limit)" if case_of(r["case"]).known else ""
+        alert = DASH if r["alert_s"] is None and not r["unalerted"] else number(r["alert_s"] or 0.0)
+        lines.append(
+            [
+                KINDS[r["kind"]] + known,
+                r["method"],
+                r["outputs"],
+                number(r["availability"], 3),
+                number(r["continuity"], 3),
+                r["misleading"],
+                r["hazardous"],
+                _rate(r["hazardous_bound"]),
+                r["wrong_5m"],
+                r["wrong_20m"],
+                r["wrong_accuracy"],
+                number(r["first_s"]),
+                alert + (f", {r['unalerted']} never" if r["unalerted"] else ""),
+                number(r["pd"], 3),
+                _rate(r["wrong"] / r["trials"] if r["trials"] else 0.0),
+                _rate(r["wrong_bound"]),
+            ]
+        )
+    counts = ["misleading", "hazardous", "bound", "5 m", "20 m", "DO-155"]
+    header = ["case", "method", "outputs", "availability", "continuity", *counts, "first / s", "alert / s"]
+    return table([*header, "Pd", "wrong per frame", "bound"], lines)
+
+
+def _event_table(events: Sequence[Row]) -> str:
+    """A line per flight and method: how many outputs in how long, the worst error, and how to see it again."""
+    events = sorted(events, key=lambda e: bool(e["cause"]))  # what nobody stated first
+    flights: dict[tuple[str, ...], list[Row]] = {}
+    for event in events:
+        flights.setdefault((event["replay"], event["method"], event["cause"]), []).append(event)
+    lines = []
+    for (replay, method, _), mine in list(flights.items())[:_LISTED]:
+        errors = [abs(e["altitude_m"] - e["truth_m"]) for e in mine if e["truth_m"] is not None]
+        lines.append(
+            [
+                f"`{replay}`",
+                method,
+                len(mine),
+                f"{mine[0]['frame_index']}{DASH}{mine[-1]['frame_index']}",
+                number(max(errors), 1) if errors else "no return",
+                number(max(e["protection_level_m"] for e in mine), 1),
+                mine[0]["cause"] or "**none stated**",
+            ]
+        )
+    header = ["case:seed:batch", "method", "outputs", "frames", "worst error / m", "level / m"]
+    return table([*header, "stated limit"], lines)
+
+
+def _times(rows: Sequence[Row]) -> str:
+    """Milliseconds a frame of each method with its altimeter and tracker, as measured."""
+    methods = dict.fromkeys(r["method"] for r in rows)
+    medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
+    return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

@@ -1,0 +1,121 @@
+"""The integrity campaign: what it flies is true, what is wrong is found, and what was found is found again."""
+
+import csv
+
+import integrity as program
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference import QpskEmitter
+from gnuradio.radalt.core.interference.stream import Continued
+from gnuradio.radalt.core.radio.recording import open_capture
+from gnuradio.radalt.core.receiver.tracker import Status
+from gnuradio.radalt.evaluation.integrity.cases import KINDS, Case, case_of, cases, fly, received
+from gnuradio.radalt.evaluation.integrity.report import summarise
+from gnuradio.radalt.evaluation.integrity.study import IntegrityPoint, IntegrityStudy
+from gnuradio.radalt.evaluation.results.integrity import alert_limit_m
+
+SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
+
+
+def rows_of(name: str, study: IntegrityStudy = SMALL, part: int = 0) -> list[dict]:
+    point = IntegrityPoint(name, study.frames, case=name, part=part)
+    return [study.tables["rows"].row(row) for row in study.measure(point)]
+
+
+def test_every_kind_has_cases_and_every_case_its_own_name():
+    assert {case.kind for case in cases()} == set(KINDS)
+    assert len({case.name for case in cases()}) == len(cases()) > 300
+    with pytest.raises(ValueError, match="no case is called"):
+        case_of("nothing")
+
+
+def test_alert_limit_is_do_155_or_half_a_range_cell():
+    np.testing.assert_allclose(
+        alert_limit_m(np.array([np.nan, 5.0, 150.0, 1000.0])), [10.0, 10.0, 10.0, 50.0]
+    )
+
+
+def test_noise_alone_gives_no_altitude_and_false_alarms_per_frame_are_wrong():
+    for row in rows_of("noise"):
+        assert (row["outputs"], row["computed"], row["hazardous"]) == (12, 0, 0)
+        assert row["correct"] == 0 and summarise([row])["pd"] is None
+
+
+def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_output():
+    """A quarter of a metre at 10 m/s is 25 ms: an output of the wrong instant would show."""
+    study = IntegrityStudy(methods=("none",), frames=480)
+    fast = max(
+        range(20), key=lambda batch: abs(fly(case_of("landing/clear"), 1, batch, 480).speed_m_per_s[0])
+    )
+    flight, judged = study.flown(Case("jammed", "clean", snr_db=10.0), fast)
+    outputs = judged["none"].outputs
+    normal = outputs["status"] == Status.NORMAL
+    assert normal[2:].all() and not normal[:2].any()
+    assert np.abs(outputs["altitude_m"] - flight.end_m[outputs["frame_index"]])[normal].max() < 0.25
+    assert np.abs(flight.speed_m_per_s).max() <= 10.0 and flight.end_m.min() >= 5.0
+
+
+def test_a_stronger_second_return_beyond_the_ground_is_scored_as_hazardous():
+    (row, *_) = rows_of("spoofed_first/beyond/+20dB")
+    assert row["computed"] == row["hazardous"] == row["misleading"] == row["wrong_20m"] == 10
+    assert len(row["events"].split()) == 10
+    (row, *_) = rows_of("spoofed/beyond/+3dB")  # in mid-track: neither is called NORMAL
+    assert row["hazardous"] == 0 and row["interruptions"] == 1 and row["alert_s"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["slip/clear", "missing/0.1", "nan/0.1", "switched_on/paper_qpsk/-28dB"])
+def test_faults_make_failures_or_silence_and_no_wrong_altitude(name):
+    for row in rows_of(name):
+        assert row["outputs"] == 12 and row["hazardous"] == 0
+        assert row["failures"] > 0 or name.startswith("switched")
+
+
+@pytest.mark.parametrize("name", ["jammed/nr5/0.3/-20dB/snr10", "slip/paper_qpsk", "terrain/clear"])
+def test_the_same_point_twice_gives_the_same_rows_and_another_part_another_flight(name):
+    study = IntegrityStudy(methods=("none",), frames=400)
+
+    def numbers(part: int) -> dict:
+        return {k: v for k, v in rows_of(name, study, part)[0].items() if k != "ms_per_frame"}
+
+    assert numbers(0) == numbers(0)
+    one, other = (fly(case_of(name), 1, part, 400).end_m[0] for part in (0, 1))
+    assert one != other
+
+
+def test_interference_meets_its_sir_in_every_frame_and_goes_on_between_frames():
+    case = case_of("interference/tones/1/-30dB/snr10")
+    (_, frames, _) = next(received(case, fly(case, 1, 0, 400), 1, 0))
+    np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 30.0, atol=0.05)
+    spectrum = np.abs(np.fft.fft(frames.ravel())) ** 2
+    assert (
+        np.sort(spectrum)[-10:].sum() > 0.9 * spectrum.sum()
+    )  # five lines through 40 frames, not forty times five
+    whole = QpskEmitter().samples(4 * 100, 7.5e6, np.random.default_rng(1))
+    parts, rng = Continued(QpskEmitter(), 100, 4), np.random.default_rng(1)
+    np.testing.assert_array_equal(np.concatenate([parts.samples(100, 7.5e6, rng) for _ in range(4)]), whole)
+
+
+def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys):
+    out = tmp_path / "out"
+    small = ["--methods=none", "--groups=noise,spoofed_first", "--frames=400"]
+    status = program.main(
+        [*small, "--jobs=1", f"--out={out}", "--captures", f"--publish={tmp_path / 'docs'}"]
+    )
+    assert status == 0  # what is hazardous here is a stated limit
+    page = (tmp_path / "docs/integrity.md").read_text()
+    assert (
+        "0 of 70 tracked outputs are hazardous beyond the limits" in page and "(data/integrity.csv)" in page
+    )
+    assert (tmp_path / "docs/figures/integrity_stanford.png").stat().st_size > 5000
+    events = list(csv.DictReader((out / "events.csv").open()))
+    assert events and {e["cause"] for e in events} <= {"stronger by 10 dB", "stronger by 20 dB"}
+    capture = open_capture(sorted((out / "captures").glob("*.sigmf-meta"))[0])
+    assert capture.scene.altitude.mode == "true_delay" and capture.sample_count % 7500 == 0
+    capsys.readouterr()
+    assert program.main([*small, "--replay", events[0]["replay"]]) == 0
+    again = [line for line in capsys.readouterr().out.splitlines() if "HAZARDOUS" in line]
+    mine = [e for e in events if e["replay"] == events[0]["replay"]]
+    assert [int(line.split()[1]) for line in again] == [int(e["frame_index"]) for e in mine]
+    more = [*small, "--jobs=1", f"--out={out}", "--resume", "--outputs=120"]
+    assert program.main(more) == 0 and "going on: 11 of 22" in capsys.readouterr().out
