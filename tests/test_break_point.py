@@ -6,11 +6,11 @@ import math
 import pytest
 
 from radalt.evaluation.results import break_point as module
-from radalt.evaluation.results import score as scorer
+from radalt.evaluation.results import proportion as intervals
 from radalt.evaluation.results.break_point import break_point, protection_gain
 
 
-@pytest.mark.parametrize("tested", [module, scorer])
+@pytest.mark.parametrize("tested", [module, intervals])
 def test_examples_in_docstrings_run(tested):
     result = doctest.testmod(tested)
     assert result.attempted and not result.failed

@@ -386,7 +386,7 @@ def test_hostile_method_file_gets_one_line_from_the_plan(name, tmp_path, monkeyp
 def test_a_method_that_fails_in_mid_run_ends_it_with_one_line(end, message, tmp_path, monkeypatch):
     path = tmp_path / "m.py"
     path.write_text(
-        "n = 0\ndef mitigate(frames, waveform):\n    global n\n    n += 1\n"
+        "n = 0\ndef mitigate(frames, waveform):\n    global n\n    n += len(frames)\n"
         f"    if n > 9:\n        {end}\n    return frames\n"
     )
     if "os._exit" not in end:  # what it raises is one line wherever it runs
