@@ -27,6 +27,7 @@ from radalt.evaluation.results.break_point import (
 )
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.page import render
+from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
 __all__ = ["PAPER_CASE", "before_after", "break_points", "write_report"]
@@ -122,6 +123,16 @@ def _break_table(breaks: Breaks, names: Sequence[str]) -> str:
     return table(["interferer", "overlap", *names], lines)
 
 
+def _wrong_table(rows: Sequence[Row], names: Sequence[str]) -> str:
+    """Wrong and called valid over all SIRs of a case that a method was measured at, and the 95 % upper bound of it."""
+    lines = []
+    for (name, overlap), methods in curves(rows).items():
+        scores = [pool(methods[m]) for m in names]
+        cells = [f"{s.wrong / s.trials:.4f} ({s.wrong_bound:.3f})" for s in scores]
+        lines.append([name, f"{overlap:g}", *cells])
+    return table(["interferer", "overlap", *names], lines)
+
+
 def _score_table(rows: Sequence[Row], name: str) -> str:
     errors = ["RMSE detected / m", "RMSE forced / m", "without decision", "diverged frames"]
     return table(
@@ -183,6 +194,7 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         Path(__file__).with_name("evaluate.md.j2"),
         **report,
         break_table=_break_table(breaks, names) if breaks else "",
+        wrong_table=_wrong_table(rows, names) if breaks else "",
         clean_table=_score_table(rows, "clean") if special else "",
         paper_table=_score_table(rows, PAPER_CASE),
         returns_table=_returns_table(rows, names),
