@@ -76,11 +76,15 @@ class NlmsPredictor(Mitigation):
 
 
 class LinearPrediction(Mitigation):
-    """``X |A|^2`` with ``A`` the prediction-error filter of the frame: zero phase, one Toeplitz solve per frame.
+    """``X |A|`` with ``A`` the prediction-error filter of the frame: zero phase, one Toeplitz solve per frame.
 
-    Card: *autoregressive whitening as a matched filter.* The spectrum of the interference is modelled by ``order``
-    poles, ``S = g / |A|^2``; dividing by it is the matched filter for a known signal in that noise. Narrow lines take a
-    pole each, which no smoothed periodogram resolves so well; interference as wide as the sweep is white to it.
+    Card: *autoregressive whitening.* The spectrum of the interference is modelled by ``order`` poles,
+    ``S = g / |A|^2``; what is left of it is white. Narrow lines take a pole each, which no smoothed periodogram resolves
+    so well; interference as wide as the sweep is white to it.
+
+    The matched filter in that noise would be ``|A|^2``. It leaves coloured noise, and most of the return in the quiet
+    parts of the sweep: its lobes then count as noise to the altimeter, which declared 0.4 of the frames under 5 MHz NR at
+    -5 dB, where no mitigation measures all.
 
     Parameters
     ----------
@@ -123,7 +127,7 @@ class LinearPrediction(Mitigation):
             taps[0] = 1.0
             taps[1 : self.order + 1] = -linalg.solve_toeplitz(lag[:-1], lag[1:])
             response = fft.fft(taps)
-            row *= response.real**2 + response.imag**2
+            row *= np.abs(response)
         out = fft.ifft(spectrum, axis=1, overwrite_x=True)
         # the frame's end is not its beginning: within the filter's reach of the seam interference comes through
         out[:, : self.order] = 0

@@ -382,11 +382,12 @@ class Altimeter:
         return out
 
     def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
-        """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is found.
+        """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is there.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
         own strongest cell: more than a first side lobe, less than the loss by interference. What is found beyond the
-        span of altitudes is not confirmed: an altimeter that does not look so far finds something weaker.
+        span of altitudes is not confirmed, nor what is there and no return: an altimeter that looks elsewhere, or on
+        other cells, finds something else.
         """
         raw = self.spectra(received)
         raw_noise = self.significance(raw).noise
@@ -398,7 +399,7 @@ class Altimeter:
         strong = (power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)
         beats = self.beat_hz[pair + self.cfar.margin]
         inside = self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
-        return (strong.all(axis=-1) & inside) | (reason != Reason.OK)
+        return (strong.all(axis=-1) & inside & (reason == Reason.OK)) | (reason == Reason.NO_DETECTION)
 
     def _inside(self, altitude_m: np.ndarray) -> np.ndarray:
         """Whether altitudes lie within the span, half a resolution cell over either end included."""

@@ -6,6 +6,7 @@ nothing is raised, and the clean frame that follows is measured as if nothing ha
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -44,6 +45,7 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
         "frames": len(case.frames),
         "bound_m": case.bound_m,
     }
+    chain = dataclasses.replace(chain, settings=case.settings)
     try:
         method = chain.build(case.waveform)
     except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
