@@ -83,8 +83,8 @@ class LinearPrediction(Mitigation):
     so well; interference as wide as the sweep is white to it.
 
     The matched filter in that noise would be ``|A|^2``. It leaves coloured noise, and most of the return in the quiet
-    parts of the sweep: its lobes then count as noise to the altimeter, which declared 0.4 of the frames under 5 MHz NR at
-    -5 dB, where no mitigation measures all.
+    parts of the sweep: its lobes then count as noise to the altimeter, which declared 0.4 of the frames under 5 MHz
+    NR at -5 dB, where no mitigation measures all.
 
     Parameters
     ----------
