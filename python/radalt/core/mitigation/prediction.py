@@ -79,8 +79,8 @@ class LinearPrediction(Mitigation):
     """``X |A|`` with ``A`` the prediction-error filter of the frame: zero phase, one Toeplitz solve per frame.
 
     Card: *autoregressive whitening.* The spectrum of the interference is modelled by ``order`` poles,
-    ``S = g / |A|^2``; what is left of it is white. Narrow lines take a pole each, which no smoothed periodogram resolves
-    so well; interference as wide as the sweep is white to it.
+    ``S = g / |A|^2``; what is left of it is white. Narrow lines take a pole each, which no smoothed periodogram
+    resolves so well; interference as wide as the sweep is white to it.
 
     The matched filter in that noise would be ``|A|^2``. It leaves coloured noise, and most of the return in the quiet
     parts of the sweep: its lobes then count as noise to the altimeter, which declared 0.4 of the frames under 5 MHz
