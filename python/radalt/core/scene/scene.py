@@ -25,6 +25,7 @@ from ..receiver.altimeter import AltimeterSettings
 from ..receiver.segmenter import SegmenterSettings
 from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
+from ..text import one_line
 from ..waveform import Waveform
 
 __all__ = [
@@ -381,7 +382,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
             scene = _with_landing(scene)
         return scene
     except (ValueError, OSError) as error:
-        raise SceneError(f"{source}: {error}") from None
+        raise SceneError(one_line(f"{source}: {error}")) from None
 
 
 def _with_landing(scene: Scene) -> Scene:
@@ -409,7 +410,7 @@ def _interferer(item: Any, where: str) -> Interferer:
     kind, params = next(iter(item.items()))
     path = f"{where}.{kind}"
     if kind not in emitter_names():
-        raise ValueError(f"unknown interferer {path!r}; allowed: {', '.join(emitter_names())}")
+        raise ValueError(f"unknown interferer {shown(path)}; allowed: {', '.join(emitter_names())}")
     params = {} if params is None else params
     if not isinstance(params, dict):
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from ...core.text import one_line
+
 __all__ = [
     "MAX_JOBS",
     "MAX_SEED",
@@ -33,7 +35,6 @@ __all__ = [
 
 MAX_JOBS = 256
 MAX_SEED = 2**63 - 1
-_MOST = 300  # characters of the one line
 _TRACEBACK = "RADALT_TRACEBACK"
 
 
@@ -44,12 +45,7 @@ def complain(program: str, error: object) -> None:
     """
     if isinstance(error, BaseException) and _TRACEBACK in os.environ:
         raise error
-    text = f"{program}: {' '.join(str(error).split()) or type(error).__name__}"
-    text = "".join(c if c.isprintable() else "?" for c in text)
-    if len(text) > _MOST:
-        half = (_MOST - 5) // 2
-        text = f"{text[:half]} ... {text[-half:]}"
-    print(text, file=sys.stderr)
+    print(one_line(f"{program}: {str(error).strip() or type(error).__name__}"), file=sys.stderr)
 
 
 def number(kind: type, low: float, high: float) -> Callable[[str], float]:

@@ -33,6 +33,7 @@ from ...core.returns.terrain import (
     reflectivity,
 )
 from ...core.scene import interference_from_yaml, interferer_to_mapping
+from ...core.text import one_line
 from ...core.waveform import Waveform
 
 __all__ = [
@@ -188,7 +189,7 @@ def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "
         )
         reflectivity(config.ground.model, config.ground.land)
     except ValueError as error:
-        raise StudyError(f"{source}: {error}") from None
+        raise StudyError(one_line(f"{source}: {error}")) from None
     return config
 
 

@@ -1,0 +1,22 @@
+"""Messages as users get them."""
+
+from __future__ import annotations
+
+__all__ = ["MOST", "one_line"]
+
+MOST = 300  # characters of a message
+
+
+def one_line(text: str, most: int = MOST) -> str:
+    """Printable, on one line, of at most ``most`` characters: of a longer one the middle goes, the remedy stands last.
+
+    Examples
+    --------
+    >>> one_line("altimeter.window is 'wwwwwwwwwwww'; allowed: boxcar, hann", 40)
+    'altimeter.window i ...  boxcar, hann'
+    """
+    text = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    if len(text) <= most:
+        return text
+    half = (most - 5) // 2
+    return f"{text[:half]} ... {text[-half:]}"
