@@ -387,7 +387,7 @@ def test_a_method_that_fails_in_mid_run_ends_it_with_one_line(end, message, tmp_
     path = tmp_path / "m.py"
     path.write_text(
         "n = 0\ndef mitigate(frames, waveform):\n    global n\n    n += len(frames)\n"
-        f"    if n > 30:\n        {end}\n    return frames\n"
+        f"    if n > 20:\n        {end}\n    return frames\n"
     )
     if "os._exit" not in end:  # what it raises is one line wherever it runs
         in_this_process(monkeypatch, lambda: None)
