@@ -48,7 +48,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
     args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.realtime.study import fly_benchmark, long_scene, prepare_benchmark
+    from gnuradio.radalt.evaluation.realtime.study import (
+        fft_seconds,
+        fly_benchmark,
+        long_scene,
+        prepare_benchmark,
+    )
 
     methods = tuple(m.strip() for m in args.methods.split(","))
     numbers = {}
@@ -61,23 +66,30 @@ def main(argv: Sequence[str] | None = None) -> int:
             options["own_process"] = not args.one_process
             prepared = prepare_benchmark(scene, methods, Path(folder), **options)
             limit = 20.0 * args.seconds + 60.0
+            unit_s = [fft_seconds(scene.waveform.samples_per_frame)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
+            unit_s.append(fft_seconds(scene.waveform.samples_per_frame))
             numbers["held to real time" if realtime else "as fast as it goes"] = result
-            _print(result, realtime)
+            before, after = (1e6 * u for u in unit_s)
+            print(f"one FFT of a frame: {before:.1f} us before the run, {after:.1f} after")
+            _print(result, realtime, scene.waveform.sweep_s, sum(unit_s) / 2)
     if args.json:
         args.json.write_text(json.dumps({k: _numbers(r) for k, r in numbers.items()}, indent=1))
     return 0 if numbers["as fast as it goes"].real_time_factor >= 1.0 else 1
 
 
-def _print(result, realtime: bool) -> None:  # noqa: ANN001 - imported late
+def _print(result, realtime: bool, sweep_s: float, fft_s: float) -> None:  # noqa: ANN001 - imported late
     title = "held to real time" if realtime else "as fast as it goes"
     print(f"{title}: {result.signal_s:.1f} s of signal in {result.wall_s:.1f} s", flush=True)
     if not realtime:
         print(f"  real-time factor  {result.real_time_factor:.2f}")
-    per_s = 1e3 / result.signal_s
-    print(f"  CPU               {per_s * result.process_cpu_s:.0f} ms a second of signal, of which")
+    per_s, per_frame = 1e3 / result.signal_s, sweep_s / result.signal_s / fft_s
+    print(
+        f"  CPU               {per_frame * result.process_cpu_s:.1f} FFTs per frame "
+        f"({per_s * result.process_cpu_s:.0f} ms per second of signal), of which"
+    )
     for name, seconds in sorted(result.cpu_s.items(), key=lambda item: -item[1]):
-        print(f"    {name:24} {per_s * seconds:7.1f}")
+        print(f"    {name:24} {per_frame * seconds:7.2f} {per_s * seconds:9.1f}")
     for method, latency in result.latency_ms.items():
         if latency.size:
             middle, high = (float(v) for v in _percentiles(latency))

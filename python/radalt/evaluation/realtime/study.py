@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import fft
 
 from ...core.mitigation import OwnProcess
 from ...core.paths import share_dir
@@ -21,7 +22,7 @@ from ..flowgraph.rewrite import load_grc, prune, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import blocks_of, run_to_end
 
-__all__ = ["Measurement", "fly_benchmark", "long_scene", "prepare_benchmark"]
+__all__ = ["Measurement", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
 
 _POLL_S = 0.1
 _ARRIVALS = 200_000
@@ -70,6 +71,20 @@ class Measurement:
     def real_time_factor(self) -> float:
         """Seconds of signal a second."""
         return self.signal_s / self.wall_s
+
+
+def fft_seconds(points: int, repeats: int = 2000) -> float:
+    """CPU time of one complex64 transform of so many points here and now, median: a unit for every machine.
+
+    Milliseconds say nothing of another machine; in transforms the cost of a frame is about alike on all.
+    """
+    frame = np.ones(points, dtype=np.complex64)
+    times = np.empty(repeats)
+    for k in range(repeats):
+        begin = time.thread_time_ns()
+        fft.fft(frame)
+        times[k] = time.thread_time_ns() - begin
+    return 1e-9 * float(np.median(times))
 
 
 def prepare_benchmark(
