@@ -215,3 +215,28 @@ def test_flowgraph_parameters_override_only_what_is_set():
     scene = load_scene("paper_qpsk")
     assert scene_from_parameters("paper_qpsk") == scene
     assert scene_from_parameters("paper_qpsk", 0.3, -5.0, 8) == scene.at(overlap=0.3, sir_db=-5.0, seed=8)
+
+
+@pytest.mark.parametrize("text", ["name: !!int '_'", "name: !!float '_'", "seed: !!int ''"])
+def test_numbers_without_a_digit_are_refused_in_one_line(tmp_path, text):
+    """Found by the fuzzer: PyYAML looks at the first character of what is left without underscores."""
+    path = tmp_path / "it.yaml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match="is no (int|float)") as caught:
+        load_scene(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"altimeter": {"window": "w" * 999}},
+        {"channel": {"return_multipath": "x" * 999}},
+        {"interference": {"x" * 3000: {}}},
+        {"return": "t" * 999},
+    ],
+)
+def test_messages_are_cut_in_the_middle(data):
+    with pytest.raises(SceneError) as caught:
+        parse_scene(data)
+    assert len(str(caught.value)) <= 300

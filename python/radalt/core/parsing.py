@@ -230,7 +230,7 @@ def _loader() -> type:
                 refuse(node, f"the number {shown(value)} has more than {_DIGITS} digits")
             try:
                 return construct(loader, node)
-            except (ValueError, KeyError, OverflowError):
+            except (ValueError, KeyError, OverflowError, IndexError):  # IndexError: of "_" no digit is left
                 refuse(node, f"{shown(value)} is no {kind}")
 
         return made
