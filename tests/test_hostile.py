@@ -9,6 +9,7 @@ from pathlib import Path
 
 import collect
 import control_client
+import detection
 import error_vs_runtime
 import gallery
 import integrity
@@ -233,6 +234,7 @@ COMMANDS = [
     (error_vs_runtime, ["--frames", "--rounds", "--seed", "--sir-db"]),
     (leaving_out, ["--frames", "--repeats"]),
     (integrity, ["--frames", "--outputs", "--seed"]),
+    (detection, ["--frames", "--null-frames", "--noise-frames", "--seed"]),
     (realtime_benchmark, ["--seconds", "--overlap", "--batch"]),
     (gallery, ["--seed"]),
     (ota_remote, ["--keep-alive-s"]),
@@ -272,6 +274,8 @@ OTHERS = [
     (stability, "--methods=" + "x" * 999),
     (stability, "--groups="),
     (stability, "--models=nothing.onnx"),
+    (detection, "--methods=" + "x" * 999),
+    (detection, "--methods="),
     (integrity, "--methods=" + "x" * 999),
     (integrity, "--groups=nothing"),
     (integrity, "--frames=401"),
