@@ -94,8 +94,8 @@ class LinearPrediction(Mitigation):
     Notes
     -----
     Yule-Walker equations on the circular autocorrelation of the tapered frame (J. Makhoul, "Linear prediction: a
-    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well. The taper weighs its frequencies, since
-    a sweep shows them one after the other: a frame without noise and interference is read up to 17 m short.
+    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well. The taper weighs its frequencies,
+    since a sweep shows them one after the other: a frame without noise and interference is read up to 17 m short.
     """
 
     name = "linear_prediction"
