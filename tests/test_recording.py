@@ -367,5 +367,5 @@ def test_data_that_the_metadata_name_are_a_file_beside_them(tmp_path, name):
     meta = json.loads(path.read_text())
     meta["global"]["core:dataset"] = name
     path.write_text(json.dumps(meta))
-    with pytest.raises(RecordingError, match="a pipe or device|name a file beside it|null byte"):
+    with pytest.raises(RecordingError, match="a pipe or device|name a file beside it|embedded null"):
         open_capture(path)

@@ -151,9 +151,10 @@ class Cluster:
                 True,
                 f"{error.allowed_failures + 1} workers were lost while they measured it; out of memory?",
             )
-        except distributed.client.FutureCancelledError as error:
+        except (distributed.client.FutureCancelledError, OSError) as error:
+            # an OSError where the connection broke before its futures were cancelled
             raise WorkerError(
-                f"the scheduler at {self.address} was lost ({error.reason}); {_GO_ON}"
+                f"the scheduler at {self.address} was lost ({_first_line(error)}); {_GO_ON}"
             ) from None
         return pickle.loads(reply)
 
