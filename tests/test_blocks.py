@@ -526,7 +526,7 @@ class Broken(Mitigation):
 
 
 def test_exception_in_work_ends_the_flowgraph_and_is_raised_again(capfd):
-    """FIELD_NOTES: unguarded it would hang for ever. Here the run ends and the error comes out as it was."""
+    """Unguarded it would hang for ever. Here the run ends and the error comes out as it was."""
     scene = scene_of()
     frames, tags, _ = frames_with_tags(20)
     block = radalt.mitigation(scene, "none")

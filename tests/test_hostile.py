@@ -244,18 +244,21 @@ COMMANDS = [
 ]
 
 
+# an altitude that only the server can refuse, and a count of lines to print: both are right for the client
+ALLOWED = {(control_client, option, "1" * 20) for option in ("--altitude", "--count")}
+
+
 @pytest.mark.parametrize(
-    ("module", "option"),
-    [(m, o) for m, options in COMMANDS for o in options],
-    ids=lambda x: getattr(x, "__name__", x),
+    ("module", "option", "value"),
+    [
+        pytest.param(m, o, v, id=f"{m.__name__}{o}-{v[:12].replace(chr(0), 'NUL') or 'empty'}")
+        for m, options in COMMANDS
+        for o in options
+        for v in HOSTILE_NUMBERS
+        if (m, o, v) not in ALLOWED
+    ],
 )
-@pytest.mark.parametrize("value", HOSTILE_NUMBERS, ids=lambda v: v[:12].replace("\0", "NUL") or "empty")
 def test_hostile_number_of_every_other_command_gets_one_line(module, option, value, tmp_path, monkeypatch):
-    if value == "1" * 20 and (module, option) in (
-        (control_client, "--altitude"),
-        (control_client, "--count"),
-    ):
-        pytest.skip("the server's business; a count of lines to print")
     monkeypatch.chdir(tmp_path)
     first = ["get"] if module is control_client else []
     assert_refused(*ended(module.main, *first, f"{option}={value}"))
@@ -443,6 +446,7 @@ def in_a_namespace(script: str, *arguments: object) -> subprocess.CompletedProce
         ["unshare", "-rm", "sh", "-c", script, "sh", *map(str, arguments)],
         capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
+    # a container may forbid name spaces; without one a full disk cannot be made without filling the machine's own
     if done.returncode == 77 or "unshare" in done.stderr:
         pytest.skip("no mounts without privileges here")
     return done

@@ -71,7 +71,7 @@ def test_an_endpoint_that_other_machines_reach_needs_a_second_flag(endpoint):
 
 
 @pytest.mark.parametrize(
-    "endpoint", ["", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc:///tmp/x", "tcp://[::1]:7"]
+    "endpoint", ["", "tcp://127.0.0.1:6557", "tcp://localhost:6557", "ipc://telemetry.sock", "tcp://[::1]:7"]
 )
 def test_an_endpoint_of_this_machine_needs_none(endpoint):
     check_endpoint("control", endpoint, network=False)

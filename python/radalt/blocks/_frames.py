@@ -56,7 +56,7 @@ _GATHER = 16  # frames
 
 
 def gather_frames(block, samples: int) -> None:  # noqa: ANN001
-    """Have a block make up to sixteen frames a call: a call costs as much as a whole frame's work (FIELD_NOTES).
+    """Have a block make up to sixteen frames a call: a call costs as much as a whole frame's work.
 
     Eight took a tenth less CPU in all blocks together than four, sixteen a twentieth less than eight.
     """

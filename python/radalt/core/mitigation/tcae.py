@@ -75,7 +75,7 @@ class Tcae(Mitigation):
         ONNX file, default `default_model_path`. Its metadata states frame length, layout, normalisation, rate and
         centering; whatever does not fit the waveform is refused on construction in one line.
     threads : int
-        Intra-op threads; 1 is fastest inside a flowgraph (FIELD_NOTES).
+        Intra-op threads; 1 is fastest inside a flowgraph, whose other blocks want the cores.
     skip_clean : bool
         Frames that show no interference pass unchanged, without the network; see `InterferenceDetector` for what it
         misses.

@@ -1,4 +1,4 @@
-"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies (DESIGN.md 6.1).
+"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies.
 
 Correlating a delayed chirp with the reference peaks at the delay itself, so timing is taken only where the altitude is
 known to be zero (the programme's preamble and synchronisation sections), to a fraction of a sample, and then coasts.
