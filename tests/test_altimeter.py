@@ -150,6 +150,30 @@ Altimeters = {
 }
 
 
+def test_a_cell_is_blind_for_its_own_delay_and_no_longer():
+    """What comes before the echo of 1400 m could is left out of its cells, and stays in those of 30 m."""
+    rng = np.random.default_rng(11)
+    early = np.zeros((60, 2, 3750), dtype=np.complex64)
+    early[..., :50] = noise((60, 100), 0.0, rng).reshape(60, 2, 50)  # 6.7 us: 1000 m
+    altimeter = Altimeter(W)
+    spectra = altimeter.spectra(early.reshape(60, 7500))
+    power = (spectra.power * spectra.scale[:, None, None] ** 2).mean(axis=(0, 1))
+    altitude = W.beats_to_altitude_m(spectra.beat_hz, -spectra.beat_hz)
+    near, far = (power[np.abs(altitude - a) < 60.0].mean() for a in (30.0, 1400.0))
+    assert far < 0.02 * near
+
+
+@pytest.mark.parametrize("strategy", ["strongest", "leading_edge"])
+def test_a_table_too_large_leaves_one_blind_part_to_all_cells(monkeypatch, strategy):
+    monkeypatch.setattr("radalt.core.receiver.altimeter._LARGEST_HEAD", 0)
+    altitudes = np.linspace(60, 1490, 97)
+    altimeter = Altimeter(W, AltimeterSettings(strategy=strategy))
+    assert altimeter._head is None
+    np.testing.assert_allclose(
+        altimeter.process(point_return(W, altitudes))["altitude_m"], altitudes, atol=0.05
+    )
+
+
 def test_snr_is_the_peak_over_the_noise_of_the_beat_spectrum():
     """Coherent gain of a half sweep of 3750 samples: 35.7 dB over the SNR before dechirping."""
     rng = np.random.default_rng(6)

@@ -30,11 +30,7 @@ def frames_of(scene_name: str, sir_db: float, snr_db: float = 10.0) -> tuple[np.
     return frames.astype(np.complex64), altitudes
 
 
-BLIND = 76  # samples of a half sweep during which an echo from 1500 m is still on the other slope
-
-
 def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
-    """Told, as the altimeter is, that the sweep's first samples say nothing; the study's table has it without."""
     return textbook_altitudes(
         frames,
         bandwidth_hz=7.5e6,
@@ -42,7 +38,6 @@ def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
         carrier_hz=4.3e9,
         speed_m_per_s=speed,
         max_altitude_m=1500.0,
-        blind_samples=BLIND,
     )[0]
 
 

@@ -4,6 +4,9 @@ Two rates, as in the paper: the frame is mixed with the reference at the full ra
 the beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift
 that moves the middle of the beat band to zero, so mixing costs one complex multiplication a sample.
 
+For its delay a return is still on the other slope. Every cell leaves that part of a half sweep out, for the delay that
+the cell stands for and no longer (`Altimeter._head_table`).
+
 Forced and declared decisions share one joint statistic: the sum over both half sweeps of ``-log`` of the probability
 that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`, `PairSearch`).
 
@@ -30,7 +33,9 @@ __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"
 
 _SHAPE_POINTS = 1 << 15
 _MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
-_CLOSE = 0.1  # cycles that a return may be off its beat's phase at the beginning of a half sweep
+_CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep
+_LARGEST_HEAD = 1 << 22  # entries of the table that leaves out each cell's own delay: 32 MB
+_SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
 # Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
 _OVERSAMPLING = 4.0
@@ -166,6 +171,7 @@ class Altimeter:
     def _build_tables(self) -> None:
         w, s = self.waveform, self.settings
         half = w.samples_per_half
+        self._head = self._head_table()
         window = self._window(half)
         # the window's transform is taken from at most so many points: beyond that only memory changes
         shape = self._window(min(half, _SHAPE_POINTS))
@@ -180,7 +186,11 @@ class Altimeter:
         response = signal.freqz(self.decimator.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[
             1
         ]
-        self._equaliser = (1.0 / np.abs(response) ** 2).astype(np.float32)  # of power
+        # of power: as the filter left it, and as noise is left by a blind part
+        energy = np.cumsum(np.concatenate([[0.0], window**2]))
+        own = 0.0 if self._head is None else self._blind_samples(self.beat_hz)
+        left = 1.0 - np.interp(own, np.arange(half + 1), energy / energy[-1])
+        self._equaliser = (1.0 / (left * np.abs(response) ** 2)).astype(np.float32)
         self._crossings = upcrossings(shape)
         group = max(1, round(self._per_resolution))
         each = self._per_resolution / group  # groups a resolution cell: 1, but for FFT sizes that are none
@@ -199,21 +209,51 @@ class Altimeter:
         self._flank, self._side_lobes = self._lobe_limits(shape, step)
 
     def _window(self, points: int) -> np.ndarray:
-        """(points,) window over a half sweep, zero while a return from the highest altitude is far off its beat.
+        """(points,) window over a half sweep; zero in its blind part where each cell cannot have its own."""
+        window = signal.get_window(self.settings.window, points, fftbins=False)
+        if self._head is None:
+            blind = self._blind_samples(self.beat_hz[-1]) / self.waveform.samples_per_half
+            window[: int(np.ceil(blind * points))] = 0.0
+        return window
 
-        For its delay a return is still on the other slope, and a beat-shifted sweep lies past the edge of the band,
-        where a fraction of a sample of latency turns its phase. Either would pull the beat, by up to 0.1 m at 1500 m.
-        In the last instants of it the other slope is no more than a tenth of a cycle off, and pulls by less than 2 cm:
-        these stay in, since the edges of the sweep are what a method leaves where interference fills the middle.
+    def _blind_samples(self, beat_hz: np.ndarray | float) -> np.ndarray:
+        """Samples at the beginning of a half sweep in which a return of a beat is far off its beat.
+
+        There it is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where a fraction
+        of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the last
+        instants of it the other slope is no more than `_CLOSE` off, and pulls by 2 mm: these stay in, since the edges
+        of the sweep are what a method leaves where interference fills the middle.
         """
         w = self.waveform
-        window = signal.get_window(self.settings.window, points, fftbins=False)
-        blind_s = float(altitude_to_delay_s(self.settings.max_altitude_m)) - np.sqrt(
-            _CLOSE / w.slope_hz_per_s
-        )
-        blind = min(max(0.0, blind_s) / w.half_sweep_s, _MOST_BLIND)
-        window[: int(np.ceil(blind * points))] = 0.0
-        return window
+        limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
+        delay_s = np.clip(np.asarray(beat_hz) / w.slope_hz_per_s, 0.0, limit_s)
+        blind_s = np.clip(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0, _MOST_BLIND * w.half_sweep_s)
+        return blind_s * w.rate_hz
+
+    def _head_table(self) -> tuple[slice, slice, np.ndarray] | None:
+        """What its blind part adds to a cell: which H outputs of a half sweep, which K cells, (H, K) complex64 weights.
+
+        Least squares: the outputs' impulse responses, weighted by a column, add up to the cell's own response to the
+        samples of its blind part, and to nothing after it. None where the table would be too large: a sweep of many
+        cells that is blind for long.
+        """
+        w, d, taps = self.waveform, self.decimation, self.decimator.taps
+        blind = self._blind_samples(self.beat_hz)
+        cells = np.nonzero((blind > 0) & (self.beat_hz < self.search_hz[1] + 1.0 / w.half_sweep_s))[0]
+        if not cells.size:
+            return slice(0), slice(0), np.zeros((0, 0), dtype=np.complex64)
+        middle = taps.size // 2
+        first = max(0, middle // d - 2)  # before it the filter only rings
+        last = min(int(np.ceil((blind.max() + middle) / d)), self.outputs)
+        if (last - first) * cells.size > _LARGEST_HEAD:
+            return None
+        m, n = np.arange(first, last), np.arange(last * d)[:, None]
+        tap = (m + 1) * d - 1 - n
+        responses = np.where((tap >= 0) & (tap < taps.size), taps[np.clip(tap, 0, taps.size - 1)], 0.0)
+        turns = np.exp(-2j * np.pi * m[:, None] * self._bins[cells] / self.fft_size)
+        wanted = (responses @ turns) * np.clip(blind[cells] - n, 0.0, 1.0)
+        table = np.linalg.lstsq(responses, wanted, rcond=_SOFT)[0]
+        return slice(first, last), slice(cells[0], cells[-1] + 1), table.astype(np.complex64)
 
     def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Slope over curvature of three powers around a peak against the sub-cell offset, exact for one tone.
@@ -283,15 +323,20 @@ class Altimeter:
         return low
 
     def _cells(self, low: np.ndarray) -> np.ndarray:
-        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats."""
+        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats; ``low`` is used up.
+
+        The up sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
+        """
+        np.conjugate(low[:, 0], out=low[:, 0])
+        # a product per frame: BLAS rounds differently with the number of rows
+        blind = None if self._head is None else low[..., self._head[0]] @ self._head[2]
         spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
         reach, top = -self._bins[0], self._bins[-1]
         cells = np.empty((len(low), 2, self._bins.size), dtype=np.complex64)
-        up, down = spectrum[:, 0], spectrum[:, 1]
-        cells[:, 0, : reach + 1] = up[:, reach::-1]  # mirrored
-        cells[:, 0, reach + 1 :] = up[:, : -top - 1 : -1]
-        cells[:, 1, :reach] = down[:, -reach:]
-        cells[:, 1, reach:] = down[:, : top + 1]
+        cells[..., :reach] = spectrum[..., -reach:]
+        cells[..., reach:] = spectrum[..., : top + 1]
+        if blind is not None:
+            cells[..., self._head[1]] -= blind
         return cells
 
     def significance(self, spectra: Spectra) -> Significance:
@@ -360,7 +405,7 @@ class Altimeter:
         usable = (spectra.scale > 0) & np.isfinite(spectra.scale)
         cells = self.significance(spectra)
         found = search(spectra.power, cells)
-        up, down = self._refine(spectra, found, search.apart)
+        up, down = self._refine(spectra, found)
         ok = usable & (found.reason == Reason.OK)
         altitude = self._altitude(up, down, timing_offset_s)
         inside = self._inside(altitude)
@@ -417,34 +462,30 @@ class Altimeter:
         with np.errstate(divide="ignore", invalid="ignore"):
             return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
 
-    def _refine(
-        self, spectra: Spectra, found: Found, apart: tuple[int, int]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""
         if self.settings.strategy == "strongest":
-            beats = self._interpolate(found, apart)
+            beats = self._interpolate(found)
         elif self.settings.strategy == "centroid":
             beats = self._centroid(spectra, self._tops(spectra, found.pair))
         else:
             beats = self._leading_edge(spectra, self._tops(spectra, found.pair))
         return beats[:, 0], beats[:, 1]
 
-    def _interpolate(self, found: Found, apart: tuple[int, int]) -> np.ndarray:
+    def _interpolate(self, found: Found) -> np.ndarray:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
-        Together where a peak of one alone lies beyond the allowed speeds or is none; then the half sweeps weigh by
-        their signal over noise.
+        Together where one alone is no peak; then the half sweeps weigh by their signal over noise. Two peaks stay where
+        they are, even if the speeds allowed would have them nearer: their mean is the altitude at any speed, and a sum
+        that weighs them would follow the clearer one by the speed that was not expected.
         """
         pair, around = found.pair, found.around
         own = self._offsets(around)
-        position = pair + own
-        now = position[:, 0] - position[:, 1]
-        free = (now >= apart[0] - 0.5) & (now <= apart[1] + 0.5)
-        free &= (np.abs(own) < self._interpolation[1][-1]).all(axis=1)  # else it is no peak
-        if not free.all():
+        peaks = (np.abs(own) < self._interpolation[1][-1]).all(axis=1)
+        if not peaks.all():
             together = self._offsets((around / found.noise[..., None]).sum(axis=1))
-            position = np.where(free[:, None], position, pair + together[:, None])
-        return self.beat_hz[self.cfar.margin] + self.cell_hz * position
+            own = np.where(peaks[:, None], own, together[:, None])
+        return self.beat_hz[self.cfar.margin] + self.cell_hz * (pair + own)
 
     def _offsets(self, around: np.ndarray) -> np.ndarray:
         """(...) offset in cells of a peak from the middle one of (..., 3) powers; the table's end where it is none."""
@@ -469,17 +510,19 @@ class Altimeter:
 
     def _leading_edge(self, spectra: Spectra, pair: np.ndarray) -> np.ndarray:
         """(n, 2) beats of the nearest target on the rise of the cluster that holds the peak."""
-        power, distance = self._main_lobe
+        lobes, distance = self._main_lobes
         cells = pair + self.cfar.margin
         rows, halves = np.arange(len(pair))[:, None, None], np.arange(2)[:, None]
         around = spectra.power[rows, halves, cells[..., None] + np.arange(-1, 2)]
-        straddle = np.abs(self._offsets(around))
-        # what a peak between two cells loses, at most half a cell from the nearer one
-        loss = np.interp(np.minimum(straddle, 0.5), distance[::-1], power[::-1])
+        straddle = np.minimum(np.abs(self._offsets(around)), 0.5)  # at most half a cell from the nearer one
+        most = self._blind_samples(self.beat_hz[-1])
+        blind = self._blind_samples(self.beat_hz[cells]) / most if most > 0 else np.zeros(cells.shape)
         edges = np.empty(cells.shape)
         for at, cell in np.ndenumerate(cells):
+            power = lobes[0] + blind[at] * (lobes[1] - lobes[0])
+            loss = np.interp(straddle[at], distance[::-1], power[::-1])  # of a peak between two cells
             row = spectra.power[at]
-            edges[at] = edge_of(row, int(cell), float(row[cell] / loss[at]), self._main_lobe)
+            edges[at] = edge_of(row, int(cell), float(row[cell] / loss), (power, distance))
         return self.beat_hz[0] + self.cell_hz * edges
 
     def _over_clusters(self, spectra: Spectra, pair: np.ndarray, rule) -> np.ndarray:  # noqa: ANN001
@@ -492,16 +535,21 @@ class Altimeter:
         return self.beat_hz[0] + self.cell_hz * out
 
     @cached_property
-    def _main_lobe(self) -> tuple[np.ndarray, np.ndarray]:
-        """Main lobe of a point target down to a tenth: relative power, rising, and distance from its peak in cells."""
+    def _main_lobes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Main lobe of a point target down to a tenth, without a blind part and with the longest one.
+
+        Relative power (2, D), rising, and distance (D,) from its peak in cells.
+        """
         half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
-        window = self._window(half)
+        blind = float(self._blind_samples(self.beat_hz[-1])) / self.waveform.samples_per_half
+        windows = np.stack([self._window(half)] * 2, axis=-1)
+        windows[: int(np.ceil(blind * half)), 1] = 0.0
         distance = np.linspace(0, 12, 1201)
         step = self.cell_hz * self.waveform.half_sweep_s / half
-        lobe = np.abs(np.exp(-2j * np.pi * step * np.outer(distance, np.arange(half))) @ window) ** 2
-        lobe /= lobe[0]
-        keep = slice(0, int(np.argmax(lobe < 0.1)))
-        return lobe[keep][::-1], distance[keep][::-1]
+        lobes = np.abs(np.exp(-2j * np.pi * step * np.outer(distance, np.arange(half))) @ windows).T ** 2
+        lobes /= lobes[:, :1]
+        keep = slice(0, int(np.argmax((lobes < 0.1).any(axis=0))))
+        return lobes[:, keep][:, ::-1], distance[keep][::-1]
 
 
 @lru_cache(maxsize=16)

@@ -24,7 +24,6 @@ def textbook_altitudes(
     carrier_hz: float,
     speed_m_per_s: float,
     max_altitude_m: float,
-    blind_samples: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Altitude of each frame, and the peak of the sum over the mean of the band.
 
@@ -36,8 +35,6 @@ def textbook_altitudes(
     speed_m_per_s : float
         Largest vertical speed under test, up and down.
     max_altitude_m : float
-    blind_samples : int
-        Left out at the start of each half sweep, where an echo may still be on the other slope.
 
     Returns
     -------
@@ -47,7 +44,6 @@ def textbook_altitudes(
     t = np.arange(samples) / rate_hz
     slope = bandwidth_hz * rate_hz / samples
     chirp = np.exp(1j * np.pi * (slope * t**2 - bandwidth_hz * t))
-    chirp[:blind_samples] = 0.0
     size = _PADDING * samples
     step_hz = rate_hz / size
     up = np.abs(np.fft.fft(np.conj(frames[:, :samples]) * chirp, size)) ** 2
