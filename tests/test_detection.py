@@ -85,7 +85,7 @@ def test_the_study_is_a_function_of_case_frames_and_seed():
     assert "| whitening, nr5 -30 dB | 20 |" in return_table(once)
 
 
-@pytest.mark.parametrize("method", ["whitening", "tcae"])
+@pytest.mark.parametrize("method", ["whitening", "nlms", "tcae"])
 def test_false_altitudes_in_noise_alone_stay_within_the_bound(method):
     """A method may not invent: the lower end of the interval lies within the design's bound."""
     rows = study.measure_null(study.NullCase(method, "none"), 600, 6)

@@ -104,6 +104,22 @@ def test_one_frame_of_forty_decides_nothing():
     assert not np.any(tracked(frames)["state"] == State.TRACK)
 
 
+@pytest.mark.parametrize("rival_m", [700.0, 250.0])
+def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames_show_it(rival_m):
+    rng = np.random.default_rng(20)
+    cleaned = flight(rng, np.full(400, 400.0), 0.0)
+    received = cleaned + point_return(W, np.full(400, rival_m), phase_cycles=rng.random(400))
+    spectra = ALTIMETER.spectra(cleaned)
+
+    def status(beside):
+        return AltitudeTracker(ALTIMETER).process(spectra, received=ALTIMETER.spectra(beside))["status"]
+
+    assert np.any(status(cleaned) == Status.NORMAL)
+    assert not np.any(status(received) == Status.NORMAL)
+    # interference that hides everything says nothing against the altitude
+    assert np.array_equal(status(cleaned + 1e3 * noise(rng, 400, 0.0)), status(cleaned))
+
+
 def test_noise_alone_is_no_computed_data():
     outputs = tracked(noise(np.random.default_rng(5), 1200, 0.0))
     assert np.all(outputs["status"] == Status.NO_COMPUTED_DATA)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft, signal, special
 
 from ..waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
@@ -426,25 +426,36 @@ class Altimeter:
         out["valid"], out["reason"] = ok, reason
         return out
 
-    def confirms(self, received: np.ndarray, cleaned: np.ndarray) -> np.ndarray:
+    def confirms(self, received: np.ndarray, cleaned: np.ndarray, pfa: float = 1.0) -> np.ndarray:
         """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is there.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
         own strongest cell: more than a first side lobe, less than the loss by interference. What is found beyond the
         span of altitudes is not confirmed, nor what is there and no return: an altimeter that looks elsewhere, or on
         other cells, finds something else.
+
+        With a ``pfa`` below 1 noise alone has to show both received cells as they are with no more than that
+        probability, and what an altimeter of any allowed speed could declare counts as found. The altimeter's own
+        threshold relies on half sweeps that are independent; a filter whose weights live on from one to the other
+        makes the same delay of both.
         """
         raw = self.spectra(received)
-        raw_noise = self.significance(raw).noise
+        before = self.significance(raw)
         spectra = self.spectra(cleaned)
-        found = self._search(spectra.power, self.significance(spectra))
-        reason, pair = found.reason, found.pair
+        after = self.significance(spectra)
+        found = self._search(spectra.power, after)
+        pair = found.pair
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
-        noise = np.take_along_axis(raw_noise, pair[..., None], axis=-1)[..., 0]
-        strong = (power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)
+        noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
+        strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
+        strong &= _joint(before, pair) >= special.gammainccinv(2.0, pfa)  # of the sum of two exponentials
         beats = self.beat_hz[pair + self.cfar.margin]
         inside = self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
-        return (strong.all(axis=-1) & inside & (reason == Reason.OK)) | (reason == Reason.NO_DETECTION)
+        declared, nothing = found.reason == Reason.OK, found.reason == Reason.NO_DETECTION
+        if pfa < 1.0:
+            there = nothing & (_joint(after, pair) >= self._search_within((0.0, 0.0)).pair_threshold)
+            declared, nothing = declared | there, nothing & ~there
+        return (strong & inside & declared) | nothing
 
     def _inside(self, altitude_m: np.ndarray) -> np.ndarray:
         """Whether altitudes lie within the span, half a resolution cell over either end included."""
@@ -550,6 +561,12 @@ class Altimeter:
         lobes /= lobes[:, :1]
         keep = slice(0, int(np.argmax((lobes < 0.1).any(axis=0))))
         return lobes[:, keep][:, ::-1], distance[keep][::-1]
+
+
+def _joint(cells: Significance, pair: np.ndarray) -> np.ndarray:
+    """(n,) joint significance of pairs (n, 2), each half by the strongest of a cell and its neighbours."""
+    near = np.clip(pair[..., None] + np.arange(-1, 2), 0, cells.value.shape[-1] - 1)
+    return np.take_along_axis(cells.value, near, axis=-1).max(axis=-1).sum(axis=-1) + cells.spared
 
 
 @lru_cache(maxsize=16)

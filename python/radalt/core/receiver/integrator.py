@@ -378,6 +378,13 @@ class Block:
         lobe = _MAIN_LOBE * t.resolution_cells
         return (np.abs(t._up - found.cells[0]) > lobe) | (np.abs(t._down - found.cells[1]) > lobe)
 
+    def power_at(self, found: Measurement) -> float:
+        """Power over noise, mean of both halves, where another block shows a return."""
+        power, floor, _ = self._sums(int(self.tables.rows[found.row, 0]))
+        cells = np.arange(power.shape[1])
+        over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
+        return max(0.0, 0.5 * float(sum(over)))
+
     def contradicted(self, found: Measurement) -> bool:
         """Whether the latest frames say something else, at four standard deviations: a step of the ground."""
         away = self.away_from(found)

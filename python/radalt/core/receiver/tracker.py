@@ -244,6 +244,7 @@ class AltitudeTracker:
         self._rival_sigmas = _threshold(settings.risk / 2.0, self._reach / t.resolution_cells)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
+        self._received = np.empty_like(self._ratio)
         self._offset_s = np.empty(self.frames)
         self._here = np.empty(self.frames, dtype=np.int8)
         self.reset()
@@ -263,6 +264,7 @@ class AltitudeTracker:
         *,
         frame_index: np.ndarray | int | None = None,
         timing_offset_s: np.ndarray | float = 0.0,
+        received: Spectra | None = None,
     ) -> np.ndarray:
         """Outputs of the blocks that these frames complete.
 
@@ -278,6 +280,9 @@ class AltitudeTracker:
             Rising; default counts on from the last call.
         timing_offset_s : (n,) or scalar
             As in `Altimeter.process`.
+        received : Spectra, optional
+            Of the same frames before mitigation. A return that they show and ``spectra`` do not is a rival: a method
+            may take the weaker of two returns for interference.
 
         Returns
         -------
@@ -290,15 +295,18 @@ class AltitudeTracker:
         out: list[tuple] = []
         if n:
             ratio = self.integrator.normalise(spectra)
+            raw = ratio if received is None else self.integrator.normalise(received)
             block = np.asarray(index) // self.frames
             cuts = np.nonzero(np.diff(np.asarray(index)) <= 0)[0] + 1
             cuts = np.union1d(cuts, np.nonzero(np.diff(block))[0] + 1)
             for part in np.split(np.arange(n), cuts):
-                self._take(ratio[part], np.asarray(index)[part], offset[part], out)
+                self._take(ratio[part], raw[part], np.asarray(index)[part], offset[part], out)
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
-    def _take(self, ratio: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]) -> None:
+    def _take(
+        self, ratio: np.ndarray, raw: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]
+    ) -> None:
         """Frames of one block, index rising."""
         number = int(index[0]) // self.frames
         if self._block is not None and (number != self._block or index[0] < self._next_in_block):
@@ -312,7 +320,7 @@ class AltitudeTracker:
             self._open(number)
             self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
-        self._ratio[at], self._offset_s[at] = ratio, offset
+        self._ratio[at], self._received[at], self._offset_s[at] = ratio, raw, offset
         self._here[at] = np.where(np.isnan(ratio[:, 0, 0]), 2, 1)
         self._next_in_block = int(index[-1]) + 1
         if at[-1] == self.frames - 1:
@@ -348,6 +356,9 @@ class AltitudeTracker:
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
+        self._before = None
+        if not np.array_equal(self._received[at], self._ratio[at], equal_nan=True):
+            self._before = self.integrator.integrate(self._received[at], at.astype(float))
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
@@ -534,16 +545,25 @@ class AltitudeTracker:
         shares = 10.0 ** (-s.rival_db / 10.0), 10.0 ** (-s.nearer_rival_db / 10.0)
         if block.second_return(found, round(near_m / t.cell_m), *shares):
             return False
-        apart = t.altitude_m - here
+        if self._rival(block, found.power, here, near_m, shares):
+            return False
+        before = self._before
+        return before is None or not self._rival(before, before.power_at(found), here, near_m, shares)
+
+    def _rival(
+        self, block: Block, power: float, here_m: float, near_m: float, shares: tuple[float, float]
+    ) -> bool:
+        """Whether a return beyond ``near_m`` of one of some power is strong enough to be the ground."""
+        apart = self.integrator.altitude_m - here_m
         for mask, share in ((apart > near_m, shares[0]), (apart < -near_m, shares[1])):
             rival = block.strongest(mask)
             if (
                 rival is not None
                 and rival.strength >= self._search_threshold
-                and rival.power >= found.power * share
+                and rival.power >= power * share
             ):
-                return False
-        return True
+                return True
+        return False
 
     def _open_cells(self, track: Track) -> tuple[int, int]:
         """Least and most cells by which a rival's halves may differ more than the track's own.

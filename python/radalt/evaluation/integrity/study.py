@@ -86,11 +86,13 @@ def judge(
     for chain in chains:
         _method(chain).reset()
     for index, samples, offset_s in frames_of_flight:
+        received = altimeter.spectra(samples)
         for chain in chains:
             begin = time.thread_time()
             spectra = altimeter.spectra(_method(chain).process(samples))
             timing = {"frame_index": index, "timing_offset_s": offset_s}
-            outputs[chain].append(trackers[chain].process(spectra, **timing))
+            before = None if chain.method == "none" else received
+            outputs[chain].append(trackers[chain].process(spectra, received=before, **timing))
             results[chain].append(altimeter.detect(spectra, **timing))
             spent[chain] += time.thread_time() - begin
     return {
