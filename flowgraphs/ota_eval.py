@@ -50,6 +50,11 @@ def _parser() -> Parser:
     add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
     add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
     add("--frames", type=int, help="frames at each altitude")
+    add(
+        "--tracked",
+        action="store_true",
+        help="also fly every point slowly enough for a tracker, and score its outputs (simulated channel)",
+    )
     add("--seed", type=int, help="everything random follows from it")
     add("--model", type=path, metavar="FILE.onnx", help="network of the method tcae")
     add(
@@ -157,6 +162,9 @@ def _require_radios(scene: Any, needed: int) -> None:
 
 def _describe(rows: Sequence[dict[str, Any]]) -> str:
     """A measured point in a line."""
+    if "hazardous" in rows[0]:
+        shares = ", ".join(f"{r['method']} {r['computed']}/{r['outputs']}" for r in rows)
+        return f"overlap {rows[0]['overlap']:g}, tracked: computed {shares}"
     sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
     pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
     return f"overlap {rows[0]['overlap']:g}{sir}: Pd {pds}"
@@ -167,7 +175,8 @@ def _print_pd(out: Path) -> None:
     from gnuradio.radalt.evaluation.overlap.figures import panels
     from gnuradio.radalt.evaluation.results.folder import read_report
 
-    rows = read_report(out)["rows"]
+    report = read_report(out)
+    rows, tracked = report["rows"], report["tracked"]
     for title, mine in panels(rows):
         methods = list(dict.fromkeys(r["method"] for r in mine))
         widths = [max(6, len(m)) for m in methods]
@@ -178,6 +187,8 @@ def _print_pd(out: Path) -> None:
             cells = ("-" if at[m] is None else f"{at[m]:.3f}" for m in methods)
             print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
     print("\nwrong and called valid, of all trials: " + ", ".join(_wrong(rows)))
+    if tracked:
+        print("tracked outputs: " + ", ".join(_tracked(tracked)))
 
 
 def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -188,6 +199,19 @@ def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
     for method in dict.fromkeys(r["method"] for r in rows):
         total = pool([r for r in rows if r["method"] == method])
         out.append(f"{method} {total.wrong} of {total.trials}")
+    return out
+
+
+def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Availability and hazardous outputs per method."""
+    from gnuradio.radalt.evaluation.results.integrity import Integrity
+
+    out = []
+    for method in dict.fromkeys(r["method"] for r in rows):
+        total = sum((Integrity.of_row(r) for r in rows if r["method"] == method), Integrity())
+        out.append(
+            f"{method} {total.availability:.3f} available, {total.hazardous} of {total.outputs} hazardous"
+        )
     return out
 
 
@@ -253,7 +277,8 @@ def _run(args: argparse.Namespace, options: Options) -> int:
     from gnuradio.radalt.evaluation.overlap.study import OverlapStudy
 
     scene = _scene(args)
-    study = OverlapStudy(scene, None if args.sim else {"transmit": args.transmit}, args.capture)
+    hardware = None if args.sim else {"transmit": args.transmit}
+    study = OverlapStudy(scene, hardware, args.capture, args.tracked)
     study.check()
     if not (args.sim or args.dry_run):
         _require_radios(scene, 2 if scene.has_jammer else 1)
@@ -271,6 +296,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     options = options_of(args, parser)
+    if args.tracked and not args.sim:
+        parser.error("--tracked needs --sim: on the air, the block altitude_tracker says what it tracks")
     problem = _check_python()
     if problem:
         complain(PROGRAM, problem)

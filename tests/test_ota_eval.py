@@ -201,7 +201,28 @@ def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
     assert "bad.onnx is no readable ONNX file" in one_line(capsys)
 
 
-@pytest.mark.parametrize("arguments", [["--sim", "--bogus"], ["--sim", "--jobs", "0"], ["--sim", "--resume"]])
+def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(whole, tmp_path):
+    """Ten outputs at each of two altitudes; the first three after a step confirm the track. No noise to be wrong in."""
+    folder = tmp_path / "tracked"
+    arguments = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3".split()
+    code, _, err = run(*arguments, "--tracked", "--out", folder, "--jobs", 2)
+    assert code == 0, err
+    report = read_report(folder)
+    assert stable(folder)[1:] == [row for row in stable(whole[0])[1:] if row[2] == "0"]
+    rows = {row["method"]: row for row in report["tracked"]}
+    assert set(rows) == {"none", "whitening", "lms"}
+    for method in ("none", "whitening"):
+        assert rows[method]["outputs"] == 20 and rows[method]["computed"] >= 12
+        assert rows[method]["misleading"] == rows[method]["hazardous"] == 0 < rows[method]["hazardous_bound"]
+    # towards the reference altitudes are filtered to zero
+    assert rows["lms"]["computed"] < rows["none"]["computed"]
+    assert "| none | 20 |" in (folder / "report.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--sim", "--bogus"], ["--sim", "--jobs", "0"], ["--sim", "--resume"], ["--tracked", "--check"]],
+)
 def test_wrong_options_are_one_line_and_code_2(capsys, arguments):
     with pytest.raises(SystemExit) as caught:
         ota_eval.main(arguments)

@@ -13,7 +13,7 @@ from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
 from .plan import left_out
-from .rewrite import load_grc, prune, save_grc, simulate
+from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
 __all__ = ["Prepared", "generate", "grc_dirs", "prepare"]
 
@@ -96,7 +96,7 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
     return folder / f"{name}.py"
 
 
-def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str) -> Prepared:
+def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, track: bool = False) -> Prepared:
     """Rewrite, prune and generate the simulated flowgraph of a scene, once for all of its points.
 
     Parameters
@@ -107,9 +107,14 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str) -> Prep
         Methods whose chains are kept.
     build_dir : path
         Receives ``.grc`` and ``.py``.
+    track : bool
+        Whether altitudes are tracked behind every method.
     """
     flowgraph = share_dir() / "flowgraphs" / "ota_b210.grc"
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
     data = prune(simulate(load_grc(flowgraph), name), methods, scene.has_jammer)
+    if track:
+        name += "_tracked"
+        data = tracked(data, name)
     module = generate(data, Path(build_dir))
     return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))

@@ -28,6 +28,7 @@ __all__ = [
     "remote",
     "save_grc",
     "simulate",
+    "tracked",
     "with_chain",
 ]
 
@@ -187,6 +188,17 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
             block["states"]["state"] = "disabled"
         if block["name"] == CHANNEL and not jammer:
             block["parameters"]["jammer"] = "False"
+    return data
+
+
+def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
+    """The same flowgraph with an altitude tracker in the place of every altimeter, told of the timing."""
+    data = copy.deepcopy(data)
+    data["options"]["parameters"]["id"] = name
+    for block in data["blocks"]:
+        if block["id"] == "radalt_altimeter_sink":
+            block["id"] = "radalt_altitude_tracker"
+            data["connections"].append(["frame_segmenter", "status", block["name"], "timing"])
     return data
 
 

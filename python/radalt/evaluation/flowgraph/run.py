@@ -44,6 +44,8 @@ class PointResult:
     real_time_factor : float
         Seconds of signal a second of wall time.
     left_out : list of str
+    outputs : dict of method -> (k,) array of OUTPUT_DTYPE
+        Of the tracker; empty where there is none.
     """
 
     results: dict[str, np.ndarray]
@@ -52,6 +54,7 @@ class PointResult:
     segmenter: dict[str, Any]
     real_time_factor: float
     left_out: list[str] = field(default_factory=list)
+    outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def load_class(prepared: Prepared) -> type:
@@ -120,11 +123,13 @@ def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
 def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
     """What a flowgraph that has ended holds."""
     mitigations = {m: getattr(top, f"mitigation_{m}", None) for m in prepared.methods}
+    altimeters = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
     return PointResult(
-        results={m: getattr(top, f"altimeter_{m}").results() for m in prepared.methods},
+        results={m: block.results() for m, block in altimeters.items()},
         ms_per_frame={m: block.milliseconds() if block else np.zeros(0) for m, block in mitigations.items()},
         status={m: block.status() if block else {"method": m} for m, block in mitigations.items()},
         segmenter=top.frame_segmenter.status(),
         real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
         left_out=list(prepared.left_out),
+        outputs={m: block.outputs() for m, block in altimeters.items() if hasattr(block, "outputs")},
     )

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.precision import half_width, most_batches
+from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
 from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .figures import panels
 
-__all__ = ["pd_tables", "report_markdown", "spread"]
+__all__ = ["pd_tables", "report_markdown", "spread", "tracked_table"]
 
 
 def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
@@ -25,6 +26,7 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
         "ceiling_table": _ceiling(report),
         "method_table": _methods(report),
         "break_points": _break_points(report),
+        "tracked_table": tracked_table(report["tracked"]),
     }
     # the segmenter's counters are the same for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
@@ -69,6 +71,28 @@ def _glance(rows: Sequence[dict[str, Any]]) -> str:
         lines.append([method, *cells])
     header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "wrong", "bound")]
     return table(["method", *header], lines)
+
+
+def tracked_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Per method, with interference, over all overlaps of a panel: what its tracked outputs are worth."""
+    shown = [r for r in rows if r["overlap"] > 0] or rows
+    lines = []
+    for title, mine in panels(shown):
+        for method in dict.fromkeys(r["method"] for r in mine):
+            total = sum((Integrity.of_row(r) for r in mine if r["method"] == method), Integrity())
+            counts = [[getattr(total, name), f"{total.bound(name):.4f}"] for name in _TRACKED]
+            lines.append(
+                [
+                    *(title, method, total.outputs, number(total.availability, 3)),
+                    number(total.continuity, 3),
+                    *(f"{count} ({bound})" for count, bound in counts),
+                ]
+            )
+    header = ["panel", "method", "outputs", "availability", "continuity", "wrong by 5 m", "misleading"]
+    return table([*header, "hazardous"], lines)
+
+
+_TRACKED = ("wrong_5m", "misleading", "hazardous")
 
 
 def _by_panel(rows: Sequence[dict[str, Any]], cell: Callable[[dict[str, Any]], str]) -> list[str]:

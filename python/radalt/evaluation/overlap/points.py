@@ -35,12 +35,18 @@ class OverlapPoint(Point):
     sir_db: float | None = None
     snr_db: float | None = None
 
+    @property
+    def sampled(self) -> bool:
+        """See `Point`: outputs of one flight are not independent trials."""
+        return self.table != "tracked"
+
     @classmethod
     def at(
         cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
     ) -> OverlapPoint:
         """A point named by its values."""
         parts = ["ceiling"] if table == "ceiling" else [f"overlap {overlap:g}"]
+        parts = ["tracked", *parts] if table == "tracked" else parts
         parts += [] if sir_db is None else [f"SIR {sir_db:g} dB"]
         parts += ["no noise"] if snr_db is None else [f"SNR {snr_db:g} dB"]
         return cls(", ".join(parts), frames, table, overlap, sir_db, snr_db)

@@ -32,6 +32,8 @@ def write_report(
     rows: Sequence[dict[str, Any]],
     ceiling: Sequence[dict[str, Any]],
     run: Run,
+    *,
+    tracked: Sequence[dict[str, Any]] = (),
 ) -> Path:
     """Write the whole result folder from its rows; returns the path of ``report.md``.
 
@@ -45,11 +47,14 @@ def write_report(
         Rows without interference, one per method and SNR (more are ignored).
     run : Run
         How the run went.
+    tracked : sequence of dict
+        Rows of the tracker's outputs; none where nothing was tracked.
     """
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
     report = build_report(folder.head, study, rows, ceiling, run)
+    report["tracked"] = list(tracked)
     figures = _draw(report, folder.path)
     report["figures"] = [name for name, _ in figures]
     page = folder.write_text("report.md", report_markdown(report, figures))

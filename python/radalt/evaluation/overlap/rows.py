@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from ...core.programme import Programme
+from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity
 from ..results.rows import Columns
 from ..results.score import Score
 from .points import OverlapPoint
 
-__all__ = ["COLUMNS", "COUNTERS", "make_row"]
+__all__ = ["COLUMNS", "COUNTERS", "TRACKED_COLUMNS", "make_row", "tracked_row"]
 
 COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the path, beside those of `Score`
 
@@ -62,5 +64,31 @@ def make_row(
             "ms_per_frame_median": float(np.median(times)) if times.size else 0.0,
             "ms_per_frame_p99": float(np.percentile(times, 99)) if times.size else 0.0,
             "real_time_factor": real_time_factor,
+        }
+    )
+
+
+TRACKED_COLUMNS = Columns(
+    names=("method", "interference", "overlap", "sir_db", "snr_db", *Integrity().row(), "seed"),
+    text=frozenset({"method", "interference"}),
+    whole=frozenset({*COUNTS, "seed"}),
+)
+
+
+def tracked_row(
+    method: str, interference: str, point: OverlapPoint, seed: int, outputs: np.ndarray, programme: Programme
+) -> dict[str, Any]:
+    """Row of a tracker's outputs, those that end in a frame of synchronisation left out."""
+    outputs = outputs[programme.is_trial(outputs["frame_index"])]
+    truth_m = programme.altitude_m(outputs["frame_index"])
+    return TRACKED_COLUMNS.row(
+        {
+            "method": method,
+            "interference": interference,
+            "overlap": point.overlap,
+            "sir_db": point.sir_db,
+            "snr_db": point.snr_db,
+            **integrity(outputs, truth_m, alert_limit_m(truth_m)).row(),
+            "seed": seed,
         }
     )

@@ -19,10 +19,11 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
 from .points import OverlapPoint, scene_at, sweep_points
-from .rows import COLUMNS, COUNTERS, make_row
+from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
 
-__all__ = ["OverlapStudy", "check_methods", "check_scene", "rows_of"]
+__all__ = ["DWELL_FRAMES", "OverlapStudy", "check_methods", "check_scene", "rows_of"]
 
+DWELL_FRAMES = 400  # at each altitude of a tracked flight, at least: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
 # a flowgraph beside the functions it calls: its start, and its blocks' calls and copies
 _START_S, _FLOWGRAPH = 0.6, 1.6
@@ -97,6 +98,11 @@ def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, An
     ]
 
 
+def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
+    """Which of the generated flowgraphs a point runs in."""
+    return f"{'jammer' if scene.has_jammer else 'clear'}{' tracked' * (point.table == 'tracked')}"
+
+
 @dataclass(frozen=True)
 class OverlapStudy(Study):
     """A scene with its sweep, methods and seed.
@@ -108,15 +114,22 @@ class OverlapStudy(Study):
         Options of `radios.hardware.run_hardware`; None for the simulated channel.
     capture : bool
         Record what the receiver hears at every point, as SigMF below ``captures`` of the result folder.
+    tracked : bool
+        Fly every point of the sweep once more, slowly enough for a tracker: `DWELL_FRAMES` at each altitude, at least.
     """
 
     scene: Scene
     hardware: dict[str, Any] | None = None
     capture: bool = False
+    tracked: bool = False
     folder: Path | None = None
-    prepared: tuple[tuple[bool, Any], ...] = ()
+    prepared: tuple[tuple[str, Any], ...] = ()
 
-    tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS, "ceiling": COLUMNS}
+    tables: ClassVar[Mapping[str, Columns]] = {
+        "rows": COLUMNS,
+        "ceiling": COLUMNS,
+        "tracked": TRACKED_COLUMNS,
+    }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
 
@@ -152,19 +165,30 @@ class OverlapStudy(Study):
             "source": self.source,
             "scene": scene_to_mapping(self.scene),
             "methods": check_methods(self.scene),
+            **({"dwell_frames": DWELL_FRAMES} if self.tracked else {}),
         }
 
     def points(self) -> Sequence[OverlapPoint]:
         """The sweep, and the ceiling without interference where the sweep has no overlap 0."""
         points = sweep_points(self.scene)
+        slow = self._slow.altitude.programme.trial_frames
+        tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, slow, "tracked") for p in points]
+        tracked = tracked if self.tracked else []
         if any(p.overlap == 0 for p in points):
-            return points
+            return (*points, *tracked)
         frames = self.scene.altitude.programme.trial_frames
         apart = [
             OverlapPoint.at(0.0, None, snr, frames, "ceiling")
             for snr in dict.fromkeys(p.snr_db for p in points)
         ]
-        return (*points, *apart)
+        return (*points, *apart, *tracked)
+
+    @property
+    def _slow(self) -> Scene:
+        """The scene with altitudes that last long enough for a tracker."""
+        altitude = self.scene.altitude
+        frames = max(altitude.frames, DWELL_FRAMES)
+        return dataclasses.replace(self.scene, altitude=dataclasses.replace(altitude, frames=frames))
 
     def begin(self, folder: Path) -> OverlapStudy:
         """With its flowgraphs generated: one with and one without the jammer chain, as the points need."""
@@ -175,15 +199,17 @@ class OverlapStudy(Study):
         scenes = {}
         for point in self.points():
             placed = scene_at(self.scene, point)
-            scenes.setdefault(placed.has_jammer, placed)
+            scenes.setdefault(_flowgraph_of(placed, point), (placed, point.table == "tracked"))
         prepared = tuple(
-            (jammer, prepare(scene, scene.methods, folder / "flowgraph")) for jammer, scene in scenes.items()
+            (name, prepare(scene, scene.methods, folder / "flowgraph", track=track))
+            for name, (scene, track) in scenes.items()
         )
         return dataclasses.replace(self, folder=folder, prepared=prepared)
 
     def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
         """Run the flowgraph once and score every method."""
-        scene = scene_at(self.scene, point, batch)
+        track = point.table == "tracked"
+        scene = scene_at(self._slow if track else self.scene, point, batch)
         capture = None
         if self.capture:
             name = point.name.replace(", ", "_").replace(" ", "_")
@@ -191,15 +217,24 @@ class OverlapStudy(Study):
         if self.hardware is None:
             from ..flowgraph.run import run_point
 
-            result = run_point(dict(self.prepared)[scene.has_jammer], scene, capture=capture)
+            prepared = dict(self.prepared)[_flowgraph_of(scene, point)]
+            result = run_point(prepared, scene, capture=capture)
         else:
             from ..radios.hardware import run_hardware
 
             result = run_hardware(scene, scene.methods, capture=capture, **self.hardware)
+        if track:
+            programme = scene.altitude.programme
+            return [
+                tracked_row(m, scene.interference_name, point, scene.seed, outputs, programme)
+                for m, outputs in result.outputs.items()
+            ]
         return rows_of(scene, point, result)
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
         """See `Study`; the counters of the path are added as well."""
+        if len(batches) == 1:
+            return list(batches[0])
         rows = super().pooled(batches)
         sums = [{c: sum(row[c] for row in same) for c in COUNTERS} for same in zip(*batches, strict=True)]
         return [row | counted for row, counted in zip(rows, sums, strict=True)]
@@ -208,7 +243,8 @@ class OverlapStudy(Study):
         """What the flowgraphs leave out, and why."""
         from ..flowgraph.run import left_out
 
-        with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in self.points()}
+        points = [p for p in self.points() if p.table != "tracked"]
+        with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in points}
         lists = {
             jammer: left_out(scene, scene.methods, simulated=self.hardware is None)
             for jammer, scene in with_jammer.items()
@@ -223,11 +259,11 @@ class OverlapStudy(Study):
         from .report import write_report
 
         ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(folder, self, rows["rows"], ceiling, run)
+        return write_report(folder, self, rows["rows"], ceiling, run, tracked=rows["tracked"])
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
-        scene = self.scene
+        scene = self._slow if point.table == "tracked" else self.scene
         settings = scene.altimeter_settings
         alone = sum(
             seconds_per_frame(m, scene.waveform, settings, tuple((scene.method_options.get(m) or {}).items()))
@@ -237,7 +273,7 @@ class OverlapStudy(Study):
 
     def files(self) -> dict[str, Path]:
         """Flowgraphs, models and method files."""
-        out = {f"flowgraph {jammer}": prepared.module for jammer, prepared in self.prepared}
+        out = {f"flowgraph {name}": prepared.module for name, prepared in self.prepared}
         for method in self.scene.methods:
             options = self.scene.method_options.get(method) or {}
             out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
@@ -253,8 +289,7 @@ class OverlapStudy(Study):
             if method != "flowgraph":
                 options.setdefault(method, {})[key] = str(path)
         prepared = tuple(
-            (jammer, dataclasses.replace(one, module=files[f"flowgraph {jammer}"]))
-            for jammer, one in self.prepared
+            (name, dataclasses.replace(one, module=files[f"flowgraph {name}"])) for name, one in self.prepared
         )
         scene = dataclasses.replace(self.scene, method_options=options)
         return dataclasses.replace(self, scene=scene, prepared=prepared)
