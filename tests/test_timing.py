@@ -262,6 +262,19 @@ def test_tagged_gap_in_the_preamble_is_survived():
     assert error.size == 20 and np.abs(error).max() < 0.5
 
 
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_after_a_loss_of_unknown_length_no_altitude_is_taken_for_zero(by_hand):
+    """Timing taken anew at 300 m would read every altitude 300 m short; it waits for altitude zero."""
+    programme = Programme((300.0,), frames_per_step=60)
+    samples = np.concatenate([W.beat_shifted(float(a)) for a in programme.altitude_m(np.arange(60))])
+    segmenter = FrameSegmenter(W, None if by_hand else programme)
+    segmenter.push(samples[: 30 * N])
+    assert segmenter.state == "locked"
+    segmenter.restart(30 * N + 1234)
+    assert segmenter.push(samples[30 * N + 1234 :]) == []
+    assert segmenter.state == "lost" and segmenter.counters["lock_losses"] == 1
+
+
 def test_time_that_runs_backwards_is_not_trusted():
     programme = Programme((500.0,), 60, sync_every_frames=20)
     segmenter = FrameSegmenter(W, programme)

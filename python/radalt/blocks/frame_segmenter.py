@@ -155,10 +155,12 @@ class frame_segmenter(gr.basic_block):
         self._ready.extend(self.segmenter.push(samples[at:]))
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
-        """Counter of an ``rx_time`` tag; the first one sets the origin."""
+        """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock that was taken without."""
         counter = time_counter(value, self._rate) - self._start_counter
         if not self._started:
             self._started = True
+            if self.segmenter.sample_counter:
+                return self.segmenter.restart(counter)
             self.segmenter.reset(counter)
             return []
         return self.segmenter.jump(counter - self.segmenter.sample_counter)

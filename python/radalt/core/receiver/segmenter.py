@@ -243,19 +243,27 @@ class FrameSegmenter:
             return []
         self.counters["discontinuities"] += 1
         self.counters["lost_samples"] += max(0, lost_samples)
-        released = self.drain()
         counter = self.sample_counter + lost_samples
-        if self.state == ACQUIRING or lost_samples < 0:
-            # time that runs backwards says nothing about the sweep: the counter restarts, timing has to be found again
-            if self.state != ACQUIRING:
-                self.counters["lock_losses"] += 1
-                self.state = LOST if self.programme is not None else ACQUIRING
-            self._discard = self._discard_to(counter, counter)
-            return released
+        if (
+            self.state == ACQUIRING or lost_samples < 0
+        ):  # time that runs backwards says nothing about the sweep
+            return self.restart(counter)
+        released = self.drain()
         torn = -(-(counter - self._origin) // self._n)
         self.counters["torn"] += torn
         self._index += torn
         self._discard = self._discard_to(self._origin + torn * self._n, counter)
+        return released
+
+    def restart(self, counter: int) -> list[Frame]:
+        """The next sample is number ``counter``, and nobody knows how many went missing before it.
+
+        A lock is lost, and taken anew where the altitude is known to be zero: elsewhere it would be read as zero.
+        """
+        released = self.drain()
+        if self.state != ACQUIRING:
+            self._lose_lock(0)
+        self._discard = self._discard_to(counter, counter)
         return released
 
     def _discard_to(self, boundary: int, counter: int) -> int:
