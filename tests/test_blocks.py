@@ -190,7 +190,7 @@ def test_live_altitude_takes_effect_at_the_next_sweep():
     np.testing.assert_array_equal(rest[N - 3000 :], waveform.beat_shifted(700.0))
     assert told == [[0, 100], [9, 700]]
     np.testing.assert_array_equal(block.altitude_m(np.arange(7, 11)), [0, 100, 700, 700])
-    with pytest.raises(ValueError, match="altitude_m is 1000000.0; it has to be at most"):
+    with pytest.raises(ValueError, match="altitude_m is 1000000.0; it has to be within 0.."):
         block.set_altitude(1e6)
 
 

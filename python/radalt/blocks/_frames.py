@@ -32,15 +32,15 @@ def frame_tag(frame: Frame, sent_m: float):  # noqa: ANN201 - a pmt
     return pmt.init_f64vector(4, [float(frame.index), float(frame.start_sample), frame.offset_s, sent_m])
 
 
-def sent_tag(first_index: int, altitude_m: float):  # noqa: ANN201 - a pmt
-    """Tag value of an altitude set by hand: first sweep that is sent at it, metres (below 0: the programme's again)."""
-    return pmt.init_f64vector(2, [float(first_index), altitude_m])
+def sent_tag(first_index: int, altitude_m: float | None):  # noqa: ANN201 - a pmt
+    """Tag value of an altitude set by hand: first sweep that is sent at it, metres (NaN: the programme's again)."""
+    return pmt.init_f64vector(2, [float(first_index), np.nan if altitude_m is None else altitude_m])
 
 
 def read_sent_tag(value, sent: SentAltitudes) -> None:  # noqa: ANN001 - a pmt
     """Note an altitude that was set by hand."""
     index, altitude_m = pmt.f64vector_elements(value)
-    sent.set(int(index), altitude_m)
+    sent.set(int(index), None if np.isnan(altitude_m) else altitude_m)
 
 
 def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001

@@ -25,9 +25,9 @@ class fmcw_chirp_source(gr.sync_block):
     ----------
     scene : Scene
         Waveform and altitude programme.
-    altitude_m : float
+    altitude_m : float, optional
         Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is taken at
-        altitude zero); below 0 the scene's programme is followed, frame by frame. A change is told to the segmenter by
+        altitude zero); None follows the scene's programme, frame by frame. Live. A change is told to the segmenter by
         a stream tag ``radalt_altitude``; over the air there is none, see `frame_segmenter`.
     frames : int
         Sweeps to send before the stream ends; 0 for endless.
@@ -42,7 +42,7 @@ class fmcw_chirp_source(gr.sync_block):
     ``src = radalt.fmcw_chirp_source(load_scene("paper_qpsk"), altitude_m=200.0)``
     """
 
-    def __init__(self, scene: Scene, altitude_m: float = -1.0, frames: int = 0) -> None:
+    def __init__(self, scene: Scene, altitude_m: float | None = None, frames: int = 0) -> None:
         gr.sync_block.__init__(self, "radalt_fmcw_chirp_source", None, [np.complex64])
         self.waveform = scene.waveform
         self._sent = SentAltitudes(scene.altitude.programme)
@@ -52,22 +52,25 @@ class fmcw_chirp_source(gr.sync_block):
         self._limit = int(frames) * self._n
         self._tables: dict[float, np.ndarray] = {}
         self._position = 0
-        self._told_m = -1.0
+        self._told_m: float | None = None
         self.set_altitude(altitude_m)
         self._frame = self._table(0)
         gather_frames(self, self._n)
 
-    def set_altitude(self, altitude_m: float) -> None:
-        """Synthetic altitude from the next sweep on; below 0 follows the programme."""
+    def set_altitude(self, altitude_m: float | None) -> None:
+        """Synthetic altitude in metres from the next sweep on; None follows the programme."""
+        if altitude_m is None:
+            self._manual_m = None
+            return
         top = self.waveform.max_unambiguous_altitude_m
-        if not (np.isfinite(altitude_m) and altitude_m <= top):
+        if not 0.0 <= altitude_m <= top:
             raise ValueError(
-                f"altitude_m is {altitude_m!r}; it has to be at most {top:.6g} m (below 0: programme)"
+                f"altitude_m is {altitude_m!r}; it has to be within 0..{top:.6g} m, or None (programme)"
             )
-        if altitude_m >= 0 and not self._shifting:
+        if not self._shifting:
             raise ValueError(
                 f"altitude_m is {altitude_m:g}, and the scene's altitudes are true delays, which the channel plays; "
-                "set altitude.mode synthetic, or altitude_m -1 (programme)"
+                "set altitude.mode synthetic, or altitude_m None (programme)"
             )
         if altitude_m > self._searched_m:
             self.logger.warn(
@@ -79,7 +82,7 @@ class fmcw_chirp_source(gr.sync_block):
     @property
     def manual_altitude_m(self) -> float | None:
         """Altitude set by hand; None where the programme is followed."""
-        return self._manual_m if self._manual_m >= 0 else None
+        return self._manual_m
 
     def altitude_m(self, frame_index: np.ndarray) -> np.ndarray:
         """What was sent as sweep ``frame_index``, any shape: programme and altitudes set by hand, the last thousand."""
@@ -105,7 +108,7 @@ class fmcw_chirp_source(gr.sync_block):
     def _tell(self, index: int, offset: int) -> None:
         """An altitude set by hand since the last sweep, on record and as a tag."""
         manual_m = self._manual_m
-        if manual_m != self._told_m and (manual_m >= 0 or self._told_m >= 0):
+        if manual_m != self._told_m:
             self._sent.set(index, manual_m)
             self._told_m = manual_m
             self.add_item_tag(0, offset, SENT_KEY, sent_tag(index, manual_m))

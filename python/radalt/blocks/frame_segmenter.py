@@ -250,7 +250,7 @@ class frame_segmenter(gr.basic_block):
         if self._follows_programme and not self._sent.by_hand and self._known == self._sent.at:
             cause += (
                 "; or the altitude is set by hand and no tag says so: frame_segmenter.follow(chirp_source.sent), "
-                "follow_programme False, or altitude_m -1 at the source"
+                "follow_programme False, or altitude_m None at the source"
             )
         return f"timing lost, no frames: {seg.lock_loss or 'tagged time'}; {cause}. Timing is {again}"
 

@@ -170,25 +170,23 @@ class SentAltitudes:
 
     def __init__(self, programme: Programme) -> None:
         self.programme = programme
-        self._changes: deque[tuple[int, float]] = deque(maxlen=_CHANGES)
+        self._changes: deque[tuple[int, float | None]] = deque(maxlen=_CHANGES)
 
     @property
     def by_hand(self) -> bool:
         """Whether an altitude was ever set by hand."""
         return bool(self._changes)
 
-    def set(self, first_index: int, altitude_m: float) -> None:
-        """``altitude_m`` metres from sweep ``first_index`` on; below 0 the programme's again."""
-        last = self._changes[-1][1] if self._changes else -1.0
-        if altitude_m != last and (altitude_m >= 0 or last >= 0):
-            self._changes.append((int(first_index), float(altitude_m)))
+    def set(self, first_index: int, altitude_m: float | None) -> None:
+        """``altitude_m`` metres from sweep ``first_index`` on; None: the programme's again."""
+        self._changes.append((first_index, altitude_m))
 
     def at(self, index: int) -> tuple[float, float]:
         """Altitude in metres and range rate in m/s of one sweep; an altitude set by hand has no rate."""
         if index >= self.programme.preamble_frames:
             for first, altitude in reversed(list(self._changes)):
                 if first <= index:
-                    if altitude >= 0:
+                    if altitude is not None:
                         return altitude, 0.0
                     break
         return self.programme.at(index)
@@ -199,5 +197,5 @@ class SentAltitudes:
         out = np.asarray(self.programme.altitude_m(index), dtype=float).copy()
         for first, altitude in list(self._changes):  # a copy in one step: another thread may add to it
             here = index >= max(first, self.programme.preamble_frames)
-            out[here] = self.programme.altitude_m(index[here]) if altitude < 0 else altitude
+            out[here] = self.programme.altitude_m(index[here]) if altitude is None else altitude
         return out
