@@ -223,8 +223,13 @@ class altimeter_sink(gr.sync_block):
         """
         now = self._count
         # half the store is left to the block, which goes on writing meanwhile
-        first = max(count, now - self._store.size // 2)
+        first = max(0, count, now - self._store.size // 2)
         return now, self._store[np.arange(first, now) % self._store.size]
+
+    def latest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The last ``count`` results, or as many as there are, and the altitudes in metres that were sent for them."""
+        now, results = self.results_since(self._count - count)
+        return results, self._truth[np.arange(now - len(results), now) % self._truth.size]
 
     def times(self) -> np.ndarray:
         """(n, 2) sample counter of each kept frame's first sample and `time.perf_counter` at its result."""

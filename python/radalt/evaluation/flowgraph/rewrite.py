@@ -103,12 +103,14 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
 
 
 def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
-    """The channel where the gates stood, and the receiver in line with it: no wire runs back."""
+    """The channel where the gates stood, and the receiver in line with it unless it has controls beside it."""
     gates = [blocks[name]["states"]["coordinate"] for name in (RADAR_GATE, JAMMER_GATE) if name in blocks]
     if not gates or "frame_segmenter" not in blocks:
         return
     top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
     channel["states"]["coordinate"] = [gates[0][0] + 16, top]
+    if "reacquire" in blocks:
+        return
     receiver = blocks["frame_segmenter"]["states"]["coordinate"]
     receiver[1] = top + 8  # its input beside the channel's output
     if {"note_receive", "note_transmit"} <= blocks.keys():
