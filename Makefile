@@ -58,8 +58,11 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
 	@$(PYTHON) flowgraphs/make_flowgraphs.py
 
-screenshot: $(VENV)/.runtime ## picture of the live view, docs/live_view.png, from a run of it
+screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it
 	@$(PYTHON) flowgraphs/screenshot.py $(ARGS)
+	@$(PYTHON) flowgraphs/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
+	@$(PYTHON) flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
+	@$(PYTHON) flowgraphs/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 

@@ -6,6 +6,11 @@
 Counts of runs that measured the same thing are added and the intervals taken anew; simulated runs and runs on the air
 stay apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused, saying why; a run that
 occurs twice counts once. Needs no GNU Radio.
+
+    .venv/bin/python flowgraphs/collect.py --compare results/before results/after
+
+says in which settings and versions two runs differ, and at which points by more than chance (Fisher's exact test,
+Holm's correction for many comparisons).
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ _NO_PACKAGE = (
 
 try:
     from gnuradio.radalt.evaluation.engine.options import Parser, command, path
+    from gnuradio.radalt.evaluation.overlap.comparison import compare
     from gnuradio.radalt.evaluation.overlap.pooling import collect
 except ImportError as _error:
     print(_NO_PACKAGE.format(_error), file=sys.stderr)
@@ -37,7 +43,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
     )
+    parser.add_argument(
+        "--compare",
+        action="store_true",
+        help="what differs between two folders; --out keeps it as comparison.md",
+    )
     args = parser.parse_args(argv)
+    if args.compare:
+        if len(args.folders) != 2:
+            parser.error(f"--compare takes two folders, not {len(args.folders)}")
+        text = compare(*args.folders)
+        print(text)
+        if args.out is not None:
+            args.out.mkdir(parents=True, exist_ok=True)
+            (args.out / "comparison.md").write_text(text + "\n", encoding="utf-8")
+        return 0
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
     try:
         report, notes = collect(args.folders, out)

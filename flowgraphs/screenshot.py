@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Picture of the live view, made from a run of it: `make screenshot` writes docs/live_view.png.
+"""Pictures of the live view, made from runs of it: `make screenshot` writes docs/live_view*.png.
 
-    .venv/bin/python flowgraphs/screenshot.py --out docs/live_view.png
+    .venv/bin/python flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png
 
-Generates ota_live.grc with the simulated channel, flies a descent in steps under the scene's interference, and saves
-what the window shows at the end. Needs no display.
+Generates ota_live.grc with the simulated channel, works its controls, and saves what the window shows at the end: a
+descent in steps under the scene's interference, the first second, a jammer that drowns the chosen method, or a timing
+that is lost. Needs no display.
 """
 
 from __future__ import annotations
@@ -29,8 +30,16 @@ PROGRAM = "screenshot"
 HERE = Path(__file__).resolve().parent
 
 STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent, one after the other
-SIZE = (1680, 1000)
 FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
+LOST_S = 3.0  # without frames, for the picture of a lost timing
+# what to set one after the other, each for as many frames as a step has; the bare command at another altitude than zero
+# takes that altitude for zero, as a changed cable does
+SHOWS = {
+    "descent": [{"altitude_m": altitude_m} for altitude_m in STEPS_M],
+    "start": [{"altitude_m": 900.0}],
+    "jammed": [{"altitude_m": 600.0}, {"sir_db": -60.0}],
+    "lost": [{"altitude_m": 700.0, "tx_enable": 1}, {"frame_segmenter": "reacquire"}],
+}
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -42,6 +51,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=Path("docs/live_view.png"),
         help="PNG file (default: %(default)s)",
     )
+    add("--show", choices=sorted(SHOWS), default="descent", help="what happens (default: %(default)s)")
     add(
         "--scene",
         default="paper_qpsk",
@@ -64,7 +74,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--frames",
         type=number(int, 0, 2000000),
         default=FRAMES_A_STEP,
-        help="frames at each altitude (default: %(default)s)",
+        help="frames of each step (default: %(default)s)",
     )
     add(
         "--time-limit-s",
@@ -80,20 +90,49 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def _build(args: argparse.Namespace, folder: Path) -> Any:
     """The top block of the simulated live view, with the controls where the command line wants them."""
+    from PyQt5 import Qt
+
     from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
     from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from gnuradio.radalt.evaluation.flowgraph.run import load_class
 
     data = simulate(load_grc(HERE / "ota_live.grc"), "ota_live_sim")
-    start = {"altitude_m": STEPS_M[-1], "sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
+    start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
+    for step in SHOWS[args.show]:  # the controls show what they start with: here what they end with
+        start |= {control: value for control, value in step.items() if control != "frame_segmenter"}
     for block in data["blocks"]:
-        if block["name"] in start:  # the controls show what they start with
+        if block["name"] in start:
             block["parameters"]["value"] = str(start[block["name"]])
     prepared = Prepared(generate(data, folder), "ota_live_sim", (), ())
     top = load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
+    top.settings = Qt.QSettings(str(folder / "settings"), Qt.QSettings.IniFormat)  # no size of an earlier run
     sys.modules[type(top).__module__].snippets_main_after_init(top)
-    top.set_altitude_m(STEPS_M[0])
+    top.set_sir_db(args.sir_db)
     return top
+
+
+class _Steps:
+    """Sets what a step says, and waits for its frames."""
+
+    def __init__(self, top: Any, steps: list[dict[str, Any]], frames: int) -> None:
+        self._top, self._left, self._frames = top, list(steps), frames
+        self._end_s = self._until = 0.0
+
+    def over(self) -> bool:
+        """Begin the next step where one is over; whether the last one is."""
+        frames = self._top.altimeter_none.nitems_read(0)
+        if frames < self._until and time.monotonic() < self._end_s:
+            return False
+        if not self._left:
+            return True
+        step = self._left.pop(0)
+        for control, value in step.items():
+            setter = getattr(self._top, f"set_{control}", None)
+            setter(value) if setter else getattr(getattr(self._top, control), value)()
+        self._until = frames + self._frames
+        # a lost timing gives no frames
+        self._end_s = time.monotonic() + LOST_S if "frame_segmenter" in step else float("inf")
+        return False
 
 
 @command(PROGRAM)
@@ -102,31 +141,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     from PyQt5 import Qt
 
+    from gnuradio.radalt.evaluation.flowgraph.live import SIZE
+
     app = Qt.QApplication(sys.argv[:1])
     with tempfile.TemporaryDirectory() as folder:
         top = _build(args, Path(folder))
-        top.resize(*SIZE)
+        top.resize(*SIZE)  # the offscreen screen is small
         top.show()
         top.start()
         deadline = time.monotonic() + args.time_limit_s
-        done = 0
+        steps, over = _Steps(top, SHOWS[args.show], args.frames), False
 
         def step() -> None:
-            nonlocal done
-            done = top.altimeter_none.nitems_read(0) // args.frames
-            if done >= len(STEPS_M) or time.monotonic() > deadline:
+            nonlocal over
+            over = steps.over()
+            if over or time.monotonic() > deadline:
                 app.quit()
-            elif top.altitude_m != STEPS_M[done]:
-                top.set_altitude_m(STEPS_M[done])
 
         timer = Qt.QTimer()
         timer.timeout.connect(step)
         timer.start(20)
         app.exec_()
-        picture = top.grab()
+        top.status_timer.stop()
         top.stop()
         top.wait()
-    if done < len(STEPS_M):
+        app.processEvents()  # what is still to be drawn
+        picture = top.grab()
+    if not over:
         complain(PROGRAM, f"not done within {args.time_limit_s:g} s; raise --time-limit-s")
         return 2
     args.out.parent.mkdir(parents=True, exist_ok=True)

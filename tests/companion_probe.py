@@ -24,6 +24,28 @@ def pictured(block) -> list[float]:
     return [x - left, y, x + block.width + right, y + block.height]
 
 
+def labels(block) -> list[list]:
+    """[name, left, top, right, bottom] of each port's label on the canvas."""
+    found = []
+    for port in (*block.active_sinks, *block.active_sources):
+        x, y = (sum(pair) for pair in zip(block.coordinate, port.coordinate, strict=True))
+        found.append([f"{block.name}.{port.key}", x, y, x + port.width, y + port.height])
+    return found
+
+
+def wire(connection) -> list:
+    """Names of both ports, and points of the line between them as the companion draws it (a Bezier curve)."""
+    ends = [connection.source_port, connection.sink_port]
+    (x0, y0), (x1, y1) = (port.connector_coordinate_absolute for port in ends)
+    corners = [(x0 + 15, y0), (x0 + 50, y0), (x1 - 50, y1), (x1 - 15, y1)]
+    points = [(x0, y0)]
+    for step in range(41):
+        t = step / 40
+        weights = ((1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3)
+        points.append([sum(w * c[axis] for w, c in zip(weights, corners, strict=True)) for axis in (0, 1)])
+    return [[f"{port.parent_block.name}.{port.key}" for port in ends], [*points, (x1, y1)]]
+
+
 def described(page) -> dict:
     """One page of the companion: blocks, where they stand, and whatever it complains about."""
     graph = page.flow_graph
@@ -37,6 +59,11 @@ def described(page) -> dict:
             "dummy": block.is_dummy_block,
             "enabled": block.state == "enabled",
             "box": pictured(block),
+            "inner": [
+                *block.coordinate,
+                block.coordinate[0] + block.width,
+                block.coordinate[1] + block.height,
+            ],
         }
         for block in graph.blocks
     ]
@@ -47,6 +74,8 @@ def described(page) -> dict:
         "file": page.file_path,
         "blocks": blocks,
         "connections": len(graph.connections),
+        "labels": [label for block in graph.blocks for label in labels(block)],
+        "wires": [wire(connection) for connection in graph.connections],
         "errors": errors,
     }
 

@@ -37,6 +37,10 @@ def wait(app: object) -> None:
     time.sleep(0.02)
 
 
+def scroll_bars(top: object) -> list:
+    return [top.top_scroll.horizontalScrollBar(), top.top_scroll.verticalScrollBar()]
+
+
 def share(results: np.ndarray, altitude_m: float) -> float:
     """Part of the frames with a correct altitude."""
     return float(np.mean(results["valid"] & (np.abs(results["altitude_m"] - altitude_m) < 5)))
@@ -107,12 +111,19 @@ def main() -> None:
             wait(app)
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
         report[step]["timing"] = top.frame_segmenter.status()["state"]
+        top.status_timer.timeout.emit()  # now, and not within half a second
+        report[step]["status"] = top.status
         report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]
     report["calls"] = [call[:2] for call in calls]
     report["in time"] = time.monotonic() < deadline
     # what the guard stored; GNU Radio 3.10.12 keeps a logger in the top block, which has a method of that name
     stored = [getattr(block, "error", None) for block in vars(top).values()]
+    report["opened"] = [top.width(), top.height()]
+    top.resize(1200, 720)
+    for _ in range(5):
+        wait(app)
+    report["scroll bars"] = [bar.isVisible() for bar in scroll_bars(top)]
     report["errors"] = [str(error) for error in stored if isinstance(error, Exception)]
     top.grab().save(str(folder / "live.png"))
     print("PROBE " + json.dumps(report), flush=True)

@@ -1,13 +1,14 @@
 """GNU Radio blocks: whole or in ragged chunks bit for bit the same, setters on sweep boundaries, messages, errors."""
 
 import json
+import re
 import threading
 import time
 
 import numpy as np
 import pmt
 import pytest
-from gnuradio import gr, radalt
+from gnuradio import blocks, gr, radalt
 
 from gnuradio.radalt.blocks._guard import raise_stored
 from gnuradio.radalt.core.channel.simulated import SimulatedChannel
@@ -176,6 +177,9 @@ def pull(block, count: int) -> np.ndarray:
 def test_live_altitude_takes_effect_at_the_next_sweep():
     scene = scene_of()
     block = radalt.fmcw_chirp_source(scene, altitude_m=100.0)
+    told = []
+    # a tag needs the scheduler's buffers
+    block.add_item_tag = lambda port, offset, key, value: told.append(pmt.to_python(value).tolist())
     waveform = scene.waveform
     first = 8  # the preamble stays at zero, whatever is set
     pull(block, first * N)
@@ -184,7 +188,9 @@ def test_live_altitude_takes_effect_at_the_next_sweep():
     rest = pull(block, N - 3000 + N)
     np.testing.assert_array_equal(np.concatenate([head, rest[: N - 3000]]), waveform.beat_shifted(100.0))
     np.testing.assert_array_equal(rest[N - 3000 :], waveform.beat_shifted(700.0))
-    with pytest.raises(ValueError, match="altitude_m is 1000000.0; it has to be at most"):
+    assert told == [[0, 100], [9, 700]]
+    np.testing.assert_array_equal(block.altitude_m(np.arange(7, 11)), [0, 100, 700, 700])
+    with pytest.raises(ValueError, match="altitude_m is 1000000.0; it has to be within 0.."):
         block.set_altitude(1e6)
 
 
@@ -293,12 +299,81 @@ def test_segmenter_block_is_the_segmenter_in_any_chunks():
         assert len(got) == len(expected)
         assert got.tobytes() == np.stack([f.samples for f in expected]).tobytes()
         named = [value for _, key, value in sink.tags if key == "radalt_frame"]
-        assert [tuple(v) for v in named] == [(f.index, f.start_sample, f.offset_s) for f in expected]
+        flown = scene.altitude.programme.altitude_m
+        assert [tuple(v) for v in named] == [
+            (f.index, f.start_sample, f.offset_s, float(flown(f.index))) for f in expected
+        ]
         counters = block.status()
         assert {k: counters[k] for k in reference.counters} == reference.counters
         assert counters["discontinuities"] == 3
         last = status.seen[-1]
         assert last["locked"] and last["discontinuities"] == 3 and {"quality_db", "torn"} <= last.keys()
+
+
+def lines(captured: str) -> list[str]:
+    """Warnings in GNU Radio's log."""
+    return [line for line in captured.splitlines() if ":warning:" in line]
+
+
+def test_altitude_by_hand_is_followed_and_is_the_truth(capfd):
+    """The chirp source's own example: the segmenter learns from a tag that the programme is not what is sent."""
+    scene = scene_of(interference=None, channel={"snr_db": 10.0})
+    source = radalt.fmcw_chirp_source(scene, altitude_m=200.0, frames=200)
+    segmenter, sink = radalt.frame_segmenter(scene), radalt.altimeter_sink(scene)
+    run(source, radalt.simulated_channel(scene, jammer=False), segmenter, sink)
+    status, results = segmenter.status(), sink.results()
+    assert status["locked"] and status["lock_losses"] == 0 and len(results) >= 197
+    trials = results[results["frame_index"] >= 8]
+    assert trials["valid"].all() and np.abs(trials["altitude_m"] - 200.0).max() < 5.0
+    np.testing.assert_array_equal(sink.truth_m(), np.where(results["frame_index"] < 8, 0.0, 200.0))
+    assert lines(capfd.readouterr().out) == []
+
+
+def test_altitude_by_hand_without_tags_is_one_line_that_names_the_remedy(capfd):
+    """Radios pass no tags."""
+    scene = scene_of(interference=None, channel={"snr_db": 10.0})
+    source = radalt.fmcw_chirp_source(scene, altitude_m=200.0, frames=200)
+    wall = blocks.copy(gr.sizeof_gr_complex)
+    wall.set_tag_propagation_policy(gr.TPP_DONT)
+    segmenter, sink = radalt.frame_segmenter(scene), radalt.altimeter_sink(scene)
+    run(source, radalt.simulated_channel(scene, jammer=False), wall, segmenter, sink)
+    assert segmenter.status()["state"] == "lost"
+    (line,) = lines(capfd.readouterr().out)
+    assert "sweep 9 was expected at 900 m and seen near 190 m" in line  # a sample is 20 m
+    assert "frame_segmenter.follow(chirp_source.sent), follow_programme False" in line
+
+
+def test_a_second_without_a_sweep_is_one_line(capfd):
+    scene = scene_of(interference=None)
+    noise = np.random.default_rng(1).normal(size=(2 * 1200 * N, 2)).astype(np.float32).view(np.complex64)
+    segmenter, sink = radalt.frame_segmenter(scene), radalt.altimeter_sink(scene)
+    run(Ragged(noise.ravel(), None), segmenter, sink)
+    (line,) = lines(capfd.readouterr().out)
+    assert "no sweep found in a second of signal" in line and sink.count == 0
+
+
+def test_a_second_without_altitudes_is_one_line_and_so_is_their_return(capfd):
+    """Method and count are named; a jammed second among seconds of clean frames."""
+    scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": 10})
+    sweep, rng = scene.waveform.beat_shifted(300.0), np.random.default_rng(1)
+    sink = radalt.altimeter_sink(scene, method="whitening")
+    for amplitude in (1.0, 0.0, 0.0, 1.0, 1.0):
+        for _ in range(10):
+            noise = rng.normal(size=(100, N, 2)).view(complex)[..., 0]
+            frames = (amplitude * sweep + noise).astype(np.complex64)
+            sink._watch(sink.altimeter.process(frames))
+    first, second = lines(capfd.readouterr().out)
+    assert re.search(r"whitening: \d+ of the last 1000 frames gave an altitude within", first)
+    assert second.endswith("whitening: 1000 of the last 1000 frames gave an altitude again")
+
+
+def test_altitude_by_hand_is_refused_where_the_channel_plays_the_delay(capfd):
+    scene = scene_of(altitude={"programme_m": [300.0], "mode": "true_delay"})
+    with pytest.raises(ValueError, match="altitude_m is 200, and the scene's altitudes are true delays"):
+        radalt.fmcw_chirp_source(scene, altitude_m=200.0)
+    radalt.fmcw_chirp_source(scene_of(altitude={"programme_m": [300.0]}), altitude_m=900.0)
+    (line,) = lines(capfd.readouterr().out)
+    assert "altitude_m 900 m is above the" in line
 
 
 def test_reacquire_command_takes_timing_anew():
@@ -350,7 +425,7 @@ def frames_with_tags(count: int) -> tuple[np.ndarray, tuple, np.ndarray]:
     frames = (np.stack([scene.waveform.beat_shifted(a) for a in altitudes]) + noise).astype(np.complex64)
     offsets = rng.uniform(-0.5, 0.5, count) / 7.5e6
     tags = tuple(
-        (i, pmt.intern("radalt_frame"), pmt.init_f64vector(3, [100.0 + i, i * 7500.0, offsets[i]]))
+        (i, pmt.intern("radalt_frame"), pmt.init_f64vector(4, [100.0 + i, i * 7500.0, offsets[i], np.nan]))
         for i in range(count)
     )
     return frames, tags, offsets

@@ -85,6 +85,19 @@ def test_boxes_do_not_overlap(seen, path):
 
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_wires_cross_no_box_and_no_label(seen, path):
+    page = seen[path.name]
+    boxes = [(b["name"], *b["inner"]) for b in page["blocks"]] + page["labels"]
+    crossed = [
+        (" - ".join(ends), name)
+        for ends, points in page["wires"]
+        for name, left, top, right, bottom in boxes
+        if name not in ends and any(left < x < right and top < y < bottom for x, y in points)
+    ]
+    assert crossed == []
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_sections_have_titles(seen, path):
     """A numbered note heads each section, above everything it stands for."""
     notes = [b for b in on_file(path)["blocks"] if b["id"] == "note"]
@@ -129,8 +142,10 @@ def test_button_on_the_simulated_bench_shows_the_scores(tmp_path):
     rows = [line.split() for line in console.splitlines()]
     pd = {row[0]: float(row[1]) for row in rows if len(row) == 5 and row[3] == "of"}
     assert list(pd) == ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae"]
-    assert pd["none"] == pd["whitening"] == pd["tcae"] == 1.0
-    assert "counters: frames " in console
+    # the first run tells the methods apart, and loses no frame
+    assert pd["none"] < 0.5 < 0.9 < pd["whitening"] and pd["tcae"] > 0.95
+    assert all(row[-1] == "150" for row in rows if len(row) == 5 and row[3] == "of")
+    assert "dropped_slow 0," in console
 
 
 @pytest.mark.parametrize("name", ["ota_b210", "ota_live"])

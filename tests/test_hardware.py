@@ -334,9 +334,9 @@ def press_run(monkeypatch, tmp_path):
         path = write_scene(scene, tmp_path / "scene.yaml")
         options = argparse.Namespace(
             scene_file=str(path),
-            overlap=-1,
-            sir_db=999,
-            seed=-1,
+            overlap="scene",
+            sir_db="scene",
+            seed="scene",
             endpoint="",
             drop_when_slow=0,
             transmit=transmit,

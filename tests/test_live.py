@@ -5,13 +5,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
 from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
@@ -238,7 +239,7 @@ def found(altitude_m: float) -> dict:
 def test_controls_work_while_it_runs(view):
     assert view["in time"] and view["errors"] == []
     for step, altitude_m in (("start", 300.0), ("higher", 700.0), ("radar only", 700.0)):
-        assert view[step] == found(altitude_m), step
+        assert view[step] | found(altitude_m) == view[step], step
     assert view["method"] == "nlms"
 
 
@@ -248,7 +249,7 @@ def test_button_takes_timing_anew_at_altitude_zero(view):
     The button sends zero, commands, and goes back to 700 m.
     """
     assert view["mistimed"]["timing"] == "lost"
-    assert view["reacquired"] == found(700.0)
+    assert view["reacquired"] | found(700.0) == view["reacquired"]
     assert "reacquire: timing taken anew" in view["printed"]
 
 
@@ -256,6 +257,66 @@ def test_jammer_and_transmitter_are_switched(view):
     """60 dB below the jammer nothing is found without mitigation; without the radar nobody finds anything."""
     assert view["jammed"]["none"] < 0.2
     assert max(view["off"][name] for name in ("none", "tcae", "selected")) < 0.2
+
+
+def test_status_line_says_what_is_sent_measured_and_lost(view):
+    """Once in each state of the controls; Pd of one frame in a hundred or two belongs to the state before."""
+    said = {step: view[step]["status"] for step in view if isinstance(view[step], dict)}
+    assert "sent: radar at 300 m, qpsk rectangular at SIR -10 dB, overlap 1" in said["start"]
+    assert "timing locked" in said["start"] and "Chosen, whitening: <b>" in said["start"]
+    assert "Chosen, nlms:" in said["higher"] and "radar at 700 m" in said["higher"]
+    assert "timing LOST, no frames: press Reacquire timing" in said["mistimed"]
+    assert "FAILURE (no timing)" in said["mistimed"] and "None -, TCAE -" in said["mistimed"]
+    assert "sent: radar at 700 m, no jammer" in said["radar only"]
+    assert "nothing (Transmit: Off)" in said["off"]
+    assert all("of real time" in text and "lost: 0 samples, 0 frames" in text for text in said.values())
+
+
+def test_window_fits_the_screen_without_scroll_bars(view):
+    """The offscreen screen has 800 x 600 pixels; a small laptop's has 1280 x 800."""
+    width, height = view["opened"]
+    assert 700 <= width <= 800 and 500 <= height <= 600
+    assert view["scroll bars"] == [False, False]
+
+
+def test_status_names_who_measures_nothing():
+    """Three altimeters: all right, a tenth wrong, silent."""
+    from gnuradio.radalt.evaluation.flowgraph.live import StatusLine
+
+    def altimeter(valid, altitude_m):
+        results = np.zeros(1000, dtype=RESULT_DTYPE)
+        results["valid"], results["altitude_m"] = valid, altitude_m
+        return SimpleNamespace(
+            latest=lambda count: (results, np.full(1000, 300.0)), line="NORMAL  300.0 m +/- 2.0 m"
+        )
+
+    clock = iter((10.0, 12.0))
+    counters = {
+        "state": "locked",
+        "locked": True,
+        "timing_verified": True,
+        "lost_samples": 7,
+        "dropped_slow": 0,
+    }
+    segmenter = SimpleNamespace(status=lambda: counters, segmenter=SimpleNamespace(sample_counter=0))
+    top = SimpleNamespace(
+        frame_segmenter=segmenter,
+        altimeter_none=altimeter(np.arange(1000) < 50, 300.0),
+        altimeter_tcae=altimeter(True, np.where(np.arange(1000) < 100, 900.0, 301.0)),
+        altimeter_selected=altimeter(True, 300.0),
+        method="whitening",
+        tx_enable=2,
+        altitude_m=300.0,
+        sir_db=-30.0,
+        overlap=1.0,
+    )
+    status = StatusLine(top, load_scene("paper_qpsk"), clock=lambda: next(clock))
+    assert "speed -" in status.text()
+    segmenter.segmenter.sample_counter = 7_500_000
+    text = status.text()
+    assert "None <b>0.05</b> (0), TCAE <b>0.90</b> (100), Chosen, whitening: <b>1.00</b> (0)" in text
+    assert "nothing measured: None</b>" in text and "0.50 of real time" in text
+    assert "lost: 7 samples, 0 frames (slow)</b>" in text and "NORMAL  300.0 m ± 2.0 m" in text
 
 
 def test_picture_shows_the_view(view):
@@ -270,7 +331,8 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
     """ota_live itself, on recorded doubles of two B210s: readback printed, common start, altitude right."""
     view = probed(tmp_path, "air")
     assert view["in time"] and view["errors"] == []
-    assert view["start"] == found(300.0)
+    assert view["start"] | found(300.0) == view["start"]
+    assert "sent: radar at 300 m, qpsk rectangular at SIR -10 dB" in view["start"]["status"]
     assert view["printed"].count("master clock Hz") == 3
     # GRC's template sets the radios as well, before; what counts are the calls from the first clock source on
     calls = [tuple(call) for call in view["calls"] if not call[1].startswith("get_")]

@@ -176,7 +176,7 @@ def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str
     if any(block["name"] == "drop_when_slow" for block in data["blocks"]):
         parameters["drop_when_slow"] = 0
     if any(block["name"] == "sir_db" for block in data["blocks"]):
-        parameters["sir_db"] = 999
+        parameters["sir_db"] = "scene"
     top = load_class(prepared)(**parameters)
     run_to_end(top, time_limit_s=60.0)
     return {name: getattr(top, f"altimeter_{name}").results() for name in names}

@@ -3,17 +3,24 @@
 import dataclasses
 import json
 import os
+import re
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
 import yaml
+from scipy.stats import fisher_exact
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures
+from radalt.evaluation.overlap.comparison import compare, comparisons, holm
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import PoolError, collect
+from radalt.evaluation.overlap.pooling import Run as ComparedRun
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
@@ -420,3 +427,154 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
     assert len(pooled) == 24 and {r["runs"] for r in pooled} == {1}
     assert {r["series"] for r in pooled} == {"none", "tcae", "none, on the air", "tcae, on the air"}
+
+
+# -- report.html --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
+
+
+def test_figures_are_there_in_three_formats(whole):
+    for name in ("pd_vs_overlap", "rmse_vs_overlap", "wrong_vs_overlap"):
+        assert (whole / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (whole / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+        assert (whole / f"{name}.svg").read_text().startswith("<?xml")
+
+
+def test_every_point_of_a_figure_says_its_values(whole):
+    """Two methods at three overlaps and two SIRs; the numbers are those of the rows."""
+    rows = read_report(whole)["rows"]
+    said = re.findall(r"<title>([^<]*)</title>", (whole / "pd_vs_overlap.svg").read_text())
+    assert len(said) == len(rows) == 12
+    for row in rows:
+        words = (
+            f"overlap {row['overlap']:g}: Pd {row['pd']:.3f} ({row['pd_low']:.3f} to {row['pd_high']:.3f})"
+        )
+        assert any(words in text for text in said), words
+
+
+def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
+    again = finished(tmp_path / "run", scene_of(), whole=True)
+    for path in whole.glob("*_vs_*"):
+        assert (again / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_figures_can_be_read_in_grey(whole):
+    """Every series differs from every other in more than colour."""
+    styles = [figures.series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
+    told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
+    assert len(set(told)) == len(told)
+
+
+def test_page_is_whole_and_asks_for_nothing(whole):
+    text = (whole / "report.html").read_text()
+    assert not re.findall(r"""(?:src|href)=["'](?!#)""", text)
+    assert not re.findall(r"@import|url\((?!#)", text)
+    assert "default-src 'none'" in text
+    assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
+    for row in read_report(whole)["rows"]:
+        assert f'<td data-value="{row["pd"]}">{row["pd"]:.3f} (' in text
+
+
+def test_names_from_a_scene_stay_text(tmp_path):
+    page = finished(tmp_path / "run", scene_of(name="<b>&case"), whole=True) / "report.html"
+    assert "<b>&case" not in page.read_text() and "&lt;b&gt;&amp;case" in page.read_text()
+
+
+def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path):
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if browser is None:
+        pytest.skip("no Chromium here: apt install chromium")
+    # what a click on "Pd" does, twice, and what the browser complains about
+    probe = """<script>
+    const seen = () => [...document.querySelectorAll("#rows tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
+    const pd = document.querySelectorAll("#rows th button")[6];
+    pd.click(); document.body.dataset.up = seen();
+    pd.click(); document.body.dataset.down = seen();
+    document.body.dataset.drawn = [...document.querySelectorAll("svg")].filter((s) => s.getBBox().width > 100).length;
+    </script></body>"""
+    page = tmp_path / "page.html"
+    page.write_text((whole / "report.html").read_text().replace("</body>", probe))
+    command = [
+        browser,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path / 'profile'}",
+    ]
+    done = subprocess.run(
+        [*command, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
+    )
+    found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
+    assert found.keys() == {"up", "down", "drawn"}, done.stderr
+    up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))
+    assert up == sorted(up) and down == sorted(up, reverse=True) and len(up) == 12
+    assert found["drawn"] == "3"
+
+
+# -- two runs compared --------------------------------------------------------------------------------------------
+
+
+def test_holm_is_the_textbooks():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+
+
+def test_fishers_test_is_exact():
+    """The lady tasting tea: three of four and one of four right."""
+    a, b = ({"trials": 4, "correct": k, "detections": 4} for k in (3, 1))
+    runs = [
+        ComparedRun(name, {"rows": [dict.fromkeys(("interference", "method"), "x") | place | row]})
+        for name, row in (("a", a), ("b", b))
+        for place in [{"overlap": 1.0, "sir_db": -10.0, "snr_db": None}]
+    ]
+    pd, wrong = comparisons(*runs)
+    assert pd.p == pytest.approx(34 / 70) == wrong.p
+    assert pd.difference[0] == -0.5 and pd.difference[1] < -0.5 < pd.difference[2] < 1.0
+
+
+def test_chance_alone_is_rarely_named():
+    """400 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
+    rng = np.random.default_rng(1)
+    named = 0
+    for _ in range(400):
+        tables = [rng.binomial(60, np.linspace(0.05, 0.95, 30)) for _ in range(2)]
+        p = [fisher_exact([[x, 60 - x], [y, 60 - y]])[1] for x, y in zip(*tables, strict=True)]
+        named += min(holm(p)) <= 0.05
+    assert named / 400 <= 0.05
+
+
+def test_comparison_names_settings_points_and_the_correction(tmp_path):
+    first = finished(tmp_path / "first", scene_of())
+    second = finished(tmp_path / "second", scene_of(seed=2, sweep=SweepSpec((0.0, 1.0), (-10.0, -28.0))))
+    path = second / "report.json"
+    report = json.loads(path.read_text())
+    for row in report["rows"]:
+        if row["method"] == "none" and row["overlap"] == 1.0 and row["sir_db"] == -28.0:
+            row["correct"] += 60
+            row["pd"] = row["correct"] / row["trials"]
+    path.write_text(json.dumps(report))
+    text = compare(first, second)
+    assert "| seed | 1 | 2 |" in text and "Holm's method: **2 differ beyond chance**" in text
+    assert "16 comparisons by Fisher's exact test" in text and "4 rows are in" in text
+    lines = [line for line in text.splitlines() if line.startswith("| none | qpsk_rectangular | 1 | -28 |")]
+    assert [line.split(" | ")[5] for line in lines] == ["Pd", "wrong"]
+    assert "+0.400 (" in lines[0] and "-0.400 (" in lines[1]
+
+
+def test_comparison_of_a_run_with_itself_finds_nothing(tmp_path):
+    folder = finished(tmp_path / "run", scene_of())
+    text = compare(folder, folder)
+    assert "None differs." in text and "12 rows in both, 12 of them with the same digits" in text
+    assert "**0 differ beyond chance**" in text and "test is conservative" in text
+
+
+def test_comparison_of_what_has_nothing_in_common_is_refused(tmp_path):
+    folders = [
+        finished(tmp_path / f"{sir}", scene_of(sweep=SweepSpec((0.5,), (sir,)))) for sir in (-10.0, -20.0)
+    ]
+    with pytest.raises(PoolError, match="have no method and point in common"):
+        compare(*folders)

@@ -215,6 +215,22 @@ def test_flowgraph_parameters_override_only_what_is_set():
     scene = load_scene("paper_qpsk")
     assert scene_from_parameters("paper_qpsk") == scene
     assert scene_from_parameters("paper_qpsk", 0.3, -5.0, 8) == scene.at(overlap=0.3, sir_db=-5.0, seed=8)
+    assert scene_from_parameters("paper_qpsk", "0.3", "-5", "8") == scene.at(overlap=0.3, sir_db=-5.0, seed=8)
+    assert scene_from_parameters("paper_qpsk", "scene", "-5", "scene") == scene.at(sir_db=-5.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"sir_db": "low"}, "sir_db is 'low'; give a number"),
+        ({"sir_db": 999}, "sir_db is 999; it has to be within -200..200, or scene"),
+        ({"sir_db": "nan"}, "sir_db is nan"),
+        ({"overlap": "2"}, "overlap is 2"),
+    ],
+)
+def test_flowgraph_parameter_that_is_no_number_or_out_of_range_is_one_line(value, said):
+    with pytest.raises(SceneError, match=said):
+        scene_from_parameters("paper_qpsk", **value)
 
 
 @pytest.mark.parametrize("text", ["name: !!int '_'", "name: !!float '_'", "seed: !!int ''"])

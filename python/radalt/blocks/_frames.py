@@ -5,35 +5,51 @@ from __future__ import annotations
 import numpy as np
 import pmt
 
+from ..core.programme import SentAltitudes
 from ..core.receiver.segmenter import Frame
 
 __all__ = [
     "FRAME_KEY",
     "RX_TIME_KEY",
+    "SENT_KEY",
     "frame_tag",
     "gather_frames",
     "quiet_buffer",
     "read_frame_tags",
+    "read_sent_tag",
+    "sent_tag",
     "time_counter",
     "time_tag",
 ]
 
 FRAME_KEY = pmt.intern("radalt_frame")
 RX_TIME_KEY = pmt.intern("rx_time")
+SENT_KEY = pmt.intern("radalt_altitude")
 
 
-def frame_tag(frame: Frame):  # noqa: ANN201 - a pmt
-    """Tag value of a frame: (index, sample counter, timing rest in seconds) in float64, exact to 2^53."""
-    return pmt.init_f64vector(3, [float(frame.index), float(frame.start_sample), frame.offset_s])
+def frame_tag(frame: Frame, sent_m: float):  # noqa: ANN201 - a pmt
+    """Tag value of a frame, float64: index, sample counter, timing rest in seconds, altitude that was sent or NaN."""
+    return pmt.init_f64vector(4, [float(frame.index), float(frame.start_sample), frame.offset_s, sent_m])
+
+
+def sent_tag(first_index: int, altitude_m: float | None):  # noqa: ANN201 - a pmt
+    """Tag value of an altitude set by hand: first sweep that is sent at it, metres (NaN: the programme's again)."""
+    return pmt.init_f64vector(2, [float(first_index), np.nan if altitude_m is None else altitude_m])
+
+
+def read_sent_tag(value, sent: SentAltitudes) -> None:  # noqa: ANN001 - a pmt
+    """Note an altitude that was set by hand."""
+    index, altitude_m = pmt.f64vector_elements(value)
+    sent.set(int(index), None if np.isnan(altitude_m) else altitude_m)
 
 
 def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
-    """(count, 3) tag values of the next ``count`` items of input 0; NaN in rows without a tag."""
+    """(count, 4) tag values of the next ``count`` items of input 0, as `frame_tag`; NaN in rows without a tag."""
     tags = block.get_tags_in_window(0, 0, count, FRAME_KEY)
     values = [pmt.f64vector_elements(tag.value) for tag in tags]
     if len(values) == count:  # one each, in order
         return np.array(values)
-    out = np.full((count, 3), np.nan)
+    out = np.full((count, 4), np.nan)
     first = block.nitems_read(0)
     for tag, value in zip(tags, values, strict=True):
         out[tag.offset - first] = value

@@ -27,14 +27,15 @@ class altimeter_sink(gr.sync_block):
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary a frame:
     version, method, frame_index, valid, reason, altitude_m, vertical_speed_m_per_s, beat_up_hz, beat_down_hz, snr_db,
-    forced_altitude_m, truth_m), ``altitude: float`` (optional, in metres, NaN where there is none).
+    forced_altitude_m, truth_m: what was sent), ``altitude: float`` (optional, in metres, NaN where there is none).
 
     Parameters
     ----------
     scene : Scene
         Waveform, altimeter settings, programme (for ``truth_m``).
     method : str
-        Label of the results.
+        Label of the results. Where fewer than one in ten of a second's frames gave an altitude, one line in GNU
+        Radio's log says so, and another when there are altitudes again.
     endpoint : str
         ZMQ PUB endpoint for the same messages as JSON, for example ``tcp://127.0.0.1:5556``; empty for none.
     messages : bool
@@ -76,6 +77,10 @@ class altimeter_sink(gr.sync_block):
         self._messages = bool(messages)
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
         self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
+        self._truth = np.zeros(int(capacity))
+        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames of one
+        self._looked = self._found = 0  # frames since the last verdict, altitudes among them
+        self._blind = False
         self._count = 0
         self.active = True
         self._port = pmt.intern("result")
@@ -126,13 +131,35 @@ class altimeter_sink(gr.sync_block):
         self._store[at] = results
         self._when[at, 0] = tags[:, 1]
         self._when[at, 1] = time.perf_counter()
+        truth = np.where(np.isnan(tags[:, 3]), self._programme.altitude_m(index), tags[:, 3])
+        self._truth[at] = truth
         self._count += len(results)
+        self._watch(results)
         if self._messages or self._socket is not None:
-            truth = self._programme.altitude_m(index)
             for result, true in zip(results, truth, strict=True):
                 self._publish(result, float(true))
         self._track(spectra, tags)
         return results
+
+    def _watch(self, results: np.ndarray) -> None:
+        """A line when altitudes fail for a second of signal, and one when they are back."""
+        self._looked += len(results)
+        self._found += int(np.count_nonzero(results["valid"]))
+        if self._looked < self._second:
+            return
+        blind = self._found < 0.1 * self._looked  # false alarms alone are a hundredth
+        if blind != self._blind:
+            self.logger.warn(
+                f"{self.method}: {self._found} of the last {self._looked} frames gave an altitude"
+                + (
+                    f" within {self.altimeter.settings.max_altitude_m:g} m, most others: "
+                    f"{Reason.NAMES[int(np.bincount(results['reason']).argmax())]}; is the return above noise and "
+                    "interference?"
+                    if blind
+                    else " again"
+                )
+            )
+        self._blind, self._looked, self._found = blind, 0, 0
 
     def _track(self, spectra: Spectra, tags: np.ndarray) -> None:
         """What `altitude_tracker` does with the spectra that are there already."""
@@ -174,6 +201,11 @@ class altimeter_sink(gr.sync_block):
             return self._store[: self._count].copy()
         return np.roll(self._store, -(self._count % self._store.size))
 
+    def truth_m(self) -> np.ndarray:
+        """Altitudes in metres that were sent for `results`: by hand where the frames say so, else the programme's."""
+        kept = min(self._count, self._truth.size)
+        return self._truth[np.arange(self._count - kept, self._count) % self._truth.size]
+
     @property
     def count(self) -> int:
         """Results since the start."""
@@ -191,8 +223,13 @@ class altimeter_sink(gr.sync_block):
         """
         now = self._count
         # half the store is left to the block, which goes on writing meanwhile
-        first = max(count, now - self._store.size // 2)
+        first = max(0, count, now - self._store.size // 2)
         return now, self._store[np.arange(first, now) % self._store.size]
+
+    def latest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The last ``count`` results, or as many as there are, and the altitudes in metres that were sent for them."""
+        now, results = self.results_since(self._count - count)
+        return results, self._truth[np.arange(now - len(results), now) % self._truth.size]
 
     def times(self) -> np.ndarray:
         """(n, 2) sample counter of each kept frame's first sample and `time.perf_counter` at its result."""

@@ -57,6 +57,7 @@ class altitude_tracker(altimeter_sink):
         self._output_count = 0
         self._lost = False
         self._verified = True
+        self.line = "NO COMPUTED DATA (search)"  # the last output as text
         self._tracked_port = pmt.intern("tracked")
         self.message_port_register_out(self._tracked_port)
         timing = pmt.intern("timing")
@@ -113,7 +114,8 @@ class altitude_tracker(altimeter_sink):
         fields = {name: output[name].item() for name in OUTPUT_DTYPE.names}
         fields["status"], fields["state"] = Status.NAMES[fields["status"]], State.NAMES[fields["state"]]
         fields |= {"version": TRACKED_VERSION, "method": self.method, "timing_verified": self._verified}
-        self.message_port_pub(self._tracked_port, pmt.to_pmt(fields | {"line": status_line(output)}))
+        self.line = status_line(output)
+        self.message_port_pub(self._tracked_port, pmt.to_pmt(fields | {"line": self.line}))
 
 
 def status_line(output: np.void) -> str:

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 from gnuradio import gr
 
+from ..core.programme import SentAltitudes
 from ..core.scene import Scene
-from ._frames import gather_frames
+from ._frames import SENT_KEY, gather_frames, sent_tag
 from ._guard import WORK_DONE, guarded
 
 __all__ = ["fmcw_chirp_source"]
-
-
-_CHANGES = 1000
 
 
 class fmcw_chirp_source(gr.sync_block):
@@ -29,78 +25,77 @@ class fmcw_chirp_source(gr.sync_block):
     ----------
     scene : Scene
         Waveform and altitude programme.
-    altitude_m : float
+    altitude_m : float, optional
         Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is taken at
-        altitude zero); below 0 the scene's programme is followed, frame by frame.
+        altitude zero); None follows the scene's programme, frame by frame. Live. A change is told to the segmenter by
+        a stream tag ``radalt_altitude``; over the air there is none, see `frame_segmenter`.
     frames : int
         Sweeps to send before the stream ends; 0 for endless.
+
+    Raises
+    ------
+    ValueError
+        If the altitude cannot be sent, or one is set by hand in a scene whose altitudes are true delays.
 
     Example
     -------
     ``src = radalt.fmcw_chirp_source(load_scene("paper_qpsk"), altitude_m=200.0)``
     """
 
-    def __init__(self, scene: Scene, altitude_m: float = -1.0, frames: int = 0) -> None:
+    def __init__(self, scene: Scene, altitude_m: float | None = None, frames: int = 0) -> None:
         gr.sync_block.__init__(self, "radalt_fmcw_chirp_source", None, [np.complex64])
         self.waveform = scene.waveform
-        self._programme = scene.altitude.programme
+        self._sent = SentAltitudes(scene.altitude.programme)
+        self._searched_m = scene.altimeter_settings.max_altitude_m
         self._shifting = scene.altitude.mode == "synthetic"
         self._n = scene.waveform.samples_per_frame
         self._limit = int(frames) * self._n
         self._tables: dict[float, np.ndarray] = {}
         self._position = 0
-        self._changes: deque[tuple[int, float]] = deque(maxlen=_CHANGES)
+        self._told_m: float | None = None
         self.set_altitude(altitude_m)
         self._frame = self._table(0)
         gather_frames(self, self._n)
 
-    def set_altitude(self, altitude_m: float) -> None:
-        """Synthetic altitude from the next sweep on; below 0 follows the programme."""
+    def set_altitude(self, altitude_m: float | None) -> None:
+        """Synthetic altitude in metres from the next sweep on; None follows the programme."""
+        if altitude_m is None:
+            self._manual_m = None
+            return
         top = self.waveform.max_unambiguous_altitude_m
-        if not (np.isfinite(altitude_m) and altitude_m <= top):
+        if not 0.0 <= altitude_m <= top:
             raise ValueError(
-                f"altitude_m is {altitude_m!r}; it has to be at most {top:.6g} m (below 0: programme)"
+                f"altitude_m is {altitude_m!r}; it has to be within 0..{top:.6g} m, or None (programme)"
+            )
+        if not self._shifting:
+            raise ValueError(
+                f"altitude_m is {altitude_m:g}, and the scene's altitudes are true delays, which the channel plays; "
+                "set altitude.mode synthetic, or altitude_m None (programme)"
+            )
+        if altitude_m > self._searched_m:
+            self.logger.warn(
+                f"altitude_m {altitude_m:g} m is above the {self._searched_m:g} m that the altimeter searches and will "
+                "not be found; raise altimeter.max_altitude_m in the scene"
             )
         self._manual_m = float(altitude_m)
 
     @property
     def manual_altitude_m(self) -> float | None:
         """Altitude set by hand; None where the programme is followed."""
-        return self._manual_m if self._manual_m >= 0 else None
+        return self._manual_m
 
     def altitude_m(self, frame_index: np.ndarray) -> np.ndarray:
         """What was sent as sweep ``frame_index``, any shape: programme and altitudes set by hand, the last thousand."""
-        index = np.asarray(frame_index)
-        changes = list(
-            self._changes
-        )  # one step under the interpreter's lock; the block may add to it meanwhile
-        out = np.asarray(self._programme.altitude_m(index), dtype=float).copy()
-        for first, altitude in changes:
-            here = index >= first
-            out[here] = self._programme.altitude_m(index[here]) if altitude < 0 else altitude
-        out[index < self._programme.preamble_frames] = 0.0
-        return out
+        return self._sent.altitude_m(frame_index)
 
     def sent(self, frame_index: int) -> tuple[float, float]:
         """Altitude in metres and range rate in m/s of sweep ``frame_index``, for `frame_segmenter.follow`."""
-        if not self._shifting:
-            return self._programme.at(frame_index)
-        if frame_index < self._programme.preamble_frames:
-            return 0.0, 0.0
-        for first, altitude in reversed(list(self._changes)):
-            if first <= frame_index and altitude >= 0:
-                return altitude, 0.0
-            if first <= frame_index:
-                break
-        return self._programme.at(frame_index)[0], 0.0
+        altitude_m, rate = self._sent.at(frame_index)
+        return altitude_m, 0.0 if self._shifting else rate
 
     def _table(self, index: int) -> np.ndarray:
         """(N,) complex64 sweep number ``index``."""
-        if not self._changes or self._changes[-1][1] != self._manual_m:
-            self._changes.append((index, self._manual_m))
-        altitude = self._manual_m if self._manual_m >= 0 else self._programme.at(index)[0]
-        if not self._shifting or index < self._programme.preamble_frames:
-            altitude = 0.0
+        altitude = self._sent.at(index)[0] if self._shifting else 0.0
         if altitude not in self._tables:
             if len(self._tables) >= 64:
                 self._tables.clear()
@@ -109,6 +104,14 @@ class fmcw_chirp_source(gr.sync_block):
         if self.waveform.cycles_per_frame:
             table = table * np.complex64(self.waveform.frame_rotation(index))
         return table
+
+    def _tell(self, index: int, offset: int) -> None:
+        """An altitude set by hand since the last sweep, on record and as a tag."""
+        manual_m = self._manual_m
+        if manual_m != self._told_m:
+            self._sent.set(index, manual_m)
+            self._told_m = manual_m
+            self.add_item_tag(0, offset, SENT_KEY, sent_tag(index, manual_m))
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
@@ -123,6 +126,7 @@ class fmcw_chirp_source(gr.sync_block):
         while done < out.size:
             index, at = divmod(self._position, self._n)
             if at == 0:
+                self._tell(index, self.nitems_written(0) + done)
                 self._frame = self._table(index)
             count = min(self._n - at, out.size - done)
             out[done : done + count] = self._frame[at : at + count]

@@ -10,10 +10,19 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.segmenter import Frame, FrameSegmenter
+from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
 from ..core.scene import Scene
-from ._frames import FRAME_KEY, RX_TIME_KEY, frame_tag, quiet_buffer, time_counter
+from ._frames import (
+    FRAME_KEY,
+    RX_TIME_KEY,
+    SENT_KEY,
+    frame_tag,
+    quiet_buffer,
+    read_sent_tag,
+    time_counter,
+)
 from ._guard import guarded
 
 __all__ = ["frame_segmenter"]
@@ -27,9 +36,10 @@ _PLACES = 32
 class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
 
-    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, timing rest in seconds).
-    ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame is released when the next one
-    has confirmed the timing (1 ms).
+    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, timing rest in seconds, altitude
+    that was sent in metres or NaN). ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame
+    is released when the next one has confirmed the timing (1 ms). A lost lock, and a second of signal without a sweep,
+    is one line in GNU Radio's log, with its remedy.
 
     Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
     ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
@@ -39,7 +49,9 @@ class frame_segmenter(gr.basic_block):
     scene : Scene
         Waveform, programme, segmenter settings.
     follow_programme : bool
-        True checks frames against the scene's programme; False for altitudes moved by hand (`follow` checks those).
+        True checks frames against the scene's programme, and against the altitudes that the chirp source says are set
+        by hand (its stream tags ``radalt_altitude``, which the simulated channel passes). Radios pass no tags: with
+        them, an altitude set by hand needs `follow`, or False here.
     drop_when_slow : bool
         Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
         In simulation leave it off: nothing is lost by waiting.
@@ -53,6 +65,9 @@ class frame_segmenter(gr.basic_block):
         n = scene.waveform.samples_per_frame
         gr.basic_block.__init__(self, "radalt_frame_segmenter", [np.complex64], [(np.complex64, n)])
         self._rate = scene.waveform.rate_hz
+        self._sent = SentAltitudes(scene.altitude.programme)
+        self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
+        self._follows_programme = bool(follow_programme)
         self.segmenter = FrameSegmenter(
             scene.waveform,
             scene.altitude.programme if follow_programme else None,
@@ -77,6 +92,8 @@ class frame_segmenter(gr.basic_block):
         self._started = False
         self._reacquire = False
         self._reported: tuple[str, bool, int] = ("", False, 0)
+        self._silent_from: int | None = None  # sample counter from which there is no timing
+        self._said = False
         self.set_tag_propagation_policy(gr.TPP_DONT)
         quiet_buffer(self, n)
         self.set_output_multiple(_PLACES)
@@ -96,7 +113,8 @@ class frame_segmenter(gr.basic_block):
         self._reacquire = True
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
-        """Altitude and range rate by sweep index (`fmcw_chirp_source.sent`), where no programme is followed."""
+        """Altitude and range rate by sweep index (`fmcw_chirp_source.sent`): what is sent instead of the programme."""
+        self._known = sent
         self.segmenter.follow(sent)
 
     def set_full_scale(self, full_scale: float) -> None:
@@ -147,12 +165,20 @@ class frame_segmenter(gr.basic_block):
     def _take(self, samples: np.ndarray) -> None:
         first = self.nitems_read(0)
         at = 0
+        for tag in self.get_tags_in_window(0, 0, samples.size, SENT_KEY):
+            self._on_sent(tag.value)
         for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
             cut = tag.offset - first
             self._ready.extend(self.segmenter.push(samples[at:cut]))
             self._ready.extend(self._on_time(tag.value))
             at = cut
         self._ready.extend(self.segmenter.push(samples[at:]))
+
+    def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
+        """The source's word for an altitude set by hand; what `follow` was given stands."""
+        read_sent_tag(value, self._sent)
+        if self._known is None or self._known == self._sent.at:
+            self.follow(self._sent.at)
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
         """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock that was taken without."""
@@ -175,7 +201,8 @@ class frame_segmenter(gr.basic_block):
                 continue
             out[done] = frame.samples
             self._inspect(frame)
-            self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame))
+            sent_m = self._known(frame.index)[0] if self._known is not None else float("nan")
+            self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame, sent_m))
             done += 1
         return done
 
@@ -205,5 +232,42 @@ class frame_segmenter(gr.basic_block):
             seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY,
         )
         if now != self._reported:
+            lost = seg.state == LOST and self._reported[0] != LOST
             self._reported = now
             self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))
+            if lost:
+                self.logger.warn(self._why_lost())
+        self._watch()
+
+    def _why_lost(self) -> str:
+        """What ended the lock, and what to do, on one line."""
+        seg = self.segmenter
+        section = seg.next_sync
+        again = (
+            f"taken again from sweep {section[0]} on"
+            if section is not None
+            else "not taken again: send the command reacquire at altitude zero, or set altitude.sync_every_frames"
+        )
+        cause = "samples were lost without a tag, or time ran backwards"
+        if self._follows_programme and not self._sent.by_hand and self._known == self._sent.at:
+            cause += (
+                "; or the altitude is set by hand and no tag says so: frame_segmenter.follow(chirp_source.sent), "
+                "follow_programme False, or altitude_m None at the source"
+            )
+        return f"timing lost, no frames: {seg.lock_loss or 'tagged time'}; {cause}. Timing is {again}"
+
+    def _watch(self) -> None:
+        """One line where a second of signal has come in and the sweep was not found in it."""
+        seg = self.segmenter
+        if seg.state == LOCKED:
+            self._silent_from, self._said = None, False
+        elif self._silent_from is None:
+            self._silent_from = seg.sample_counter
+        elif (
+            seg.state == ACQUIRING and not self._said and seg.sample_counter - self._silent_from >= self._rate
+        ):
+            self._said = True
+            self.logger.warn(
+                "no sweep found in a second of signal, so no frames: is the radar transmitting the scene's waveform, "
+                "at altitude zero (timing is taken there), and received above the noise?"
+            )

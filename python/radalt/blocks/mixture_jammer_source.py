@@ -17,9 +17,8 @@ class mixture_jammer_source(JammerSource):
     ----------
     scene : Scene
         Interference, frame length, programme (silent while timing is acquired) and seed.
-    overlap, sir_db : float
-        Override the scene's overlap (0..1) and total SIR from the next sweep on; overlap below 0 and SIR above 900
-        keep the scene's. Live.
+    overlap, sir_db : float, optional
+        Override the scene's overlap (0..1) and total SIR in dB from the next sweep on; None keeps the scene's. Live.
     frames : int
         Sweeps before the stream ends; 0 for endless.
 
@@ -28,10 +27,8 @@ class mixture_jammer_source(JammerSource):
     ``jam = radalt.mixture_jammer_source(load_scene("mixture"))``
     """
 
-    KEEP_SIR_DB = 999.0
-
     def __init__(
-        self, scene: Scene, overlap: float = -1.0, sir_db: float = KEEP_SIR_DB, frames: int = 0
+        self, scene: Scene, overlap: float | None = None, sir_db: float | None = None, frames: int = 0
     ) -> None:
         super().__init__(
             "radalt_mixture_jammer_source",
@@ -54,21 +51,18 @@ class mixture_jammer_source(JammerSource):
         self._strongest_db = self._scene.burst_db
         self._apply()
 
-    def set_overlap(self, overlap: float) -> None:
-        """Active fraction from the next sweep on; below 0 keeps the scene's."""
+    def set_overlap(self, overlap: float | None) -> None:
+        """Active fraction from the next sweep on; None keeps the scene's."""
         self._overlap = overlap
         self._apply()
 
-    def set_sir_db(self, sir_db: float) -> None:
-        """Total SIR from the next sweep on; above 900 keeps the scene's."""
+    def set_sir_db(self, sir_db: float | None) -> None:
+        """Total SIR in dB from the next sweep on; None keeps the scene's."""
         self._sir_db = sir_db
         self._apply()
 
     def _apply(self) -> None:
-        scene = self._scene.at(
-            overlap=None if self._overlap < 0 else self._overlap,
-            sir_db=None if self._sir_db > 900 else self._sir_db,
-        )
+        scene = self._scene.at(overlap=self._overlap, sir_db=self._sir_db)
         excess_db = scene.burst_db - self._strongest_db
         if excess_db > 0:
             scene = scene.at(sir_db=scene.sir_db + excess_db)

@@ -49,7 +49,7 @@ class nr_jammer_source(JammerSource):
         load: float = 1.0,
         overlap: float = 1.0,
         sir_db: float = -10.0,
-        start: float = -1.0,
+        start: float | None = None,
         free_running: bool = False,
         frames: int = 0,
     ) -> None:
@@ -61,7 +61,7 @@ class nr_jammer_source(JammerSource):
             load=load,
         )
         emitter.period(scene.waveform.rate_hz)  # generated here, not in the stream's first millisecond
-        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=None if start < 0 else start)
+        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=start)
         super().__init__(
             "radalt_nr_jammer_source", scene, [interferer], free_running=free_running, frames=frames
         )

@@ -33,8 +33,8 @@ class qpsk_jammer_source(JammerSource):
         Active fraction of the sweep, 0..1. Live.
     sir_db : float
         Signal-to-interference ratio over the window. Live.
-    start : float
-        Burst start as a fraction of the sweep; below 0 draws it anew every sweep.
+    start : float, optional
+        Burst start as a fraction of the sweep, 0..1; None draws it anew every sweep.
     free_running : bool
         Burst grid unrelated to the sweep.
     frames : int
@@ -54,12 +54,12 @@ class qpsk_jammer_source(JammerSource):
         rolloff: float = 0.25,
         overlap: float = 1.0,
         sir_db: float = -10.0,
-        start: float = -1.0,
+        start: float | None = None,
         free_running: bool = False,
         frames: int = 0,
     ) -> None:
         emitter = QpskEmitter(bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz, pulse=pulse, rolloff=rolloff)
-        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=None if start < 0 else start)
+        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=start)
         super().__init__(
             "radalt_qpsk_jammer_source", scene, [interferer], free_running=free_running, frames=frames
         )

@@ -10,7 +10,7 @@ from gnuradio import gr
 
 from ..core.channel.simulated import SimulatedChannel, TerrainPlayer
 from ..core.scene import Scene
-from ._frames import RX_TIME_KEY, gather_frames, time_tag
+from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
 
 __all__ = ["simulated_channel"]
@@ -21,7 +21,7 @@ class simulated_channel(gr.basic_block):
 
     ``y = D(x_radar) + D_j(x_jammer) + noise`` and the impairments of the scene's ``channel`` (`ChannelSettings`), each
     costing nothing while it is off. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD
-    sets it.
+    sets it. The source's tags ``radalt_altitude`` pass.
 
     Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``.
 
@@ -84,6 +84,8 @@ class simulated_channel(gr.basic_block):
             self._pieces.extend(self.channel.process(input_items[0][span], jammer))
             used += 1
             done = self._flush(out, done)
+        for tag in self.get_tags_in_window(0, 0, used * self._n, SENT_KEY):
+            self.add_item_tag(0, self.nitems_written(0), SENT_KEY, tag.value)  # the value names its sweep
         for port in range(len(input_items)):
             self.consume(port, used * self._n)
         return done

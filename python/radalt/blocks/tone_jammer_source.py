@@ -43,12 +43,12 @@ class tone_jammer_source(JammerSource):
         span_hz: float = 0.0,
         overlap: float = 1.0,
         sir_db: float = -10.0,
-        start: float = -1.0,
+        start: float | None = None,
         free_running: bool = False,
         frames: int = 0,
     ) -> None:
         emitter = ToneEmitter(count=count, frequencies_hz=tuple(frequencies_hz), span_hz=span_hz)
-        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=None if start < 0 else start)
+        interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=start)
         super().__init__(
             "radalt_tone_jammer_source", scene, [interferer], free_running=free_running, frames=frames
         )

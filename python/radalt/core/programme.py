@@ -5,15 +5,17 @@ Scheduled by frame index inside the blocks, never by sleeping or by callbacks, s
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-__all__ = ["Programme"]
+__all__ = ["Programme", "SentAltitudes"]
 
 _MOST_FRAMES = 2_000_000  # of a run; more trials are more points
 _FRAME_BYTES = 80  # of a method's result, and of the table
+_CHANGES = 1000  # altitudes set by hand that are remembered
 
 
 @dataclass(frozen=True)
@@ -147,3 +149,53 @@ class Programme:
             return None if rest.size == 0 else self.next_sync(first + int(rest[0]))
         length = np.nonzero(trial[first:])[0]
         return first, int(length[0]) if length.size else trial.size - first
+
+
+class SentAltitudes:
+    """Altitude of every sweep that is sent: the programme's, and those that are set by hand from the preamble's end on.
+
+    The last thousand changes are remembered. One thread may `set` while another reads.
+
+    Parameters
+    ----------
+    programme : Programme
+
+    Examples
+    --------
+    >>> sent = SentAltitudes(Programme(altitudes_m=(900.0,)))
+    >>> sent.set(0, 200.0)
+    >>> sent.at(0), sent.at(8)
+    ((0.0, 0.0), (200.0, 0.0))
+    """
+
+    def __init__(self, programme: Programme) -> None:
+        self.programme = programme
+        self._changes: deque[tuple[int, float | None]] = deque(maxlen=_CHANGES)
+
+    @property
+    def by_hand(self) -> bool:
+        """Whether an altitude was ever set by hand."""
+        return bool(self._changes)
+
+    def set(self, first_index: int, altitude_m: float | None) -> None:
+        """``altitude_m`` metres from sweep ``first_index`` on; None: the programme's again."""
+        self._changes.append((first_index, altitude_m))
+
+    def at(self, index: int) -> tuple[float, float]:
+        """Altitude in metres and range rate in m/s of one sweep; an altitude set by hand has no rate."""
+        if index >= self.programme.preamble_frames:
+            for first, altitude in reversed(list(self._changes)):
+                if first <= index:
+                    if altitude is not None:
+                        return altitude, 0.0
+                    break
+        return self.programme.at(index)
+
+    def altitude_m(self, index: np.ndarray) -> np.ndarray:
+        """Altitudes in metres of sweeps, any shape."""
+        index = np.asarray(index)
+        out = np.asarray(self.programme.altitude_m(index), dtype=float).copy()
+        for first, altitude in list(self._changes):  # a copy in one step: another thread may add to it
+            here = index >= max(first, self.programme.preamble_frames)
+            out[here] = self.programme.altitude_m(index[here]) if altitude is None else altitude
+        return out

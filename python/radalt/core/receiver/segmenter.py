@@ -122,12 +122,16 @@ class FrameSegmenter:
         False for an extended return, which matches no single delay: frames are then checked as without a programme,
         which still serves to find synchronisation sections.
 
+    `follow` names altitudes that were set by hand; they take precedence over the programme's.
+
     Attributes
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
         ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
+    lock_loss : str
+        What ended the last lock: sweep, altitude that was expected, altitude at which the sweep was seen; else empty.
     unverified_frames : int
         Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in
         frames that show the sweep; under interference that hides it, and with an extended return, it is not.
@@ -183,6 +187,7 @@ class FrameSegmenter:
         self._expected: dict[tuple[float, float], np.ndarray] = {}
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
+        self.lock_loss = ""
         self._strength = 0.0  # of the last sweep that was seen near where it was sent
         self.quality_db = float("nan")
         self.reset()
@@ -199,7 +204,7 @@ class FrameSegmenter:
         self._doubts: list[_Doubt] = []
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
-        """Altitude in metres and range rate in m/s of a sweep by its index: checks frames that have no programme."""
+        """Altitude in metres and range rate in m/s of a sweep by its index, where a person sets it."""
         self._sent_by_hand = sent
 
     @property
@@ -381,6 +386,7 @@ class FrameSegmenter:
         held = self._held
         held.append((frame, verdict))
         if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
+            self._note_loss(frame.index, seen)
             self._lose_lock(len(held))
             return True
         if verdict == "verified":
@@ -396,6 +402,13 @@ class FrameSegmenter:
             out.append(held.popleft()[0])
         return True
 
+    def _note_loss(self, index: int, seen: float) -> None:
+        """``seen`` is the delay in samples at which sweep ``index`` came in."""
+        sent = self._sent(index)
+        expected = "within the altitude span" if sent is None else f"at {sent[0]:g} m"
+        seen_m = seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0))
+        self.lock_loss = f"sweep {index} was expected {expected} and seen near {round(seen_m, -1):.0f} m"
+
     def _lose_lock(self, frames: int) -> None:
         self.counters["lock_losses"] += 1
         self.counters["unlocked_frames"] += frames
@@ -407,8 +420,10 @@ class FrameSegmenter:
 
     def _sent(self, index: int) -> tuple[float, float] | None:
         """Altitude and range rate of the point that a frame was sent for; None where that is not known."""
+        if self._sent_by_hand is not None and self.point_target:
+            return self._sent_by_hand(index)
         if self.programme is None:
-            return None if self._sent_by_hand is None or not self.point_target else self._sent_by_hand(index)
+            return None
         return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
 
     def _sent_delays(self, index: int) -> np.ndarray:
@@ -523,9 +538,16 @@ class FrameSegmenter:
 
     # -- lock lost ------------------------------------------------------------------------------------------------
 
+    @property
+    def next_sync(self) -> tuple[int, int] | None:
+        """First sweep and length of the next section in which timing can be taken; None if none is ahead."""
+        section = self.programme.next_sync(self._index - 2) if self.programme else None
+        # an altitude set by hand is sent all through; taken for zero it would be gone
+        return section if section is None or (self._sent(section[0]) or (0.0, 0.0))[0] == 0.0 else None
+
     def _wait_for_sync(self) -> bool:
         """Count frames at the old timing until a synchronisation section is certainly there, then locate."""
-        section = self.programme.next_sync(self._index - 2) if self.programme else None
+        section = self.next_sync
         count = self.settings.acquisition_frames
         # two frames of doubt either side of the section: the index itself may be off by what was lost
         if section is None or self._index != section[0] + 2:

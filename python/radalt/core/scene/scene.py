@@ -42,6 +42,7 @@ __all__ = [
 ]
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
+_MOST_SIR_DB = 200.0
 _MOST_ATTENUATION_DB = 150.0  # of a bench: beyond it nothing is left above the noise
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
@@ -429,14 +430,38 @@ def _interferer(item: Any, where: str) -> Interferer:
 
 
 def scene_from_parameters(
-    name: str | Path, overlap: float = -1.0, sir_db: float = 999.0, seed: int = -1
+    name: str | Path,
+    overlap: float | str | None = None,
+    sir_db: float | str | None = None,
+    seed: int | str | None = None,
 ) -> Scene:
-    """A scene as flowgraph parameters name it: overlap below 0, SIR above 900 and seed below 0 keep the scene's own."""
-    return load_scene(name).at(
-        overlap=None if overlap < 0 else overlap,
-        sir_db=None if sir_db > 900 else sir_db,
-        seed=None if seed < 0 else seed,
-    )
+    """A scene as flowgraph parameters name it: numbers, as such or as text; None or ``"scene"`` keeps the scene's own.
+
+    Raises
+    ------
+    SceneError
+        One line: parameter, value, what is allowed.
+    """
+    given = {"overlap": overlap, "sir_db": sir_db, "seed": seed}
+    changes: dict[str, Any] = {}
+    for key, value in given.items():
+        if value in (None, "scene"):
+            continue
+        try:
+            changes[key] = int(value) if key == "seed" else float(value)
+        except ValueError:
+            raise SceneError(
+                f"{key} is {shown(value)}; give a number, or scene for the scene's own"
+            ) from None
+    if not abs(changes.get("sir_db", 0.0)) <= _MOST_SIR_DB:
+        raise SceneError(
+            f"sir_db is {sir_db}; it has to be within -{_MOST_SIR_DB:g}..{_MOST_SIR_DB:g}, or scene for the scene's own"
+        )
+    scene = load_scene(name)
+    try:
+        return scene.at(**changes)
+    except ValueError as error:
+        raise SceneError(one_line(f"{name}: {error}")) from None
 
 
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:

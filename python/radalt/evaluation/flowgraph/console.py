@@ -28,7 +28,7 @@ def scores(top: Any, scene: Scene) -> str:
     for method in METHODS:
         altimeter = getattr(top, f"altimeter_{method}", None)
         if altimeter is not None:
-            s = score(altimeter.results(), scene.altitude.programme)
+            s = score(altimeter.results(), scene.altitude.programme, altimeter.truth_m())
             pd = f"{s.pd:6.3f}" if s.trials else f"{'-':>6}"
             lines.append(f"{method:<20}{pd}  {s.correct} of {s.trials}")
     status = top.frame_segmenter.status()

@@ -1,12 +1,14 @@
 """The companion's flowgraph as data: ``ota_b210.grc`` is the one flowgraph, all others are mechanical changes of it.
 
-For simulation its three UHD blocks, and the gates before its transmitters, are replaced by one simulated channel;
-blocks that the scene does not need are disabled. Nothing else is touched.
+For simulation its three UHD blocks, and the gates before its transmitters, are replaced by one simulated channel, what
+stands for radios alone goes with them, and nothing is dropped; blocks that the scene does not need are disabled.
+Nothing else is touched.
 """
 
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +37,8 @@ __all__ = [
 RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"
 CHANNEL = "simulated_channel"
 RADAR_GATE, JAMMER_GATE = "radar_gate", "jammer_gate"
+_RADIOS_ALONE = ("import_interlock", "import_levels", "set_up_radios", "transmit", "transmit_interlock")
+_DROP = "drop_when_slow"  # the parameter
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
 
 
@@ -51,9 +55,10 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 
 
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
-    """The same flowgraph with its UHD blocks replaced by one simulated channel; nothing else differs.
+    """The same flowgraph with its UHD blocks replaced by one simulated channel.
 
-    The transmit gates, which stand for nothing without a radio, go with them: what fed a gate feeds the channel.
+    Gates, interlock and set-up, which stand for nothing without a radio, go with them; what fed a gate feeds the
+    channel. Frames are never dropped: nothing is lost by waiting. Nothing else differs.
 
     Parameters
     ----------
@@ -71,17 +76,56 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
         raise FlowgraphError(
             f"flowgraph {data['options']['parameters']['id']} has no block {sorted(missing)[0]}"
         )
-    data["options"]["parameters"]["id"] = name
+    options = data["options"]["parameters"]
+    options["id"] = name
+    for texts, key in [
+        (options, "title"),
+        (options, "description"),
+        *((block["parameters"], "comment") for block in data["blocks"]),
+    ]:
+        texts[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], texts.get(key, ""))
     channel = {
         "name": CHANNEL,
         "id": "radalt_simulated_channel",
         "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
         "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
     }
+    _lay_out(blocks, channel)
     data = _without_gates(data)
-    data["blocks"] = [block for block in data["blocks"] if block["name"] not in _UHD_BLOCKS] + [channel]
+    gone = {*_UHD_BLOCKS, *_RADIOS_ALONE}
+    data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + [channel]
+    for block in data["blocks"]:
+        if block["name"] == _DROP:
+            block["parameters"]["value"] = "0"
+        elif realtime and "own_process" in block["parameters"]:
+            block["parameters"]["own_process"] = "True"  # a radio's flowgraph has it where it drops
     data["connections"] = [_rewired(connection) for connection in data["connections"]]
     return data
+
+
+def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
+    """The channel where the gates stood, and the receiver in line with it unless it has controls beside it."""
+    gates = [blocks[name]["states"]["coordinate"] for name in (RADAR_GATE, JAMMER_GATE) if name in blocks]
+    if not gates or "frame_segmenter" not in blocks:
+        return
+    top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
+    channel["states"]["coordinate"] = [gates[0][0] + 16, top]
+    if "reacquire" in blocks:
+        return
+    receiver = blocks["frame_segmenter"]["states"]["coordinate"]
+    receiver[1] = top + 8  # its input beside the channel's output
+    if {"note_receive", "note_transmit"} <= blocks.keys():
+        line = blocks["note_transmit"]["states"]["coordinate"][1]
+        blocks["note_receive"]["states"]["coordinate"] = [receiver[0] - 64, line]
+
+
+_SIMULATED_WORDS = {
+    "Radar on one B210, jammer on the other": "Radar and jammer",
+    "two B210s": "simulated channel",
+    "Two B210s": "Simulated channel",
+    "Radar B210 and jammer B210 over the air": "Radar and jammer in the simulated channel",
+}
+_AIR_WORDS = re.compile("|".join(_SIMULATED_WORDS))
 
 
 def _without_gates(data: dict[str, Any]) -> dict[str, Any]:

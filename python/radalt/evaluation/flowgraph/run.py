@@ -16,7 +16,7 @@ from ...core.scene import Scene, scene_to_mapping
 from .generate import Prepared, prepare
 from .plan import left_out
 from .rewrite import CHANNEL
-from .watch import run_to_end
+from .watch import blocks_of, run_to_end
 
 __all__ = [
     "PointResult",
@@ -98,6 +98,8 @@ def run_point(
         Whatever a block's ``work`` raised, as it was.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
+    for block in blocks_of(top).values():
+        block.logger.set_level("error")  # what is lost is in the rows; a study's console has its progress
     recorder = None
     if capture:
         from .recorder import attach_recorder

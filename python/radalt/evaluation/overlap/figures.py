@@ -1,12 +1,16 @@
 """Figures of over-the-air runs; matplotlib is imported when one is drawn.
 
 Colours are Okabe and Ito's, distinguishable with any colour vision; marker, filling and line style tell the
-methods apart in grey as well.
+methods apart in grey as well. Every figure is written as PNG, PDF and SVG; in the SVG a point says its values when the
+mouse is over it.
 """
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +19,7 @@ import numpy as np
 from ...core.mitigation import METHODS, PlotStyle
 from ..results.score import CORRECT_LIMIT_M
 
-__all__ = ["draw_error", "draw_pd", "panels", "series_style"]
+__all__ = ["draw_error", "draw_pd", "draw_wrong", "panels", "series_style"]
 
 # for methods without a style of their own
 _RESERVE = (
@@ -117,7 +121,9 @@ def draw_pd(
             pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
             error = np.clip([pd - low, high - pd], 0, None)
             x = _values(of, against) + _dodge(mine, against, k, len(series))
-            _plot(axis, x, pd, error, k, series_style(name, series))
+            style = series_style(name, series)
+            _plot(axis, x, pd, error, k, style)
+            _say(axis, x, pd, style, of, against, _pd_words)
         axis.set_title(heading, fontsize=10)
         axis.set_ylim(-0.04, 1.04)
     label = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
@@ -154,10 +160,63 @@ def draw_error(
             of = _sorted(mine, name, against)
             error = np.array([_number(r["rmse_forced_m"]) for r in of])
             x = _values(of, against) + _dodge(mine, against, k, len(series))
-            _plot(axis, x, error, None, k, series_style(name, series))
+            style = series_style(name, series)
+            _plot(axis, x, error, None, k, style)
+            _say(axis, x, error, style, of, against, _error_words)
         axis.set_title(heading, fontsize=10)
         axis.set_yscale("log")
     return _finish(figure, axes, path, f"{title}\nall trials, detected or not", "RMSE, forced decision / m")
+
+
+def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Path:
+    """Rate of altitudes declared and 5 m off or more, its bar the 95 % upper bound; axes as in `draw_pd`."""
+    split = panels(rows, against)
+    figure, axes = _grid(len(split), against)
+    series = _series(rows)
+    top = max((_number(r["wrong_bound"]) for _, mine in split for r in mine), default=1.0)
+    for axis, (heading, mine) in zip(axes, split, strict=True):
+        for k, name in enumerate(series):
+            of = _sorted(mine, name, against)
+            rate = np.array([(r["detections"] - r["correct"]) / max(r["trials"], 1) for r in of])
+            above = np.array([_number(r["wrong_bound"]) for r in of]) - rate
+            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            style = series_style(name, series)
+            _plot(axis, x, rate, [np.zeros_like(rate), np.clip(above, 0, None)], k, style)
+            _say(axis, x, rate, style, of, against, _wrong_words)
+        axis.set_title(heading, fontsize=10)
+        axis.set_ylim(-0.04 * top, 1.04 * top)
+    note = f"declared and {CORRECT_LIMIT_M:g} m off or more; bars: 95 % upper bound (Clopper and Pearson)"
+    return _finish(figure, axes, path, f"{title}\n{note}", "rate of wrong altitudes, per trial")
+
+
+def _pd_words(row: dict[str, Any]) -> str:
+    return f"Pd {row['pd']:.3f} ({row['pd_low']:.3f} to {row['pd_high']:.3f}), {row['correct']} of {row['trials']}"
+
+
+def _error_words(row: dict[str, Any]) -> str:
+    return f"RMSE {_number(row['rmse_forced_m']):.3g} m over {row['forced']} forced decisions"
+
+
+def _wrong_words(row: dict[str, Any]) -> str:
+    wrong = row["detections"] - row["correct"]
+    return f"{wrong} wrong of {row['trials']}, rate at most {_number(row['wrong_bound']):.4f}"
+
+
+def _say(
+    axis: Any,
+    x: np.ndarray,
+    y: np.ndarray,
+    style: dict[str, Any],
+    rows: Sequence[dict[str, Any]],
+    against: str,
+    words: Any,
+) -> None:
+    """Keep for `_finish` what a point says in the SVG."""
+    unit = " dB" if against == "sir_db" else ""
+    name = "SIR" if against == "sir_db" else "overlap"
+    texts = [f"{style['label']}\n{name} {r[against]:g}{unit}: {words(r)}" for r in rows]
+    said = getattr(axis.figure, "radalt_said", [])
+    axis.figure.radalt_said = said + list(zip([axis] * len(texts), x, y, texts, strict=True))
 
 
 def _series(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -241,5 +300,29 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str, ylabel: st
         handlelength=3.4,
     )
     figure.suptitle(title, fontsize=9)
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    _save(figure, path)
     return path
+
+
+def _save(figure: Any, path: Path) -> None:
+    """PNG and PDF, then the SVG with what its points say: without dates, the same bytes for the same rows."""
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6}):
+        figure.savefig(path, metadata={"Software": "gr-radalt"})
+        figure.set_layout_engine("none")  # it is laid out now
+        figure.savefig(path.with_suffix(".pdf"), metadata={"Creator": "gr-radalt", "CreationDate": None})
+        texts = []
+        for axis, x, y, text in getattr(figure, "radalt_said", []):
+            if np.isfinite(x) and np.isfinite(y):
+                # seen by the mouse alone
+                axis.plot([x], [y], "o", ms=9, alpha=0.0, gid=f"say{len(texts)}", scalex=False, scaley=False)
+                texts.append(text)
+        svg = io.StringIO()
+        figure.savefig(svg, format="svg", metadata={"Creator": "gr-radalt", "Date": None})
+    drawn = re.sub(
+        r'<g id="say(\d+)">',
+        lambda found: f"{found[0]}<title>{escape(texts[int(found[1])])}</title>",
+        svg.getvalue(),
+    )
+    path.with_suffix(".svg").write_text(drawn, encoding="utf-8")

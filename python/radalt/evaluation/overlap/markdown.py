@@ -13,7 +13,7 @@ from ..results.score import pool
 from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .figures import panels
 
-__all__ = ["pd_tables", "report_markdown", "spread", "tracked_table"]
+__all__ = ["glance", "pd_tables", "report_markdown", "spread", "summary", "tracked_table"]
 
 
 def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
@@ -22,7 +22,7 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
     tables = {
         "pd_tables": "\n\n".join(pd_tables(rows)),
         "error_tables": "\n\n".join(_error_tables(rows)),
-        "glance": _glance(rows),
+        "glance": table(*glance(rows)),
         "ceiling_table": _ceiling(report),
         "method_table": _methods(report),
         "break_points": _break_points(report),
@@ -30,12 +30,13 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
     }
     # the segmenter's counters are the same for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
-    values = report | tables | {"figures": figures, "frames_lost": lost, "summary": _summary(report)}
+    values = report | tables | {"figures": figures, "frames_lost": lost, "summary": summary(report)}
     values["precise"] = _precision(report)
     return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
-def _summary(report: dict[str, Any]) -> str:
+def summary(report: dict[str, Any]) -> str:
+    """What was measured, in a paragraph."""
     altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
     heights = altitude["programme_m"]
     batch = " per batch" if report["run"]["precision"] else ""
@@ -58,8 +59,8 @@ def _error_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
     return _by_panel(rows, lambda row: f"{metres(row['rmse_detected_m'])} / {metres(row['rmse_forced_m'])}")
 
 
-def _glance(rows: Sequence[dict[str, Any]]) -> str:
-    """Per method, with interference, over all overlaps of a panel: Pd, and the rate of wrong and valid altitudes."""
+def glance(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Header and lines: Pd and rate of wrong and valid altitudes per method, over all overlaps of a panel above 0."""
     split = panels([r for r in rows if r["overlap"] > 0] or rows)
     lines = []
     for method in dict.fromkeys(r["method"] for r in rows):
@@ -70,7 +71,7 @@ def _glance(rows: Sequence[dict[str, Any]]) -> str:
             cells += [number(total.pd, 3), f"{wrong:.4f}", f"{total.wrong_bound:.4f}"]
         lines.append([method, *cells])
     header = [f"{name}, {title}" for title, _ in split for name in ("Pd", "wrong", "bound")]
-    return table(["method", *header], lines)
+    return ["method", *header], lines
 
 
 def tracked_table(rows: Sequence[dict[str, Any]]) -> str:

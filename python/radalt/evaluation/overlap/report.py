@@ -15,7 +15,8 @@ from ...core.scene import Scene
 from ..engine.study import Run
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
-from .figures import draw_error, draw_pd
+from .figures import draw_error, draw_pd, draw_wrong
+from .html import report_html
 from .markdown import report_markdown, spread
 
 if TYPE_CHECKING:
@@ -58,6 +59,9 @@ def write_report(
     figures = _draw(report, folder.path)
     report["figures"] = [name for name, _ in figures]
     page = folder.write_text("report.md", report_markdown(report, figures))
+    drawn = [(folder.path / name).with_suffix(".svg").read_text(encoding="utf-8") for name, _ in figures]
+    captions = [caption for _, caption in figures]
+    folder.write_text("report.html", report_html(report, list(zip(drawn, captions, strict=True)), text))
     folder.write_report(report)
     return page
 
@@ -77,9 +81,14 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
                 f"rmse_vs_{name}.png",
                 f"Root mean square error of the forced decision against {_NAMES[against]}",
             ),
+            (
+                f"wrong_vs_{name}.png",
+                f"Rate of wrong altitudes that were called valid against {_NAMES[against]}",
+            ),
         ]
-        draw_pd(rows, path / figures[-2][0], title=title, ceiling=ceiling, against=against)
-        draw_error(rows, path / figures[-1][0], title=title, bounds_m=bounds, against=against)
+        draw_pd(rows, path / figures[-3][0], title=title, ceiling=ceiling, against=against)
+        draw_error(rows, path / figures[-2][0], title=title, bounds_m=bounds, against=against)
+        draw_wrong(rows, path / figures[-1][0], title=title, against=against)
     return figures
 
 

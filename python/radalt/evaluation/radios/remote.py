@@ -77,8 +77,9 @@ def drive_remotely(
     if not sim:
         require_enclosure(scene, transmit)
     _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
-    options = {"telemetry": telemetry, "control": control, "transmit": int(transmit)}
-    options |= {"network": int(network), "keep_alive_s": keep_alive_s, "drop_when_slow": 1}
+    options = {"telemetry": telemetry, "control": control, "drop_when_slow": int(not sim)}
+    options |= {"network": int(network), "keep_alive_s": keep_alive_s}
+    options |= {} if sim else {"transmit": int(transmit)}
     top = make_top(prepared, scene, **options)
     try:
         if not sim:

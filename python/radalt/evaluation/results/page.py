@@ -1,4 +1,4 @@
-"""Pages from templates: the prose of a report lies in a ``.md.j2`` file beside the study's code."""
+"""Pages from templates: the prose of a report lies in a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def render(template: Path, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # Markdown, from our own values
+        autoescape=template.name.endswith(".html.j2"),  # Markdown is made of our own values
     )
     functions = {name: getattr(tables, name) for name in tables.__all__}
     return environment.get_template(template.name).render(**functions, **values)

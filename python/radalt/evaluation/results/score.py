@@ -163,7 +163,7 @@ def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> 
     )
 
 
-def score(results: np.ndarray, programme: Programme) -> Score:
+def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None) -> Score:
     """Judge one method's results against the programme.
 
     Parameters
@@ -173,12 +173,15 @@ def score(results: np.ndarray, programme: Programme) -> Score:
         frame index that occurs twice only the first.
     programme : Programme
         Which altitude was flown in which frame.
+    truth_m : (n,) metres, optional
+        What was flown instead, where altitudes were set by hand.
     """
-    results = results[programme.is_trial(results["frame_index"])]
-    _, first = np.unique(results["frame_index"], return_index=True)
-    results = results[first]
-    truth = programme.altitude_m(results["frame_index"])
-    return score_frames(results, truth, lost=programme.trial_frames - len(results))
+    if truth_m is None:
+        truth_m = programme.altitude_m(results["frame_index"])
+    trials = np.flatnonzero(programme.is_trial(results["frame_index"]))
+    _, first = np.unique(results["frame_index"][trials], return_index=True)
+    counted = trials[first]
+    return score_frames(results[counted], truth_m[counted], lost=programme.trial_frames - len(counted))
 
 
 def pool(rows: Sequence[dict[str, Any]]) -> Score:

@@ -1,0 +1,169 @@
+"""The live view's window: its size, its marks, and the status line; the flowgraph's snippet calls `dress`."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...core.scene import Scene
+from ..results.score import score_frames
+
+__all__ = ["StatusLine", "dress"]
+
+SIZE = (1600, 950)  # of the window, unless the screen is smaller or a size was kept from the last time
+_EVERY_MS = 500
+_LEAST_PLOT = (220, 140)
+_SPEED_S = 3.0  # span over which the real-time factor is taken
+_FEW = 0.1  # of a second's frames with an altitude: fewer is nothing measured (false alarms alone are a hundredth)
+_TITLES = {"altimeter_none": "None", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
+# altitude chart: (line, marker), Qwt's numbers: an ellipse, a cross and an x for what is measured, no line between them
+_MARKS = ((1, 0), (2, 8), (3, 9))
+
+
+class StatusLine:
+    """What the live view measures now, as rich text of three lines.
+
+    Parameters
+    ----------
+    top : object
+        The live flowgraph; its blocks are found by name.
+    scene : Scene
+    clock : callable
+        Seconds, for the real-time factor.
+    """
+
+    def __init__(self, top: Any, scene: Scene, clock: Callable[[], float] = time.monotonic) -> None:
+        self._top, self._clock = top, clock
+        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames of one
+        self._rate = scene.waveform.rate_hz
+        self._jammer = ", ".join(i.emitter.label.replace("_", " ") for i in scene.interference)
+        self._seen: deque[tuple[float, int]] = deque()  # time, sample counter
+
+    def text(self) -> str:
+        """The status now."""
+        segmenter = self._top.frame_segmenter.status()
+        lines = (
+            [self._altitude(segmenter), self._timing(segmenter)],
+            self._scores(segmenter),
+            [f"sent: {self._sent()}", self._losses(segmenter), self._speed()],
+        )
+        return "<big>" + "<br>".join(" &nbsp;|&nbsp; ".join(parts) for parts in lines) + "</big>"
+
+    def _altitude(self, segmenter: dict[str, Any]) -> str:
+        """The tracker's altitude behind the chosen method, with its protection level and status."""
+        line = self._top.altimeter_selected.line if segmenter["locked"] else "FAILURE (no timing)"
+        return _loud(line.replace("+/-", "±"), good=line.startswith("NORMAL"))
+
+    @staticmethod
+    def _timing(segmenter: dict[str, Any]) -> str:
+        if segmenter["state"] == "lost":
+            return _loud("timing LOST, no frames: press Reacquire timing", good=False)
+        if not segmenter["locked"]:
+            return _loud("no timing yet, no frames: looking for the sweep at altitude zero", good=False)
+        return "timing locked" + (
+            ", checked" if segmenter["timing_verified"] else ", but the sweep is hidden"
+        )
+
+    def _scores(self, segmenter: dict[str, Any]) -> list[str]:
+        """Each altimeter's last second of frames, and which of them measure nothing."""
+        out, blind = [], []
+        for name, title in _TITLES.items():
+            results, truth_m = getattr(self._top, name).latest(self._second)
+            if name == "altimeter_selected":
+                title = f"Chosen, {self._top.method}:"
+            if not (segmenter["locked"] and len(results)):
+                out.append(f"{title} -")
+                continue
+            score = score_frames(results, truth_m)
+            out.append(f"{title} <b>{score.pd:.2f}</b> ({score.wrong})")
+            if np.count_nonzero(results["valid"]) < _FEW * len(results):
+                blind.append(title.partition(",")[0])
+        parts = ["Pd (false altitudes) in the last second: " + ", ".join(out)]
+        return [*parts, _loud("nothing measured: " + ", ".join(blind), good=False)] if blind else parts
+
+    def _sent(self) -> str:
+        top = self._top
+        gate = getattr(top, "radar_gate", None)
+        why = None if gate is None else gate.gate.why_closed
+        if why is not None:
+            return _loud(f"nothing: {why}", good=False)
+        if not top.tx_enable:
+            return _loud("nothing (Transmit: Off)", good=False)
+        radar = f"radar at {top.altitude_m:g} m"
+        if top.tx_enable < 2 or not self._jammer or not top.overlap:
+            return f"{radar}, no jammer"
+        return f"{radar}, {self._jammer} at SIR {top.sir_db:g} dB, overlap {top.overlap:g}"
+
+    @staticmethod
+    def _losses(segmenter: dict[str, Any]) -> str:
+        lost, dropped = segmenter["lost_samples"], segmenter["dropped_slow"]
+        text = f"lost: {lost} samples, {dropped} frames (slow)"
+        return _loud(text, good=False) if lost or dropped else text
+
+    def _speed(self) -> str:
+        now, counter = self._clock(), self._top.frame_segmenter.segmenter.sample_counter
+        self._seen.append((now, counter))
+        while len(self._seen) > 2 and now - self._seen[0][0] > _SPEED_S:
+            self._seen.popleft()
+        elapsed = now - self._seen[0][0]
+        if elapsed <= 0:
+            return "speed -"
+        return f"{(counter - self._seen[0][1]) / self._rate / elapsed:.2f} of real time"
+
+
+def _loud(text: str, *, good: bool) -> str:
+    """Bold, dark green or dark red; the words say it too."""
+    return f'<b style="color:{"#005a2b" if good else "#a00000"}">{text}</b>'
+
+
+def dress(top: Any, scene: Scene) -> None:
+    """Size of the window, marks of the altitude chart, and the status line twice per second.
+
+    Parameters
+    ----------
+    top : object
+        The live flowgraph, made and not yet started.
+    scene : Scene
+    """
+    from PyQt5 import Qt
+
+    if top.settings.value("geometry") is None:
+        room = Qt.QApplication.primaryScreen().availableGeometry()
+        top.resize(min(SIZE[0], round(0.95 * room.width())), min(SIZE[1], round(0.92 * room.height())))
+    for line, marker in _MARKS:
+        top.altitude_chart.set_line_style(line, 0)
+        top.altitude_chart.set_line_marker(line, marker)
+    for widget in top.findChildren(Qt.QWidget):
+        if widget.property("plainText") in (
+            "Min Hold",
+            "Max Hold",
+        ):  # of every vector sink; nothing here holds
+            widget.hide()
+    _make_room(top, Qt)
+    status = StatusLine(top, scene)
+    top.status_timer = Qt.QTimer()
+    top.status_timer.timeout.connect(lambda: top.set_status(status.text()))
+    top.status_timer.start(_EVERY_MS)
+
+
+def _make_room(top: Any, qt: Any) -> None:
+    """The status in a label that wraps, instead of a tool bar, which hides what is too wide; plots that may shrink."""
+    grid = top.top_grid_layout
+    bar = top._status_tool_bar
+    row, column, rows, columns = grid.getItemPosition(grid.indexOf(bar))
+    bar.hide()
+    top._status_label = label = qt.QLabel(top.status)
+    label.setWordWrap(True)
+    label.setSizePolicy(qt.QSizePolicy.Ignored, qt.QSizePolicy.Preferred)
+    grid.addWidget(label, row, column, rows, columns)
+    for name in ("spectrum", "waterfall_before", "waterfall_after", "profile_chart", "altitude_chart"):
+        window = getattr(top, f"_{name}_win")
+        # they take what is left: with a label that wraps the window would be as high as they like to be
+        window.setSizePolicy(qt.QSizePolicy.Ignored, qt.QSizePolicy.Ignored)
+        for widget in (window, *window.findChildren(qt.QWidget)):
+            if widget is window or widget.metaObject().className().endswith("Plot"):
+                widget.setMinimumSize(*_LEAST_PLOT)
