@@ -1,8 +1,6 @@
-"""Remove the files that the last `cmake --install` wrote, and this module's own folders with them.
+"""Remove the files that the last `cmake --install` wrote, and this module's own folders with them."""
 
-usage: uninstall.py install_manifest.txt
-"""
-
+import argparse
 import shutil
 import sys
 from pathlib import Path
@@ -23,7 +21,9 @@ def uninstall(manifest: Path) -> int:
 
 
 if __name__ == "__main__":
-    manifest_path = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("manifest", type=Path, help="install_manifest.txt of the build folder")
+    manifest_path = parser.parse_args().manifest
     if not manifest_path.is_file():
         sys.exit(f"{manifest_path}: not there, so nothing was installed from this build folder")
     print(f"removed {uninstall(manifest_path)} files")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Spectrogram gallery of the interference of every shipped scene: docs/interference_gallery.png.
 
-.venv/bin/python flowgraphs/gallery.py [--out docs/interference_gallery.png] [--seed 1]
+.venv/bin/python flowgraphs/gallery.py --out docs/interference_gallery.png --seed 1
 """
 
 from __future__ import annotations

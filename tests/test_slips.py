@@ -1,6 +1,6 @@
 """Losses of samples that nobody marks: no altitude may be wrong in silence, whatever the programme.
 
-More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 python -m pytest tests/test_slips.py``.
+More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 .venv/bin/python -m pytest tests/test_slips.py``.
 """
 
 import os
