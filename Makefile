@@ -6,6 +6,7 @@ PREFIX        ?= /usr/local
 FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
 WORKERS       ?= $(shell nproc)
 ARGS          ?=
+PACKAGES      ?= yes
 
 VENV       := .venv
 PYTHON     := $(VENV)/bin/python
@@ -16,7 +17,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot setup setup-test train ctest install uninstall deb clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -72,9 +73,19 @@ ctest: $(VENV)/.test ## the tests through CMake
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@ctest --test-dir build --output-on-failure $(ARGS)
 
-install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root)
+install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root), PACKAGES=no: without Python packages
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@cmake --install build
+	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.txt to $(PREFIX)/lib/gr-radalt" && \
+	  "$(SYSTEM_PYTHON)" -m venv --system-site-packages "$(PREFIX)/lib/gr-radalt" && \
+	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install -r requirements.txt; }
+	@echo 'gr-radalt: "$(PREFIX)/bin/radalt" lists the commands; below an unusual prefix: eval "$$($(PREFIX)/bin/radalt env)"'
+
+uninstall: ## remove what the last install wrote
+	@"$(SYSTEM_PYTHON)" cmake/uninstall.py build/install_manifest.txt
+
+deb: $(STAMPS)/debian ## a package for this Debian, build/gr-radalt_VERSION_ARCHITECTURE.deb
+	@"$(SYSTEM_PYTHON)" packaging/make_deb.py build
 
 clean: ## remove what was built; the environments stay
 	rm -rf build .pytest_cache .ruff_cache

@@ -29,15 +29,19 @@ except ImportError as _error:
     raise SystemExit(2) from None
 
 
-@command("collect")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
+def _parser() -> Parser:
     parser = Parser("collect", __doc__)
     parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
     parser.add_argument(
         "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
     )
-    args = parser.parse_args(argv)
+    return parser
+
+
+@command("collect")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
+    args = _parser().parse_args(argv)
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
     try:
         report, notes = collect(args.folders, out)

@@ -82,7 +82,9 @@ def _check_python() -> str | None:
             if importlib.util.find_spec(name) is None
         ]
         if missing:
-            return f"{sys.executable} lacks {', '.join(missing)}; run 'make eval', which installs requirements.txt"
+            from gnuradio.radalt.core.paths import remedy
+
+            return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
         from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
         from gnuradio.radalt.core import scene  # noqa: F401

@@ -33,7 +33,7 @@ SIZE = (1680, 1000)
 FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add(
@@ -72,6 +72,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=600.0,
         help="give up after this long (default: %(default)g)",
     )
+    return parser
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = _parser()
     args = parser.parse_args(argv)
     if not args.method.isidentifier():  # it is written into the flowgraph as source
         parser.error(f"--method is {args.method!r}; name one of the chooser's methods")

@@ -31,6 +31,7 @@ __all__ = [
     "number",
     "options_of",
     "path",
+    "typed",
 ]
 
 MAX_JOBS = 256
@@ -130,13 +131,20 @@ class Options:
     publish: Path | None = None
 
 
+def typed(program: str) -> str:
+    """What a user types to run a program: ``radalt eval`` where that was typed, else its script."""
+    called = sys.argv[0]  # see evaluation/programs.py
+    return called if called.startswith("radalt ") else f".venv/bin/python flowgraphs/{program}.py"
+
+
 class Parser(argparse.ArgumentParser):
     """Description from a module's docstring; errors in one line, without the usage text."""
 
     def __init__(self, program: str, doc: str) -> None:
         summary, _, details = doc.partition("\n\n")
+        self.program = program
         super().__init__(
-            prog=program,
+            prog=typed(program),
             description=summary,
             epilog=details,
             formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -144,7 +152,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
-        complain(self.prog, f"{message}; --help lists the options")
+        complain(self.program, f"{message}; --help lists the options")
         sys.exit(2)
 
 
@@ -221,9 +229,9 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
 _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
 
 
-def command_of(args: argparse.Namespace, parser: argparse.ArgumentParser) -> str:
+def command_of(args: argparse.Namespace, parser: Parser) -> str:
     """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
-    words = [f".venv/bin/python flowgraphs/{parser.prog}.py"]
+    words = [typed(parser.program)]
     for name, value in vars(args).items():
         if name in _NO_ROW or value == parser.get_default(name):
             continue
