@@ -1,6 +1,7 @@
 """The sweep engine with a study small enough to see through: coins with a known probability."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -202,13 +203,19 @@ def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, ex
     assert caught.value.code == 2 and expected in err and err.count("\n") == 1
 
 
-def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
+@pytest.mark.parametrize(
+    ("sent", "status", "said"), [(signal.SIGINT, 130, "stopped"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sent, status, said):
     code = (
         f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
         "from test_engine import Coins, Options, command, Path\n"
+        "from radalt.evaluation.engine.options import terminable\n"
         "if __name__ == '__main__':\n"
-        f"    options = Options(Path({str(tmp_path / 'run')!r}), jobs=1)\n"
-        "    sys.exit(command.main(Coins(pause_s=5.0), options, program='coins', dry_run=False))\n"
+        f"    options = Options(Path({str(tmp_path / 'run')!r}), jobs=1, resume='--resume' in sys.argv)\n"
+        "    coins = Coins(pause_s=0.0 if options.resume else 5.0)\n"
+        "    with terminable():\n"
+        "        sys.exit(command.main(coins, options, program='coins', dry_run=False))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
@@ -216,11 +223,26 @@ def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
     while not (tmp_path / "run" / "run.json").exists():
         time.sleep(0.05)
     time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
+    # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
+    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
     _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == status
+    assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
+    printed = shlex.split(err.partition("go on with: ")[2])
+    done = subprocess.run(printed, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
+
+
+def test_a_run_stopped_before_it_began_prints_no_command(tmp_path, capsys):
+    def study():
+        raise KeyboardInterrupt
+
+    options = Options(tmp_path / "run")
+    assert command.main(study, options, program="coins", dry_run=False) == 130
+    assert capsys.readouterr().err.strip() == "coins: stopped"
 
 
 def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):

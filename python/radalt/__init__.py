@@ -12,7 +12,7 @@ import importlib
 import sys
 from pathlib import Path
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _FOLDER = Path("lib/gr-radalt/lib", "python{}.{}".format(*sys.version_info), "site-packages")
 for _prefix in Path(__file__).resolve().parents:

@@ -6,11 +6,14 @@ Nothing here needs NumPy, so that a wrong Python gets one line, too.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -22,6 +25,7 @@ __all__ = [
     "MAX_SEED",
     "Options",
     "Parser",
+    "Terminated",
     "add_options",
     "command",
     "command_of",
@@ -73,8 +77,31 @@ def path(text: str) -> Path:
     return Path(text)
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as a batch system sends it: it ends a program as Ctrl-C does, with status 143."""
+
+
+@contextlib.contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM raises `Terminated` in this block; where somebody else handles it, or in a thread, nothing changes."""
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(number: int, frame: object) -> NoReturn:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the second would cut what the first puts in order
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """A ``main`` whose refusals are one line and status 2, and Ctrl-C 130, imports included.
+    """A ``main`` whose refusals are one line and status 2, Ctrl-C 130 and SIGTERM 143, imports included.
 
     Caught is what this package and what it stands on raise for wrong input and failing machines; others keep their
     traceback. With ``RADALT_TRACEBACK`` in the environment all do.
@@ -84,10 +111,14 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         @functools.wraps(main)
         def guarded(*args: object, **options: object) -> int:
             try:
-                return main(*args, **options)
+                with terminable():
+                    return main(*args, **options)
             except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
                 complain(program, error)
                 return 2
+            except Terminated:
+                complain(program, "terminated")
+                return 143
             except KeyboardInterrupt:
                 complain(program, "stopped")
                 return 130
