@@ -18,13 +18,22 @@ from radalt.evaluation.engine import command
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
 from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.precision import half_width
-from radalt.evaluation.engine.run import head_of, run
+from radalt.evaluation.engine.run import estimate, head_of, run
 from radalt.evaluation.engine.study import Point, Study
 from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
 pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(autouse=True)
+def idle(monkeypatch):
+    """A machine of two cores that computes nothing else."""
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+
+
 WHOLE = frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
 
 
@@ -173,6 +182,15 @@ def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
     assert command.main(study, Options(tmp_path / "run", jobs=2), program="coins", dry_run=True) == 0
     assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 60 s -> {tmp_path / 'run'}\n"
     assert not (tmp_path / "run").exists()
+
+
+def test_an_estimate_counts_what_else_the_machine_computes(tmp_path, monkeypatch):
+    """Six others on two cores leave two workers a quarter of the time they want."""
+    study = Coins(pause_s=30.0)
+    alone = estimate(study, study.points(), 2)
+    monkeypatch.setattr(os, "getloadavg", lambda: (6.0, 6.0, 6.0))
+    assert estimate(study, study.points(), 2) == pytest.approx(4 * alone)
+    assert estimate(study, study.points(), 2, here=False) == pytest.approx(2 * alone)  # one core's time
 
 
 def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
