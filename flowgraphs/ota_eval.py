@@ -165,7 +165,7 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _print_pd(out: Path) -> None:
-    """The result in the terminal: Pd and wrong altitudes by overlap and method, a block a panel."""
+    """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
     from gnuradio.radalt.evaluation.overlap.figures import panels
     from gnuradio.radalt.evaluation.results.folder import read_report
 

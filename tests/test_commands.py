@@ -16,7 +16,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
 PROGRAMS = sorted(p for p in ROOT.glob("flowgraphs/*.py") if not p.name.startswith("_"))
-SOURCES = [*PROGRAMS, *ROOT.glob("training/*.py"), *ROOT.glob("tools/*.py"), *ROOT.glob("tests/*.py")]
+FOLDERS = ("training", "tools", "packaging", "examples", "tests")
+SOURCES = [*PROGRAMS, *(file for folder in FOLDERS for file in ROOT.glob(f"{folder}/*.py"))]
 COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )*(?:\S*bin/python3?|python3?|make|\./\S+|tools/\S+\.sh) \S.*")
 # Those that stop by themselves before they measure; of all others only the options are read.
 STOP = {"ota_eval": "--plan"} | dict.fromkeys(
@@ -71,7 +72,17 @@ def options_alone(monkeypatch):
 def desk(tmp_path_factory):
     """A folder like the source tree, with the files that pages call the reader's own."""
     folder = tmp_path_factory.mktemp("desk")
-    for name in ("flowgraphs", "models", "training", "tools", "python", "docs", ".venv"):
+    for name in (
+        "flowgraphs",
+        "models",
+        "training",
+        "tools",
+        "python",
+        "docs",
+        "examples",
+        "packaging",
+        ".venv",
+    ):
         (folder / name).symlink_to(ROOT / name)
     landing = ROOT / "flowgraphs/landing"
     for name, like in {
@@ -95,6 +106,8 @@ def desk(tmp_path_factory):
         if file.name != "study.yaml":
             shutil.copy(file, folder)
     (folder / "my.yaml").write_text("name: my\n")
+    reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
+    (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])
     (folder / "my_bench.yaml").write_text(
         "radio: {radar_serial: 30AAAAA, jammer_serial: 30BBBBB, enclosure: cabled, attenuation_db: 60}\n"
     )
@@ -145,9 +158,8 @@ def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys)
     if stop and not others:
         ends = "--check" in arguments or stop in arguments
         options = arguments if ends else [*arguments, stop]
-        options = [
-            o for o in options if o not in ("--resume", "--calibrate")
-        ]  # nothing to go on with, no radio
+        # nothing to go on with, and no radio
+        options = [o for o in options if o not in ("--resume", "--calibrate")]
         status = importlib.import_module(program).main(options)
         assert (status, capsys.readouterr().err) == (0, "")
         return
@@ -156,7 +168,7 @@ def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys)
         importlib.import_module(program).main(arguments)
 
 
-@pytest.mark.parametrize("line", of(".venv/bin/python", "training/", "tools/"))
+@pytest.mark.parametrize("line", of(".venv/bin/python", "training/", "tools/", "packaging/"))
 def test_options_of_a_tool_are_accepted(line, options_alone, monkeypatch):
     monkeypatch.chdir(ROOT)
     variables, (_, script, *arguments) = words(line)

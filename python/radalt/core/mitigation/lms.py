@@ -55,7 +55,6 @@ class BlockLms(Mitigation):
     """
 
     name = "lms"
-    title = "block LMS, ref. desired"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
 
     def __init__(
@@ -165,7 +164,6 @@ class BlockLmsReferenceInput(BlockLms):
     """`BlockLms` in its other wiring: 96 taps for delays up to 1900 m, a fresh start with every frame."""
 
     name = "lms_reference_input"
-    title = "block LMS, ref. as input"
     style = PlotStyle("#CC79A7", "^", (0, (3, 1.2, 1, 1.2)))
 
     def __init__(
@@ -193,7 +191,6 @@ class Nlms(BlockLms):
     """
 
     name = "nlms"
-    title = "NLMS"
     style = PlotStyle("#56B4E9", "D", (0, (5, 1.5)))
 
     def __init__(
