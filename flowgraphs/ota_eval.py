@@ -226,7 +226,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    """Score a recording; prints one line a method."""
+    """Score a recording; prints one line per method."""
     from gnuradio.radalt.evaluation.flowgraph.replay import score_recording
 
     out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"

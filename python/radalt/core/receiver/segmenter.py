@@ -126,7 +126,7 @@ class FrameSegmenter:
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``, ``index_corrections`` by
+        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     unverified_frames : int
         Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in

@@ -397,7 +397,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
 
 
 def _with_landing(scene: Scene) -> Scene:
-    """The altitudes of the scene's landing, one a frame, from first to last."""
+    """The altitudes of the scene's landing, one per frame, from first to last."""
     profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
     altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
     return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))
