@@ -28,7 +28,7 @@ class TransmitGate:
     - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
     - nobody has called `close`, and every sample so far was finite.
 
-    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite. Whoever has
+    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite. Who has
     lost control starts the program again.
 
     Parameters
