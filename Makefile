@@ -6,17 +6,19 @@ PREFIX        ?= /usr/local
 FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
 WORKERS       ?= $(shell nproc)
 ARGS          ?=
+PACKAGES      ?= yes
 
 VENV       := .venv
 PYTHON     := $(VENV)/bin/python
 TRAIN_VENV := .venv-train
+DOCS_VENV  := .venv-docs
 STAMPS     := .stamps
 PIP        := -m pip --disable-pip-version-check -q
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot setup setup-test train ctest install clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -66,6 +68,10 @@ screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, 
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
+docs: $(DOCS_VENV)/.docs ## the documentation as a site, build/site/index.html; fails at a link that leads nowhere
+	@NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/python -m mkdocs -q build --strict $(ARGS)
+	@echo build/site/index.html
+
 setup-test: $(VENV)/.test
 
 train: $(TRAIN_VENV)/.training ## train the models, in an environment of its own
@@ -75,16 +81,26 @@ ctest: $(VENV)/.test ## the tests through CMake
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@ctest --test-dir build --output-on-failure $(ARGS)
 
-install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root)
+install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root), PACKAGES=no: without Python packages
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@cmake --install build
+	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.txt to $(PREFIX)/lib/gr-radalt" && \
+	  "$(SYSTEM_PYTHON)" -m venv --system-site-packages "$(PREFIX)/lib/gr-radalt" && \
+	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install -r requirements.txt; }
+	@echo 'gr-radalt: "$(PREFIX)/bin/radalt" lists the commands; below an unusual prefix: eval "$$($(PREFIX)/bin/radalt env)"'
+
+uninstall: ## remove what the last install wrote
+	@"$(SYSTEM_PYTHON)" cmake/uninstall.py build/install_manifest.txt
+
+deb: $(STAMPS)/debian ## a package for this Debian, build/gr-radalt_VERSION_ARCHITECTURE.deb
+	@"$(SYSTEM_PYTHON)" packaging/make_deb.py build
 
 clean: ## remove what was built; the environments stay
 	rm -rf build .pytest_cache .ruff_cache
 	find python flowgraphs tests training -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 distclean: clean ## remove the environments as well
-	rm -rf $(VENV) $(TRAIN_VENV) $(STAMPS)
+	rm -rf $(VENV) $(TRAIN_VENV) $(DOCS_VENV) $(STAMPS)
 
 # ---- set-up. Stamps make it free when nothing is missing: they are older than what they were made from or they hold.
 
@@ -117,4 +133,10 @@ $(TRAIN_VENV)/.training: training/requirements.txt | $(STAMPS)/debian
 	@echo "gr-radalt set-up: environment $(TRAIN_VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear $(TRAIN_VENV)
 	@$(TRAIN_VENV)/bin/python $(PIP) install -r $<
+	@touch $@
+
+$(DOCS_VENV)/.docs: requirements-docs.txt | $(STAMPS)/debian
+	@echo "gr-radalt set-up: environment $(DOCS_VENV)"
+	@"$(SYSTEM_PYTHON)" -m venv --clear $(DOCS_VENV)
+	@$(DOCS_VENV)/bin/python $(PIP) install -r $<
 	@touch $@

@@ -1,8 +1,6 @@
-"""Print where the running Python looks for packages below a prefix, relative to that prefix.
+"""Print where the running Python looks for packages below a prefix, relative to that prefix."""
 
-usage: python_dir.py PREFIX
-"""
-
+import argparse
 import sys
 import sysconfig
 from pathlib import Path
@@ -21,4 +19,6 @@ def python_dir(prefix: Path) -> Path:
 
 
 if __name__ == "__main__":
-    print(python_dir(Path(sys.argv[1])).as_posix())
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("prefix", type=Path)
+    print(python_dir(parser.parse_args().prefix).as_posix())

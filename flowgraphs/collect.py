@@ -35,9 +35,7 @@ except ImportError as _error:
     raise SystemExit(2) from None
 
 
-@command("collect")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
+def _parser() -> Parser:
     parser = Parser("collect", __doc__)
     parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
     parser.add_argument(
@@ -48,6 +46,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         action="store_true",
         help="what differs between two folders; --out keeps it as comparison.md",
     )
+    return parser
+
+
+@command("collect")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
     args = parser.parse_args(argv)
     if args.compare:
         if len(args.folders) != 2:

@@ -120,23 +120,28 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"control_client: {message[:250]}\n")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """One command; returns 0, or 2 after one line."""
+def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         description=__doc__.partition("\n")[0],
         epilog=__doc__.partition("\n\n")[2],
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("command", choices=("get", "set", "reacquire", "stop", "watch", "descend"))
-    parser.add_argument("--control", default="tcp://127.0.0.1:5557")
-    parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556")
-    parser.add_argument("--altitude", type=float)
-    parser.add_argument("--overlap", type=float)
-    parser.add_argument("--sir-db", type=float)
-    parser.add_argument("--methods")
-    parser.add_argument("--altitudes", default="1200,600,300,100,20")
-    parser.add_argument("--seconds", type=float, default=1.0)
-    parser.add_argument("--count", type=int, default=10)
+    parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
+    parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
+    parser.add_argument("--altitude", type=float, help="set: metres")
+    parser.add_argument("--overlap", type=float, help="set: active fraction of the sweep, 0..1")
+    parser.add_argument("--sir-db", type=float, help="set: signal-to-interference ratio")
+    parser.add_argument("--methods", help="set: with commas")
+    parser.add_argument("--altitudes", default="1200,600,300,100,20", help="descend: metres (%(default)s)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="descend: at each altitude (%(default)s)")
+    parser.add_argument("--count", type=int, default=10, help="watch: messages (%(default)s)")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """One command; returns 0, or 2 after one line."""
+    parser = _parser()
     args = parser.parse_args(argv)
     numbers = (args.seconds, *(v for v in (args.altitude, args.overlap, args.sir_db) if v is not None))
     if not all(math.isfinite(v) for v in numbers) or not 0 < args.seconds <= 86_400 or args.count < 0:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Spectrogram gallery of the interference of every shipped scene: docs/interference_gallery.png.
 
-.venv/bin/python flowgraphs/gallery.py [--out docs/interference_gallery.png] [--seed 1]
+.venv/bin/python flowgraphs/gallery.py --out docs/interference_gallery.png --seed 1
 """
 
 from __future__ import annotations
@@ -89,14 +89,18 @@ def draw(path: Path, seed: int) -> None:
     figure.savefig(path, dpi=130)
 
 
-@command("gallery")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw it; returns 0, or 2 after one line about what does not fit."""
+def _parser() -> Parser:
     root = Path(__file__).resolve().parent.parent
     parser = Parser("gallery", __doc__)
     parser.add_argument("--out", type=path, default=root / "docs" / "interference_gallery.png")
     parser.add_argument("--seed", type=number(int, 0, MAX_SEED), default=1)
-    options = parser.parse_args(argv)
+    return parser
+
+
+@command("gallery")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw it; returns 0, or 2 after one line about what does not fit."""
+    options = _parser().parse_args(argv)
     draw(options.out, options.seed)
     print(options.out)
     return 0

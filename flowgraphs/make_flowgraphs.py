@@ -41,10 +41,14 @@ def made() -> dict[str, dict[str, Any]]:
     }
 
 
+def _parser() -> Parser:
+    return Parser(PROGRAM, __doc__)
+
+
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the files beside this one."""
-    Parser(PROGRAM, __doc__).parse_args(argv)
+    _parser().parse_args(argv)
     from gnuradio.radalt.evaluation.flowgraph.rewrite import save_grc
 
     for name, data in made().items():

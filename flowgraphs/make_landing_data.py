@@ -38,9 +38,7 @@ def approach_csv(approach: terrain.Approach, step_s: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-@command("make_landing_data")
-def main(argv: list[str] | None = None) -> int:
-    """Write the files; returns 0, or 2 after a line about what does not fit."""
+def _parser() -> Parser:
     parser = Parser("make_landing_data", __doc__)
     add = parser.add_argument
     add("--out", type=path, default=HERE / "landing", help="folder (default: %(default)s)")
@@ -60,7 +58,13 @@ def main(argv: list[str] | None = None) -> int:
         default=0.5,
         help="step of the trajectory file (default: 0.5)",
     )
-    args = parser.parse_args(argv)
+    return parser
+
+
+@command("make_landing_data")
+def main(argv: list[str] | None = None) -> int:
+    """Write the files; returns 0, or 2 after a line about what does not fit."""
+    args = _parser().parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
     approach = terrain.Approach(
         glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s

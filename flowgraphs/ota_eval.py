@@ -87,7 +87,9 @@ def _check_python() -> str | None:
             if importlib.util.find_spec(name) is None
         ]
         if missing:
-            return f"{sys.executable} lacks {', '.join(missing)}; run 'make eval', which installs requirements.txt"
+            from gnuradio.radalt.core.paths import remedy
+
+            return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
         from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
         from gnuradio.radalt.core import scene  # noqa: F401
@@ -171,7 +173,7 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _print_pd(out: Path) -> None:
-    """The result in the terminal: Pd and wrong altitudes by overlap and method, a block a panel."""
+    """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
     from gnuradio.radalt.evaluation.overlap.figures import panels
     from gnuradio.radalt.evaluation.results.folder import read_report
 
@@ -248,7 +250,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    """Score a recording; prints one line a method."""
+    """Score a recording; prints one line per method."""
     from gnuradio.radalt.evaluation.flowgraph.replay import score_recording
 
     out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"

@@ -19,9 +19,7 @@ from gnuradio.radalt.evaluation.engine.options import Parser, command, number
 PROGRAM = "ota_remote"
 
 
-@command(PROGRAM)
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run until stopped; returns 0, or 2 after one line about what does not fit."""
+def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
     parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
@@ -36,7 +34,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="on the air: stop transmitting after this long without a request; 0 (default): never",
     )
     parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
-    args = parser.parse_args(argv)
+    return parser
+
+
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run until stopped; returns 0, or 2 after one line about what does not fit."""
+    args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
     from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 

@@ -42,7 +42,7 @@ SHOWS = {
 }
 
 
-def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add(
@@ -82,6 +82,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=600.0,
         help="give up after this long (default: %(default)g)",
     )
+    return parser
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = _parser()
     args = parser.parse_args(argv)
     if not args.method.isidentifier():  # it is written into the flowgraph as source
         parser.error(f"--method is {args.method!r}; name one of the chooser's methods")

@@ -118,5 +118,5 @@ def test_an_arrow_up_is_found_however_it_is_written(tmp_path, line, lazy):
 
 def test_the_figure_is_what_the_code_gives():
     assert architecture.FIGURE.read_text(encoding="utf-8") == architecture.draw(), (
-        "run: python3 tools/draw_architecture.py"
+        "run: .venv/bin/python tools/draw_architecture.py"
     )

@@ -1,6 +1,7 @@
 """The sweep engine with a study small enough to see through: coins with a known probability."""
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -17,13 +18,22 @@ from radalt.evaluation.engine import command
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
 from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.precision import half_width
-from radalt.evaluation.engine.run import head_of, run
+from radalt.evaluation.engine.run import estimate, head_of, run
 from radalt.evaluation.engine.study import Point, Study
 from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
 pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture(autouse=True)
+def idle(monkeypatch):
+    """A machine of two cores that computes nothing else."""
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+
+
 WHOLE = frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
 
 
@@ -174,6 +184,15 @@ def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
 
 
+def test_an_estimate_counts_what_else_the_machine_computes(tmp_path, monkeypatch):
+    """Six others on two cores leave two workers a quarter of the time they want."""
+    study = Coins(pause_s=30.0)
+    alone = estimate(study, study.points(), 2)
+    monkeypatch.setattr(os, "getloadavg", lambda: (6.0, 6.0, 6.0))
+    assert estimate(study, study.points(), 2) == pytest.approx(4 * alone)
+    assert estimate(study, study.points(), 2, here=False) == pytest.approx(2 * alone)  # one core's time
+
+
 def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
     seen = []
     run(Coins(), Options(tmp_path, jobs=1), seen.append)
@@ -202,13 +221,19 @@ def test_options_that_do_not_fit_are_one_line_and_status_2(capsys, arguments, ex
     assert caught.value.code == 2 and expected in err and err.count("\n") == 1
 
 
-def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
+@pytest.mark.parametrize(
+    ("sent", "status", "said"), [(signal.SIGINT, 130, "stopped"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sent, status, said):
     code = (
         f"import sys; sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}\n"
         "from test_engine import Coins, Options, command, Path\n"
+        "from radalt.evaluation.engine.options import terminable\n"
         "if __name__ == '__main__':\n"
-        f"    options = Options(Path({str(tmp_path / 'run')!r}), jobs=1)\n"
-        "    sys.exit(command.main(Coins(pause_s=5.0), options, program='coins', dry_run=False))\n"
+        f"    options = Options(Path({str(tmp_path / 'run')!r}), jobs=1, resume='--resume' in sys.argv)\n"
+        "    coins = Coins(pause_s=0.0 if options.resume else 5.0)\n"
+        "    with terminable():\n"
+        "        sys.exit(command.main(coins, options, program='coins', dry_run=False))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
@@ -216,11 +241,26 @@ def test_ctrl_c_prints_the_command_that_goes_on(tmp_path):
     while not (tmp_path / "run" / "run.json").exists():
         time.sleep(0.05)
     time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
+    # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
+    os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
     _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == status
+    assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
+    printed = shlex.split(err.partition("go on with: ")[2])
+    done = subprocess.run(printed, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
+
+
+def test_a_run_stopped_before_it_began_prints_no_command(tmp_path, capsys):
+    def study():
+        raise KeyboardInterrupt
+
+    options = Options(tmp_path / "run")
+    assert command.main(study, options, program="coins", dry_run=False) == 130
+    assert capsys.readouterr().err.strip() == "coins: stopped"
 
 
 def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):

@@ -3,11 +3,14 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from radalt.evaluation.programs import PROGRAMS
 
 
 def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
@@ -134,6 +137,68 @@ def test_installed_evaluation_runs_to_a_report(prefix, environment, tmp_path):
     assert all(row["trials"] == 3 for row in report["rows"])
 
 
+def test_every_program_is_a_command(root: Path):
+    """A new program in flowgraphs/ is a sub-command of radalt, with a page of the manual and completion."""
+    programs = {f.stem for f in (root / "flowgraphs").glob("[!_]*.py") if "def main(" in f.read_text()}
+    generated = {f.stem for f in (root / "flowgraphs").glob("*.grc")}
+    assert set(PROGRAMS.values()) == {p for p in programs if not any(p.startswith(g) for g in generated)}
+
+
+def test_command_runs_outside_the_source_tree(prefix, tmp_path):
+    """By its path alone: it finds module, flowgraphs and scenes of its own prefix."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    radalt = prefix / "bin/radalt"
+    overview = run(radalt, cwd=tmp_path, env=kept)
+    assert all(f"\n  {name} " in overview for name in PROGRAMS)
+    shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
+    assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
+    assert ".venv" not in shown
+    done = subprocess.run(
+        [radalt, "nonsense"], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=30
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
+    """The system's Python, without the environment of the tests: a report, or one line that names the packages."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --out out".split()
+    done = subprocess.run(
+        [prefix / "bin/radalt", *line], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=100
+    )
+    if done.returncode:
+        assert done.stderr.count("\n") == 1
+        assert "'make install' brings it along" in done.stderr
+    else:
+        assert (tmp_path / "out/report.md").is_file()
+
+
+def test_shell_lines_lead_python_and_companion_to_the_prefix(prefix, package, tmp_path):
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
+    shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH"'
+    python, blocks = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
+    assert Path(python) == package.parent.parent
+    assert Path(blocks) == prefix / "share/gnuradio/grc/blocks"
+
+
+def test_completion_and_manual_know_every_command(prefix, tmp_path):
+    completion = prefix / "share/bash-completion/completions/radalt"
+    for words, expected in (
+        (("radalt", "lan"), "landing"),
+        (("radalt", "eval", "--met"), "--methods --method-file"),
+        (("radalt", "make-landing-data", "--terrain", "hi"), "hilly"),
+    ):
+        script = (
+            f". {completion}; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _radalt; "
+            'echo "${COMPREPLY[@]}"'
+        )
+        assert run("bash", "-c", script, cwd=tmp_path).strip() == expected
+    for name in PROGRAMS:
+        page = (prefix / f"share/man/man1/radalt-{name}.1").read_text()
+        assert page.startswith(".TH RADALT") and "\\-\\-help" in page
+        assert ".venv/bin" not in page, name
+
+
 def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
     """A Python without GNU Radio is refused when configuring, not at the user's first import."""
     other = tmp_path / "python3"
@@ -153,5 +218,22 @@ def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
 def test_uninstall_takes_everything_away(build: Path, tmp_path: Path):
     own = tmp_path / "own"
     run("cmake", "--install", build, "--prefix", own, cwd=build)
+    (own / "lib/gr-radalt/bin").mkdir(parents=True)  # where `make install` puts Python packages
     run("cmake", "--build", build, "--target", "uninstall", cwd=build)
-    assert source_files(own) == set()
+    assert not own.exists() or not list(own.iterdir())
+
+
+def test_what_the_companion_generates_is_not_installed(root: Path, tmp_path: Path):
+    """Pressing Run in the companion leaves files beside the flowgraphs."""
+    source = tmp_path / "source"
+    for part in ("python", "flowgraphs", "grc", "cmake", "tools"):
+        shutil.copytree(
+            root / part, source / part, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True
+        )
+    shutil.copy(root / "CMakeLists.txt", source)
+    for name in ("ota_sim.py", "ota_b210_epy_block_0.py", "ota_live_sim.py", "bring_your_own_epy_block_1.py"):
+        (source / "flowgraphs" / name).write_text("")
+    run("cmake", "-S", source, "-B", tmp_path / "build", cwd=tmp_path)
+    run("cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)
+    installed = {f.name for f in (tmp_path / "prefix/share/gr-radalt/flowgraphs").glob("*.py")}
+    assert installed == {f"{script}.py" for script in PROGRAMS.values()} | {"_startup.py", "own_method.py"}

@@ -316,7 +316,7 @@ def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
     assert len(drawn) == 4  # two panels of two methods
     x, pd, error, _, style = drawn[2]
     mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
-    assert style["label"] == "no mitigation"
+    assert style["label"] == "none"  # one name in options, rows and figures
     assert np.abs(x - [0, 0.5, 1]).max() < 0.1
     assert pd.tolist() == [r["pd"] for r in mine]
     np.testing.assert_allclose(pd - error[0], [r["pd_low"] for r in mine])

@@ -1,7 +1,8 @@
 """Losses of samples that nobody marks: no altitude may be wrong in silence, whatever the programme.
 
-More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 python -m pytest tests/test_slips.py``, and through the
-GNU Radio block ``RADALT_SLIP_BLOCK_STREAMS=2000 python -m pytest --timeout=0 tests/test_slips.py -k Block``.
+More streams than the suite takes: ``RADALT_SLIP_STREAMS=2000 .venv/bin/python -m pytest tests/test_slips.py``,
+and through the GNU Radio block
+``RADALT_SLIP_BLOCK_STREAMS=2000 .venv/bin/python -m pytest --timeout=0 tests/test_slips.py -k Block``.
 """
 
 import os

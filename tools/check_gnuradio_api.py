@@ -10,6 +10,7 @@ radios, and blocks with their parameters in the flowgraphs. Ends with 1 and name
 
 from __future__ import annotations
 
+import argparse
 import ast
 import re
 import subprocess
@@ -90,10 +91,13 @@ COMMON = {"affinity", "alias", "comment", "maxoutbuf", "minoutbuf", "value", "gu
 
 def main() -> int:
     """Look everything up; 0 where all is there."""
-    if len(sys.argv) != 3:
-        print(__doc__.strip(), file=sys.stderr)
-        return 2
-    clone, release = sys.argv[1:]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("clone", help="git clone of gnuradio/gnuradio")
+    parser.add_argument("release", help="tag, such as v3.10.1.0")
+    args = parser.parse_args()
+    clone, release = args.clone, args.release
 
     def git(*arguments: str) -> str:
         done = subprocess.run(["git", "-C", clone, *arguments], capture_output=True, text=True, check=False)

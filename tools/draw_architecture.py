@@ -3,8 +3,8 @@
 
 An arrow that a way over other rooms stands for is not drawn.
 
-python3 tools/draw_architecture.py                 # docs/figures/architecture.svg
-python3 tools/draw_architecture.py --list          # every import between rooms, for a terminal
+    .venv/bin/python tools/draw_architecture.py          # docs/figures/architecture.svg
+    .venv/bin/python tools/draw_architecture.py --list   # every import between rooms, for a terminal
 
 Needs nothing but Python. tests/test_architecture.py holds the code to `ROOMS`, and the figure to the code.
 """

@@ -11,6 +11,8 @@ fail() {
     exit 2
 }
 
+case ${1:-} in -h | --help) sed -n '/^[^#]/q; 2,$s/^# *//p' "$0"; exit 0 ;; esac
+[ $# -eq 1 ] || fail "which list? usage: install-debian-packages.sh requirements-debian.txt"
 lines=$(sed -e 's/#.*//' -e 's/[[:space:]]//g' -e '/^$/d' "$1") # `a|b`, no blank in it
 if ! command -v dpkg-query >/dev/null; then
     # Not Debian: GNU Radio may still be there, which the next step of the set-up checks.

@@ -3,6 +3,7 @@
 Run by the set-up in the Python of GNU Radio, which it found working: what is needed is there, so it goes on.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -31,6 +32,7 @@ def verdict(os_release: str, python: tuple[int, int], gnuradio: str) -> str:
 
 def main() -> None:
     """Look at this machine."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     from gnuradio import gr
 
     file = Path("/etc/os-release")

@@ -18,6 +18,7 @@ fail() {
     exit 2
 }
 
+case ${1:-} in -h | --help) sed -n '/^[^#]/q; 2,$s/^# *//p' "$0"; exit 0 ;; esac
 [ $# -ge 1 ] || fail "which release? usage: test-debian.sh bookworm|trixie|... [TARGET...]"
 [ "$(id -u)" -eq 0 ] || fail "making a system needs root (debootstrap, chroot): sudo make test-debian13"
 

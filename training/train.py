@@ -237,7 +237,7 @@ def draw_curves(folder: Path) -> None:
 
 
 def _missing_before(recipe: Recipe) -> list[str]:
-    """Recipes to be trained before this one for want of a checkpoint, the first first."""
+    """Recipes to be trained before this one where there is no checkpoint, in this order."""
     names: list[str] = []
     while recipe.start_from in RECIPES and not (RUNS / recipe.start_from / "checkpoint.pt").is_file():
         names.insert(0, recipe.start_from)

@@ -3,12 +3,21 @@
 `radalt.<block>` is the class `<block>` of `blocks/<block>.py`, imported on first use, so that a flowgraph loads (and
 needs) only what it contains. `dir(radalt)` lists the blocks. `radalt.core` and `radalt.evaluation` need no GNU Radio:
 with this package's parent folder on the path, `import radalt.core` works under any Python.
+
+Installed, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that GNU Radio
+and other modules keep the NumPy they were built for.
 """
 
 import importlib
+import sys
 from pathlib import Path
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
+
+_FOLDER = Path("lib/gr-radalt/lib", "python{}.{}".format(*sys.version_info), "site-packages")
+for _prefix in Path(__file__).resolve().parents:
+    if (_prefix / _FOLDER).is_dir() and str(_prefix / _FOLDER) not in sys.path:
+        sys.path.append(str(_prefix / _FOLDER))
 
 _SUBPACKAGES = ("blocks", "core", "evaluation")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-__all__ = ["share_dir", "model_path", "scene_path"]
+__all__ = ["model_path", "remedy", "scene_path", "share_dir"]
 
 
 def share_dir() -> Path:
@@ -30,6 +30,14 @@ def share_dir() -> Path:
         f"gr-radalt's flowgraphs and models are neither in {candidates[0]} nor in a share/gr-radalt above {package}; "
         "reinstall the module"
     )
+
+
+def remedy(*packages: str) -> str:
+    """What to do about Python packages that are missing, for a message: in the source tree, or installed."""
+    if (share_dir() / "requirements.txt").is_file():
+        return "run 'make setup' and use .venv/bin/python"
+    names = " ".join(packages)
+    return f"'make install' brings it along; without: {sys.executable} -m pip install --user {names}"
 
 
 def model_path(name: str) -> Path:

@@ -117,13 +117,13 @@ class ChannelSettings:
 
 
 class TerrainPlayer:
-    """The ground's echo by frame index, in the place of a point's.
+    """The ground's echo by frame index, instead of that of a point.
 
     Parameters
     ----------
     landing : LandingSpec
     programme : Programme
-        Its altitudes have to be those of the landing, one a frame.
+        Its altitudes have to be those of the landing, one per frame.
     waveform, seed
         As the scene has them.
 
@@ -162,7 +162,7 @@ class SimulatedChannel:
     seed : int
         Everything random follows from it.
     terrain : TerrainPlayer or None
-        Puts the ground's echo in the place of the transmitted sweep.
+        Puts the echo of the ground where the transmitted sweep is.
     true_delay : Programme or None
         Plays these altitudes as true delays with Doppler and carrier phase; None where the source shifts the beat.
     frames : int

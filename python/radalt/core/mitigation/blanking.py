@@ -31,7 +31,6 @@ class Blanking(Mitigation):
     """
 
     name = "blanking"
-    title = "blanking"
     style = PlotStyle("#D55E00", "P", (0, (4, 1.2, 1, 1.2, 1, 1.2)))
 
     def __init__(

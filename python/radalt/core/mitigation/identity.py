@@ -13,7 +13,6 @@ class Identity(Mitigation):
     """Frames pass unchanged."""
 
     name = "none"
-    title = "no mitigation"
     style = PlotStyle("#000000", "o")
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:

@@ -55,7 +55,6 @@ class BlockLms(Mitigation):
     """
 
     name = "lms"
-    title = "block LMS, ref. desired"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
     _confirmed_pfa = 1.0  # of `Altimeter.confirms`: the paper's rows stay as they are
 
@@ -172,7 +171,6 @@ class BlockLmsReferenceInput(BlockLms):
     """
 
     name = "lms_reference_input"
-    title = "block LMS, ref. as input"
     style = PlotStyle("#CC79A7", "^", (0, (3, 1.2, 1, 1.2)))
 
     def __init__(
@@ -204,7 +202,6 @@ class Nlms(BlockLms):
     """
 
     name = "nlms"
-    title = "NLMS"
     style = PlotStyle("#56B4E9", "D", (0, (5, 1.5)))
     _confirmed_pfa = AltimeterSettings.pfa
 

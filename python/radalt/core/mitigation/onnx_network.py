@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..paths import remedy
 from .base import MitigationError
 
 __all__ = ["OnnxNetwork"]
@@ -93,7 +94,7 @@ def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the op
         import onnxruntime
     except ImportError:
         raise MitigationError(
-            "tcae needs onnxruntime, which this Python lacks; run 'make setup' and use .venv/bin/python"
+            f"tcae needs onnxruntime, which this Python lacks; {remedy('onnxruntime')}"
         ) from None
     if not model.is_file():
         raise MitigationError(f"tcae model {model} does not exist; name one with --model")

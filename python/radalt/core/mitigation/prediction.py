@@ -41,7 +41,6 @@ class NlmsPredictor(Mitigation):
     """
 
     name = "nlms_predictor"
-    title = "NLMS one-step predictor"
     style = PlotStyle("#666666", "p", "--")
 
     def __init__(self, waveform: Waveform, *, length: int = 32, step: float = 0.1) -> None:
@@ -101,7 +100,6 @@ class LinearPrediction(Mitigation):
     """
 
     name = "linear_prediction"
-    title = "linear prediction, zero phase"
     style = PlotStyle("#117733", "h", "-.")
 
     def __init__(self, waveform: Waveform, *, order: int = 32) -> None:

@@ -101,7 +101,6 @@ class Tcae(Mitigation):
     """
 
     name = "tcae"
-    title = "TCAE"
     style = PlotStyle("#0072B2", "*")
     batch = 1  # a network's last bits depend on the batch
 

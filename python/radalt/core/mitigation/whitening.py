@@ -33,7 +33,6 @@ class Whitening(Mitigation):
     """
 
     name = "whitening"
-    title = "whitening"
     style = PlotStyle("#009E73", "s", (0, (7, 1.5, 1, 1.5)))
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:

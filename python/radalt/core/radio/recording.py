@@ -20,6 +20,7 @@ import numpy as np
 from scipy import signal
 
 from ..parsing import LARGEST, InputError, check_file, read_text, shown
+from ..paths import remedy
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
 
 __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
@@ -269,9 +270,7 @@ def open_capture(path: Path | str) -> Capture:
     try:
         import sigmf
     except ImportError:
-        raise RecordingError(
-            "SigMF needs the package sigmf; run 'make setup' and use .venv/bin/python"
-        ) from None
+        raise RecordingError(f"SigMF needs the package sigmf; {remedy('sigmf')}") from None
     path = Path(path)
     meta = path.with_suffix(".sigmf-meta")
     if not meta.is_file():
@@ -283,9 +282,9 @@ def open_capture(path: Path | str) -> Capture:
         if not isinstance(named, str) or Path(named).name != named:
             raise RecordingError(f"{meta}: core:dataset is {shown(named)}; name a file beside it, no folder")
         data = meta.parent / named
-    remedy = f"put it beside {meta.name}"
+    advice = f"put it beside {meta.name}"
     try:
-        check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=remedy)
+        check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=advice)
     except InputError as error:
         raise RecordingError(str(error)) from None
     try:

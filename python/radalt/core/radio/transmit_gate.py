@@ -28,8 +28,8 @@ class TransmitGate:
     - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
     - nobody has called `close`, and every sample so far was finite.
 
-    A gate that has closed for want of a beat, by `close` or for a sample that is not finite stays closed for good: who
-    has lost control starts again.
+    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite. Who has
+    lost control starts the program again.
 
     Parameters
     ----------

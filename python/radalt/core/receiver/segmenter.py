@@ -128,7 +128,7 @@ class FrameSegmenter:
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted for want of timing, ``acquisitions``, ``index_corrections`` by
+        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     lock_loss : str
         What ended the last lock: sweep, altitude that was expected, altitude at which the sweep was seen; else empty.

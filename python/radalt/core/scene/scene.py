@@ -204,9 +204,20 @@ class RadioSpec:
 class Scene:
     """Everything a run depends on.
 
-    ``landing`` takes the altitudes from an approach over terrain, unless ``altitude.programme_m`` gives them.
-    ``return_model`` (``return`` in a file) is ``point``, or ``terrain`` to have the simulated channel play the ground's
-    extended return of that landing.
+    Parameters
+    ----------
+    name, description : str
+        For reports.
+    landing : LandingSpec or None
+        An approach over terrain; it gives the altitudes, unless ``altitude.programme_m`` does.
+    return_model : str
+        ``return`` in a file: ``point``, or ``terrain`` for the extended return of the ground under the landing.
+    methods : tuple of str
+        Mitigation methods that are compared on the same frames.
+    method_options : dict
+        Options by method, such as ``tcae: {model: my.onnx}``.
+    seed : int
+        Everything random follows from it.
     """
 
     name: str = "scene"
@@ -387,7 +398,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
 
 
 def _with_landing(scene: Scene) -> Scene:
-    """The altitudes of the scene's landing, one a frame, from first to last."""
+    """The altitudes of the scene's landing, one per frame, from first to last."""
     profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
     altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
     return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))

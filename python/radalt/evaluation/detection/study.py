@@ -342,7 +342,7 @@ class DetectionStudy(Study):
         altimeters = len(SPEEDS_M_PER_S) * seconds_per_frame("none", WAVEFORM, AltimeterSettings())
         textbook = 0.0 if point.table == "null" else _TEXTBOOK_S
         method = seconds_per_frame(point.case.method, WAVEFORM, AltimeterSettings())
-        return 1.0 + point.frames * (method + altimeters + textbook + 1e-3)
+        return 0.1 + point.frames * (method + altimeters + textbook + 1e-3)
 
     @property
     def needs_network(self) -> bool:

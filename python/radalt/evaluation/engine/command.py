@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..results.folder import FolderError
-from .options import Options, complain, duration, expected_errors
+from .options import Options, Terminated, complain, duration, expected_errors
 from .precision import check_precision, most_batches
 from .publish import publish
 from .run import Progress, estimate, run
@@ -26,8 +26,10 @@ class Bar:
 
     def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
         self._describe, self._bar, self._told = describe, None, False
+        self.last: Progress | None = None
 
     def __call__(self, p: Progress) -> None:
+        self.last = p
         if p.rejected and not self._told:
             self._told = True
             more = f" and {len(p.rejected) - 1} others" if len(p.rejected) > 1 else ""
@@ -68,7 +70,7 @@ def main(
 ) -> int:
     """Run a study, or check and run the one that a callable makes; returns the exit status.
 
-    0, 2 after one line about what does not fit, 130 when interrupted.
+    0, 2 after one line about what does not fit, 130 when interrupted, 143 when terminated.
 
     ``after`` gets the result folder, prints what the terminal should show, and may return another status.
     """
@@ -91,10 +93,11 @@ def main(
         bar.close()
         complain(program, _full(error, options) or error)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         bar.close()
-        print(f"\n{program}: stopped; go on with: {_resuming(options)}", file=sys.stderr)
-        return 130
+        ended = "terminated" if isinstance(error, Terminated) else "stopped"
+        print(f"\n{program}: {ended}{_kept(options, bar.last)}", file=sys.stderr)
+        return 143 if ended == "terminated" else 130
     print(f"\n{', '.join(map(str, shown))}  ({duration(time.monotonic() - begin)})")
     return status or 0
 
@@ -112,7 +115,7 @@ def _full(error: Exception, options: Options) -> str:
 def _cost(study: Study, options: Options) -> str:
     """Points, frames and time before anything is measured; from pilots alone to every Pd at one half."""
     points = study.points()
-    seconds = estimate(study, points, 1 if options.scheduler else options.jobs)
+    seconds = estimate(study, points, options.jobs, here=not options.scheduler)
     where = " of one core's time" if options.scheduler else ""
     text = f"{len(points)} points, {sum(p.frames for p in points)} frames, about {duration(seconds)}{where}"
     if options.precision is None:
@@ -127,9 +130,17 @@ def _cost(study: Study, options: Options) -> str:
     )
 
 
+def _kept(options: Options, last: Progress | None) -> str:
+    """What an interrupted run leaves and the command that goes on with it; empty where nothing had begun."""
+    if last is None:
+        return ""
+    return f"; {last.done} of {last.total} points are kept, go on with: {_resuming(options)}"
+
+
 def _resuming(options: Options) -> str:
     """The command that goes on with this run, as it was typed."""
-    words = [sys.executable, *sys.argv]
+    called, *arguments = sys.argv
+    words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
     if not any(word == "--out" or word.startswith("--out=") for word in words):
         words += ["--out", str(options.out)]
     return shlex.join(words if options.resume else [*words, "--resume"])

@@ -6,11 +6,14 @@ Nothing here needs NumPy, so that a wrong Python gets one line, too.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -22,6 +25,7 @@ __all__ = [
     "MAX_SEED",
     "Options",
     "Parser",
+    "Terminated",
     "add_options",
     "command",
     "command_of",
@@ -31,6 +35,7 @@ __all__ = [
     "number",
     "options_of",
     "path",
+    "typed",
 ]
 
 MAX_JOBS = 256
@@ -72,8 +77,31 @@ def path(text: str) -> Path:
     return Path(text)
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as a batch system sends it: it ends a program as Ctrl-C does, with status 143."""
+
+
+@contextlib.contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM raises `Terminated` in this block; where somebody else handles it, or in a thread, nothing changes."""
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(number: int, frame: object) -> NoReturn:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the second would cut what the first puts in order
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """A ``main`` whose refusals are one line and status 2, and Ctrl-C 130, imports included.
+    """A ``main`` whose refusals are one line and status 2, Ctrl-C 130 and SIGTERM 143, imports included.
 
     Caught is what this package and what it stands on raise for wrong input and failing machines; others keep their
     traceback. With ``RADALT_TRACEBACK`` in the environment all do.
@@ -83,10 +111,14 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         @functools.wraps(main)
         def guarded(*args: object, **options: object) -> int:
             try:
-                return main(*args, **options)
+                with terminable():
+                    return main(*args, **options)
             except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
                 complain(program, error)
                 return 2
+            except Terminated:
+                complain(program, "terminated")
+                return 143
             except KeyboardInterrupt:
                 complain(program, "stopped")
                 return 130
@@ -130,13 +162,20 @@ class Options:
     publish: Path | None = None
 
 
+def typed(program: str) -> str:
+    """What a user types to run a program: ``radalt eval`` where that was typed, else its script."""
+    called = sys.argv[0]  # see evaluation/programs.py
+    return called if called.startswith("radalt ") else f".venv/bin/python flowgraphs/{program}.py"
+
+
 class Parser(argparse.ArgumentParser):
     """Description from a module's docstring; errors in one line, without the usage text."""
 
     def __init__(self, program: str, doc: str) -> None:
         summary, _, details = doc.partition("\n\n")
+        self.program = program
         super().__init__(
-            prog=program,
+            prog=typed(program),
             description=summary,
             epilog=details,
             formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -144,7 +183,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, status 2."""
-        complain(self.prog, f"{message}; --help lists the options")
+        complain(self.program, f"{message}; --help lists the options")
         sys.exit(2)
 
 
@@ -221,9 +260,9 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
 _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
 
 
-def command_of(args: argparse.Namespace, parser: argparse.ArgumentParser) -> str:
+def command_of(args: argparse.Namespace, parser: Parser) -> str:
     """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
-    words = [f".venv/bin/python flowgraphs/{parser.prog}.py"]
+    words = [typed(parser.program)]
     for name, value in vars(args).items():
         if name in _NO_ROW or value == parser.get_default(name):
             continue

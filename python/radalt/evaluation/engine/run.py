@@ -91,10 +91,18 @@ def peak_memory_bytes() -> int:
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
 
 
-def estimate(study: Study, points: Sequence[Point], jobs: int) -> float:
-    """Wall seconds that one batch of each point may take, from the study's own trial of its parts."""
-    jobs = min(jobs, study.max_jobs or jobs, os.cpu_count() or 1)
-    return sum(study.seconds(point) for point in points) / max(jobs, 1)
+def estimate(study: Study, points: Sequence[Point], jobs: int, *, here: bool = True) -> float:
+    """Seconds that one batch of each point may take, from the study's own trial of its parts.
+
+    Wall time on this machine as busy as it is; with ``here=False`` time of one core that does nothing else.
+    """
+    alone = sum(study.seconds(point) for point in points)
+    if not here:
+        return alone
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    jobs = max(1, min(jobs, study.max_jobs or jobs, cores))
+    others = os.getloadavg()[0]  # what else computes here takes its part of the cores
+    return alone / jobs * max(1.0, (jobs + others) / cores)
 
 
 def head_of(study: Study) -> dict[str, Any]:

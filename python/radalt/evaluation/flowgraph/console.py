@@ -14,7 +14,7 @@ _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock
 
 
 def scores(top: Any, scene: Scene) -> str:
-    """A line a method: Pd, correct of trials; and the segmenter's counters.
+    """A line per method: Pd, correct of trials; and the segmenter's counters.
 
     Parameters
     ----------

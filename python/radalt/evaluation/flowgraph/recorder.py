@@ -91,7 +91,7 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 
 
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
-    """Generate the flowgraph with a recording in the place of the receiver and without transmitters."""
+    """Generate the flowgraph with a recording instead of the receiver and without transmitters."""
     name = "ota_replay"
     data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
     out = ("transmitters and channel: the samples come from a recording",)
@@ -126,7 +126,7 @@ def run_replay(
 
 
 def summary(result: PointResult) -> list[dict[str, Any]]:
-    """One row a method of a recording without known altitudes: what was found, with no claim about the truth."""
+    """One row per method of a recording without known altitudes: what was found, with no claim about the truth."""
     rows = []
     for method, frames in result.results.items():
         found = frames["altitude_m"][frames["valid"]]

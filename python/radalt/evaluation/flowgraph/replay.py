@@ -93,7 +93,7 @@ def score_recording(
 
 
 def _write_frames(path: Path, result: PointResult) -> None:
-    """One line a frame and method, numbers to the last bit."""
+    """One line per frame and method, numbers to the last bit."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         names = next(iter(result.results.values())).dtype.names

@@ -176,7 +176,7 @@ def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
-    """The same flowgraph with a recording in the place of the receiver, and without transmitters.
+    """The same flowgraph with a recording instead of the receiver, and without transmitters.
 
     The parameters ``capture_file`` and ``follow_programme`` are added.
     """

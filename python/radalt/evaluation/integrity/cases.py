@@ -97,7 +97,7 @@ class Flight:
 
 def _scenes(kind: str, sirs: tuple[float, ...], snrs: tuple[float, ...], ground: bool) -> Iterator[Case]:
     for scene in SCENES:
-        sparse = scene == "fmcw"  # 27 ms a frame
+        sparse = scene == "fmcw"  # 27 ms per frame
         for overlap in (1.0,) if sparse else (0.3, 1.0):
             for sir in sirs[::3] if sparse else sirs:
                 for snr in snrs[-1:] if sparse else snrs:

@@ -58,7 +58,7 @@ def drive_remotely(
     network, keep_alive_s
         See `remote_control`.
     sim : bool
-        Simulated channel in the place of the radios.
+        Simulated channel instead of the radios.
     transmit : bool
         On the air: what the command line says.
     stop : threading.Event, optional

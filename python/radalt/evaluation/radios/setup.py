@@ -267,7 +267,7 @@ def programme_over(top: Any, scene: Scene) -> bool:
     """Whether the programme's last frame has come in and been measured; a receiver has no end of its own.
 
     A flowgraph that is stopped forgets what waits between its blocks, so a slow method gets a second to catch up. After
-    that the last frame is taken for lost: dropped, or never seen for want of timing.
+    that the last frame is taken for lost: dropped, or never seen because there was no timing.
     """
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
     late = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n

@@ -33,7 +33,7 @@ __all__ = ["INTERFERERS", "RuntimePoint", "RuntimeStudy", "compared_chains"]
 
 SNR_DB = 10.0
 _BATCHES = (1, 8)  # frames at once whose time is taken
-_FACTS_S = 2.0  # a process with NumPy and SciPy, for the memory
+_FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
 _W = Waveform()
 # name -> (emitter, overlap)
 INTERFERERS: dict[str, tuple[Any, float]] = {

@@ -129,9 +129,7 @@ def _against_float64(
         few = slice(0, 8)
         wanted = reference(method, case.frames[few].astype(complex))
         have = cleaned[few].astype(complex)
-        wanted[~have.any(axis=1)] = (
-            0  # frames that the method silenced because the frame does not bear them out
-        )
+        wanted[~have.any(axis=1)] = 0  # frames that the method silenced
         norm = np.vdot(wanted, wanted).real
         if np.isfinite(norm) and norm > 0:
             # a method may choose its output's level (whitening does): compare up to one factor a frame

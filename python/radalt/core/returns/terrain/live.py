@@ -49,7 +49,7 @@ class LandingProfile:
 
     @cached_property
     def states(self) -> list[AircraftState]:
-        """Aircraft states, one a frame."""
+        """Aircraft states, one per frame."""
         return self.flight.states(self.time_s)
 
     @cached_property

@@ -122,7 +122,7 @@ class Trajectory:
             values = np.asarray(getattr(self, name), dtype=float)
             if values.shape != t.shape or not np.isfinite(values).all():
                 raise TrajectoryError(
-                    f"{self.source}: {name} has to hold {t.size} finite numbers, one a point"
+                    f"{self.source}: {name} has to hold {t.size} finite numbers, one per point"
                 )
             object.__setattr__(self, name, values)
         if np.any(np.abs(self.latitude_deg) > 89.0) or np.any(np.abs(self.longitude_deg) > 360.0):

@@ -1,0 +1,244 @@
+"""Every command that a page or a help text prints can be typed as it stands: interpreter, file and options exist."""
+
+import argparse
+import importlib
+import os
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
+PROGRAMS = sorted(p for p in ROOT.glob("flowgraphs/*.py") if not p.name.startswith("_"))
+FOLDERS = ("training", "tools", "packaging", "examples", "tests")
+SOURCES = [*PROGRAMS, *(file for folder in FOLDERS for file in ROOT.glob(f"{folder}/*.py"))]
+COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )*(?:\S*bin/python3?|python3?|make|\./\S+|tools/\S+\.sh) \S.*")
+# Those that stop by themselves before they measure; of all others only the options are read.
+STOP = {"ota_eval": "--plan"} | dict.fromkeys(
+    ("detection", "error_vs_runtime", "integrity", "landing_eval", "leaving_out", "stability"), "--dry-run"
+)
+PLACEHOLDER = re.compile(r"\b(CASE|NAME|LOGIN-NODE)\b|\.\.\.|/path/to/")
+
+
+def commands(file: Path) -> list[str]:
+    """Lines of code blocks and pieces of inline code that are commands."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix == ".py":
+        lines = (text.split('"""') + [""])[1].splitlines()
+    else:
+        lines = [line for line in text.splitlines() if line.startswith("    ")]
+        for fence in re.findall(r"^```(?:sh|bash|console)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            lines += fence.splitlines()
+    found = [line.strip() for line in lines if COMMAND.fullmatch(line.strip())]
+    return found + [code for code in re.findall(r"`([^`\n]+)`", text) if COMMAND.fullmatch(code)]
+
+
+def printed() -> dict[str, list[str]]:
+    """Command -> the files that print it."""
+    found: dict[str, list[str]] = {}
+    for file in [*PAGES, *SOURCES]:
+        for line in commands(file):
+            found.setdefault(re.sub(r" +(#.*|&)$", "", line), []).append(file.name)
+    return found
+
+
+PRINTED = printed()
+TYPED = {line: shlex.split(line) for line in PRINTED}
+
+
+class Accepted(BaseException):
+    """The options were read; what would follow is not wanted."""
+
+
+@pytest.fixture
+def options_alone(monkeypatch):
+    """Every program ends when its options have been read without complaint."""
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_args(self, *args, **kwargs):
+        parse(self, *args, **kwargs)
+        raise Accepted
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """A folder like the source tree, with the files that pages call the reader's own."""
+    folder = tmp_path_factory.mktemp("desk")
+    for name in (
+        "flowgraphs",
+        "models",
+        "training",
+        "tools",
+        "python",
+        "docs",
+        "examples",
+        "packaging",
+        ".venv",
+    ):
+        (folder / name).symlink_to(ROOT / name)
+    landing = ROOT / "flowgraphs/landing"
+    for name, like in {
+        "my.onnx": ROOT / "models/tcae.onnx",
+        "flight.csv": landing / "approach_kord_10c.csv",
+        "n41.dt1": landing / "hilly_n41w088.dt0",
+        "n42.dt1": landing / "hilly_n41w089.dt0",
+        "mymethod.py": ROOT / "flowgraphs/own_method.py",
+    }.items():
+        shutil.copy(like, folder / name)
+    for name in ("tcae_int8", "tcae_float16", "tcae_int8-dynamic"):
+        (folder / "variants").mkdir(exist_ok=True)
+        shutil.copy(ROOT / "models/tcae.onnx", folder / "variants" / f"{name}.onnx")
+        shutil.copy(ROOT / "models/tcae.onnx", folder / f"{name}.onnx")
+    for model in (ROOT / "models").glob("*.onnx"):
+        shutil.copy(model, folder)
+    (folder / "my_study.yaml").write_text(
+        (landing / "study.yaml").read_text().replace("../", f"{ROOT / 'flowgraphs'}/")
+    )
+    for file in landing.iterdir():  # what the study names is beside it
+        if file.name != "study.yaml":
+            shutil.copy(file, folder)
+    (folder / "my.yaml").write_text("name: my\n")
+    reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
+    (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])
+    (folder / "my_bench.yaml").write_text(
+        "radio: {radar_serial: 30AAAAA, jammer_serial: 30BBBBB, enclosure: cabled, attenuation_db: 60}\n"
+    )
+    return folder
+
+
+def words(line: str) -> tuple[dict[str, str], list[str]]:
+    """Variables before a command, and the command."""
+    typed = list(TYPED[line])
+    variables = {}
+    while re.match(r"[A-Z_]+=", typed[0]):
+        name, _, value = typed.pop(0).partition("=")
+        variables[name] = value
+    spread = (sorted(map(str, Path().glob(w))) if "*" in w else [w] for w in typed)  # as a shell does
+    return variables, [word for words in spread for word in words]
+
+
+def of(*kinds: str) -> list[str]:
+    """Commands without placeholders whose first word, and the start of whose second, are these."""
+    return [
+        line
+        for line in PRINTED
+        if not PLACEHOLDER.search(line)
+        and words(line)[1][0] == kinds[0]
+        and (len(kinds) == 1 or words(line)[1][1].startswith(kinds[1:]))
+    ]
+
+
+@pytest.mark.parametrize("line", PRINTED)
+def test_one_form_that_debian_knows(line):
+    """Debian has no `python`, and its python3 has not what the environment has."""
+    first = words(line)[1][0]
+    assert first in (".venv/bin/python", ".venv-train/bin/python", "make") or first.startswith(
+        ("tools/", "./")
+    ), f"{', '.join(PRINTED[line])}: {line}"
+
+
+@pytest.mark.parametrize("line", of(".venv/bin/python", "flowgraphs/"))
+def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys):
+    monkeypatch.chdir(desk)
+    _, (_, script, *arguments) = words(line)
+    assert Path(script).is_file()
+    program = Path(script).stem
+    monkeypatch.syspath_prepend(str(ROOT / "flowgraphs"))
+    stop = STOP.get(program)
+    # recordings and clusters are other tests' business, and plugins those of test_extending; many models load slowly
+    others = {"--replay", "--scheduler", "--models"} & set(arguments) or "clipper" in line
+    if stop and not others:
+        ends = "--check" in arguments or stop in arguments
+        options = arguments if ends else [*arguments, stop]
+        # nothing to go on with, and no radio
+        options = [o for o in options if o not in ("--resume", "--calibrate")]
+        status = importlib.import_module(program).main(options)
+        assert (status, capsys.readouterr().err) == (0, "")
+        return
+    request.getfixturevalue("options_alone")
+    with pytest.raises(Accepted):
+        importlib.import_module(program).main(arguments)
+
+
+@pytest.mark.parametrize("line", of(".venv/bin/python", "training/", "tools/", "packaging/"))
+def test_options_of_a_tool_are_accepted(line, options_alone, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    variables, (_, script, *arguments) = words(line)
+    monkeypatch.setattr(sys, "argv", [script, *arguments])
+    paths = [str(ROOT / p) for p in variables.get("PYTHONPATH", "").split(os.pathsep) if p]
+    monkeypatch.setattr(sys, "path", [str((ROOT / script).parent), *paths, *sys.path])
+    with pytest.raises(Accepted):
+        runpy.run_path(script, run_name="__main__")
+
+
+@pytest.mark.parametrize("line", of(".venv-train/bin/python"))
+def test_options_of_training_are_in_its_source(line):
+    """It needs PyTorch, which is not in the environment of the tests."""
+    _, (_, script, *arguments) = words(line)
+    source = (ROOT / script).read_text(encoding="utf-8")
+    for option in (a.partition("=")[0] for a in arguments if a.startswith("--")):
+        assert f'"{option}"' in source
+
+
+@pytest.mark.parametrize("line", of("make"))
+def test_make_knows_its_targets(line):
+    done = subprocess.run(
+        ["make", "-n", *words(line)[1][1:]],
+        cwd=ROOT, capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("line", of(".venv/bin/python", "-m"))
+def test_modules_that_are_run_are_there(line):
+    assert importlib.util.find_spec(words(line)[1][2]) is not None
+
+
+def test_a_shell_runs_the_first_line_of_the_readme(desk):
+    line = next(line for line in PRINTED if "README.md" in PRINTED[line] and "ota_eval" in line)
+    if not (ROOT / ".venv").exists():
+        pytest.skip("no .venv here: the module is tested where `make setup` was not run")
+    done = subprocess.run(
+        ["sh", "-c", f"{line} --plan"], cwd=desk, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "built" in done.stdout
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
+def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(program), "--help"])
+    monkeypatch.syspath_prepend(str(ROOT / "flowgraphs"))
+    module = importlib.import_module(program.stem)
+    if not hasattr(module, "main"):
+        pytest.skip("an example that programs read, no program")
+    for name in ("write_text", "write_bytes", "mkdir", "open"):
+        monkeypatch.setattr(Path, name, lambda *a, **k: pytest.fail("touched a file"))
+    with pytest.raises(SystemExit) as ended:
+        module.main(["--help"])
+    assert ended.value.code in (0, None)
+    assert capsys.readouterr().out.startswith("usage:")
+
+
+@pytest.mark.parametrize(
+    "tool",
+    sorted([*ROOT.glob("tools/*.*"), *ROOT.glob("cmake/*.py")]),
+    ids=lambda p: p.name,
+)
+def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
+    run = [sys.executable, str(tool)] if tool.suffix == ".py" else ["sh", str(tool)]
+    done = subprocess.run(
+        [*run, "--help"], cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout.lower()
+    assert not list(tmp_path.iterdir())

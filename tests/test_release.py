@@ -1,0 +1,46 @@
+"""One version: the package says it, everything else agrees, a tag on this commit included."""
+
+import re
+import subprocess
+
+import pytest
+import yaml
+
+from radalt import __version__
+
+
+def test_every_file_that_names_the_version_names_the_packages(root):
+    assert yaml.safe_load((root / "CITATION.cff").read_text())["version"] == __version__
+    assert yaml.safe_load((root / "MANIFEST.yml").read_text().partition("\n---")[0])["version"] == __version__
+    releases = re.findall(r"^## \[(\d[\d.]*)\]", (root / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert releases[0] == __version__
+    assert (root / "CHANGELOG.md").read_text().index("## [Unreleased]") < (
+        (root / "CHANGELOG.md").read_text().index(f"## [{__version__}]")
+    )
+
+
+def test_a_tag_on_this_commit_is_the_version(root):
+    tags = subprocess.run(
+        ["git", "tag", "--points-at", "HEAD"], cwd=root, capture_output=True, text=True, check=False
+    ).stdout.split()
+    tags = [tag for tag in tags if re.fullmatch(r"v\d+\.\d+\.\d+", tag)]
+    if not tags:
+        pytest.skip("this commit is no release: no tag vX.Y.Z is on it")
+    assert tags == [f"v{__version__}"]
+
+
+@pytest.mark.parametrize(
+    "file", ["workflows/test.yml", "ISSUE_TEMPLATE/bug.yml", "ISSUE_TEMPLATE/method.yml"]
+)
+def test_files_of_the_forge_are_yaml_and_call_what_is_there(root, file):
+    text = (root / ".github" / file).read_text()
+    assert yaml.safe_load(text)
+    for script in re.findall(r"script: \[(.*)\]", text):
+        for name in script.split(", "):
+            assert (root / name).stat().st_mode & 0o111
+
+
+def test_hooks_run_the_ruff_that_make_lint_runs(root):
+    (repository,) = yaml.safe_load((root / ".pre-commit-config.yaml").read_text())["repos"]
+    for hook in repository["hooks"]:
+        assert hook["entry"].startswith(".venv/bin/python -m ruff ")

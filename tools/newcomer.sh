@@ -1,0 +1,27 @@
+#!/bin/sh
+# A newcomer's first hour in a fresh clone: the default run, help, installing below a prefix, the installed command, a
+# flowgraph generated there, uninstalling; ends with 1 where a step fails or something is left.
+# usage: newcomer.sh
+set -eu
+case ${1:-} in -h | --help) sed -n '/^[^#]/q; 2,$s/^# *//p' "$0"; exit 0 ;; esac
+tree=$(cd "$(dirname "$0")/.." && pwd)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+git clone -q "$tree" "$work/gr-radalt"
+cd "$work/gr-radalt"
+make help
+make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 20 --out results/first"
+test -s results/first/report.md
+.venv/bin/python flowgraphs/collect.py results/first --out results/all
+make install PREFIX="$work/prefix"
+cd "$work"
+radalt=$work/prefix/bin/radalt
+"$radalt" eval --sim --overlap 0.5 --altitudes 100 --frames 5 --methods none,whitening,tcae --out "$work/run"
+test -s "$work/run/report.md"
+eval "$("$radalt" env)"
+grcc -o "$work" "$work/prefix/share/gr-radalt/flowgraphs/ota_sim.grc"
+/usr/bin/python3 -c 'from gnuradio import radalt; print(radalt.__file__)'
+make -C "$work/gr-radalt" uninstall
+left=$(find "$work/prefix" 2>/dev/null || true)
+[ -z "$left" ] || [ "$left" = "$work/prefix" ] || { echo "newcomer: left behind:"; echo "$left"; exit 1; }
+echo "newcomer: every step worked, and nothing is left"
