@@ -3,7 +3,7 @@
 >>> from radalt.core.mitigation import METHODS, create
 >>> from radalt.core.waveform import Waveform
 >>> sorted(METHODS)
-['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'tcae', 'whitening']
+['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'ofdm_cancel', 'tcae', 'whitening']
 >>> create("whitening", Waveform()).name
 'whitening'
 """
@@ -23,6 +23,7 @@ from .blanking import Blanking
 from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
+from .ofdm_cancel import OfdmCancel
 from .own_process import OwnProcess
 from .prediction import LinearPrediction, NlmsPredictor
 from .tcae import Tcae
@@ -51,6 +52,7 @@ for _method in (
     LinearPrediction,
     Whitening,
     Blanking,
+    OfdmCancel,
     Tcae,
 ):  # as reports list them
     register(_method)

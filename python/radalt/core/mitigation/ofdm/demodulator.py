@@ -1,0 +1,184 @@
+"""Decisions and channel in turns, from symbols of known timing to a model of what was sent and heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .acquisition import Grid
+from .channel_fit import fit, sums
+from .lattice import BLOCK, CELL, DENSE, SPARSE_ERROR, box, nearest, power, sparse
+from .numerology import Numerology
+
+__all__ = ["Received", "constellation", "demodulate"]
+
+# subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier for itself
+FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
+AGAIN = ((5, 0),)
+_ORDERS = 3  # 0, 1, 2: tried in the end
+_EIGHTH = np.complex64(np.exp(0.25j * np.pi))
+
+
+@dataclass
+class Received:
+    """What was made of the symbols of a frame.
+
+    Attributes
+    ----------
+    symbols, phase : (L, K) complex64
+        As in `Grid`, with finer phases.
+    channel : (L, K) complex64
+    drift : (L, K) complex64 or None
+        Change of the channel from symbol to symbol; None where it stands still.
+    points : (L, K) complex64
+        Decided points.
+    few : (L, K) bool
+        Of an alphabet of few points.
+    error : (L, K) float32
+        Squared distance from the model.
+    dense : int
+        Points of the square QAM: 16, 64 or 256.
+    carrier_step, late : float
+        Carrier and timing left, in subcarriers and samples.
+    """
+
+    symbols: np.ndarray
+    phase: np.ndarray
+    channel: np.ndarray
+    drift: np.ndarray | None
+    points: np.ndarray
+    few: np.ndarray
+    error: np.ndarray
+    dense: int
+    late: float
+
+
+def _decide(values: np.ndarray, dense: int, few: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, squared errors in units of the lattice and which blocks are of few points, of (L, K) elements.
+
+    With ``few`` given the blocks' alphabets are not judged again.
+    """
+    level = power(values)
+    points = nearest(values, dense)
+    error = power(values - points)
+    scanty = sparse(values, level)
+    scanty_error = power(values - scanty)
+    if few is None:
+        few = box(scanty_error, BLOCK) < SPARSE_ERROR
+        # the primary synchronisation signal stands on the axes
+        turned = sparse(values * _EIGHTH, level) * _EIGHTH.conj()
+        turned_error = power(values - turned)
+        mean = box(turned_error, BLOCK)
+        axes = (mean < SPARSE_ERROR) & ~few
+        if axes.any():
+            scanty, scanty_error = np.where(axes, turned, scanty), np.where(axes, turned_error, scanty_error)
+            few |= axes
+    return np.where(few, scanty, points), np.where(few, scanty_error, error), few
+
+
+def constellation(values: np.ndarray, clear: np.ndarray) -> int:
+    """Points of the square QAM that most of the elements (L, K) agree with."""
+    level = power(values)
+    crowded = clear & (box(power(values - sparse(values, level)), BLOCK) > 1.5 * SPARSE_ERROR) & (level < 0.8)
+    chosen = values[crowded]
+    if chosen.size < 100:
+        return DENSE[-1]
+    return min(DENSE, key=lambda m: float(np.mean(power(chosen - nearest(chosen, m))) / CELL[m]))
+
+
+def _true_up(grid: Grid, agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
+    """(L, K) factor and (L,) delays in samples: the phase and its slope over the subcarriers that each symbol is off."""
+    angle = np.angle(agreement.sum(axis=1) + 1e-30)
+    straight = agreement * np.exp(-1j * angle).astype(np.complex64)[:, None]
+    weight = np.abs(straight.real) @ (numerology.turn**2)
+    slope = (straight.imag @ numerology.turn) / np.maximum(weight, 1e-30)
+    turn = angle[:, None].astype(np.float32) + slope[:, None].astype(np.float32) * numerology.turn
+    return np.exp(-1j * turn), slope
+
+
+def demodulate(
+    grid: Grid, clear: np.ndarray, numerology: Numerology, dense: int | None, turns: Sequence[tuple[int, int]]
+) -> Received:
+    """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
+
+    A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
+    """
+    symbols, phase = grid.symbols, grid.phase
+    count = len(symbols)
+    channel = grid.channel if grid.channel.ndim == 2 else np.broadcast_to(grid.channel, symbols.shape)
+    clear = clear & grid.used
+    times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
+    per_symbol = np.maximum(clear.sum(axis=1), 1)
+    first = dense is None
+    if dense is None:
+        dense = constellation(symbols / channel, clear)
+    cell = CELL[dense]
+    heard = np.ones((count, 1), dtype=bool)
+    few, late = None, 0.0
+    for number, (width, order) in enumerate((*turns, (1, -1))):
+        values = symbols / channel
+        last = order < 0
+        points, error, few = _decide(values, dense, few if 1 < number and not last else None)
+        if number or not first:
+            off = np.einsum("lk,lk->l", np.minimum(error, cell), clear) / per_symbol / cell
+            heard = (off < max(0.5, 1.3 * np.median(off)))[:, None]
+        sure = clear & heard & (error < (1.0 if number else 0.9) * 1.5 * cell)
+        if first and not number:
+            sure &= power(values) < 1.0  # while the gain is rough, the outer points are the uncertain ones
+        model = channel * points
+        agreement = symbols * model.conj()
+        agreement *= sure
+        turn, slope = _true_up(grid, agreement, numerology)
+        if not last:
+            late = float(np.median(slope)) if number else late
+            symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
+        weight = power(model) * sure
+        right, left = sums(agreement, weight, times, 2 if last else order)
+        if last:
+            factor = _best_order(right, left, power(symbols)[sure].sum(), int(sure.sum()))
+        else:
+            factor = fit(right, left, order, width)
+        basis = np.stack([times**n for n in range(len(factor))]).astype(np.complex64)
+        drift = None
+        if len(factor) > 1:
+            drift = factor[1] + (2 * times[:, None] * factor[2] if len(factor) > 2 else 0)
+            drift = drift * channel * np.float32(2 / count)
+        channel = channel * (basis.T @ factor)
+        if number == 1 and first:
+            symbols, phase = _upright(symbols, phase, channel, dense, clear)
+    values = symbols / channel
+    points, error, few = _decide(values, dense)
+    error = error * power(channel)
+    return Received(symbols, phase, channel, drift, points, few, error, dense, late)
+
+
+def _best_order(right: np.ndarray, left: np.ndarray, energy: float, elements: int) -> np.ndarray:
+    """Coefficients of the order that leaves least per degree of freedom."""
+    best = None
+    for order in range(_ORDERS):
+        factor = fit(right, left, order, 1)
+        # |y - c m|^2 summed: the cross term and the model's own energy
+        cross = np.einsum("nk,nk->", factor.conj(), right[: order + 1]).real
+        own = 0.0
+        for i in range(order + 1):
+            for j in range(order + 1):
+                own += float(np.einsum("k,k,k->", factor[i].conj(), factor[j], left[i + j]).real)
+        freedom = max(1, elements - (order + 1) * int((left[0] > 0).sum()))
+        rest = (energy - 2 * cross + own) / freedom
+        if best is None or rest < best[0]:
+            best = (rest, factor)
+    return best[1]
+
+
+def _upright(
+    symbols: np.ndarray, phase: np.ndarray, channel: np.ndarray, dense: int, clear: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same with symbols set right that the fourth power had turned by an eighth: one mostly of points on the axes."""
+    values = symbols / channel
+    straight, turned = (
+        np.einsum("lk,lk->l", np.minimum(_decide(v, dense)[1], CELL[dense]), clear) for v in (values, values * _EIGHTH)
+    )
+    fix = np.where(turned < 0.8 * straight, _EIGHTH, np.complex64(1))[:, None]
+    return symbols * fix, phase * fix

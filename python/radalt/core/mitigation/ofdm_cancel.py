@@ -1,0 +1,269 @@
+"""Cancellation of OFDM: demodulate what a 4G or 5G base station sends, subtract it, keep the return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from ..receiver.altimeter_settings import AltimeterSettings
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError, PlotStyle
+from .ofdm.acquisition import Grid, acquire, find_prefix, transforms
+from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate
+from .ofdm.lattice import CELL, power
+from .ofdm.numerology import SPACINGS_HZ, Numerology
+from .ofdm.ridge import Ridge, expected_return
+
+__all__ = ["OfdmCancel"]
+
+_CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
+_READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_FEWEST = 0.3  # of a frame's symbols have to be readable
+_SKIRT = 0.1  # error over power of a subcarrier that is of no use
+_FINE = (3e-4, 6e-3)  # subcarriers: carrier steps that are worth taking out, and are no turns of the symbols' own
+_LIMIT = 6.0  # times the median power: what is left where symbols meet
+_STILL = 0.02  # samples of timing that need no new phases
+
+
+@dataclass
+class _Lock:
+    """What is known of an emitter from the frames before; times in samples of the frame to come."""
+
+    numerology: Numerology
+    ridge: Ridge
+    first_long: float
+    carrier: float
+    channel: np.ndarray
+    used: np.ndarray
+    dense: int
+
+
+class OfdmCancel(Mitigation):
+    """Blind demodulation and subtraction of cyclic-prefix OFDM (LTE and NR downlinks of 15 or 30 kHz).
+
+    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier; the fourth power of the subcarriers
+    the place of the long prefix and all phases; points and channel are estimated in turns from elements that no return can be
+    in, about five of six. In the others the nearest point is subtracted, or, where the return is wider than a cell of the
+    constellation, the mean of the return given all near points. Found once, an emitter is followed from frame to frame.
+    Frames without such a signal pass bit for bit. What it cannot read it leaves as it is: noise of the emitter's own,
+    interference on top of it, several antennas' streams.
+
+    Parameters
+    ----------
+    span_m : float or None
+        Highest altitude whose return must not be taken for data, above 0; None is the default altimeter's.
+
+    Attributes
+    ----------
+    found, followed : int
+        Frames in which an emitter was acquired, and in which it was where the frame before had left it.
+
+    Notes
+    -----
+    Used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the alphabets. No cell
+    identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a symbol is a whole number of
+    samples.
+
+    Raises
+    ------
+    MitigationError
+        If the rate does not fit or ``span_m`` is out of range.
+    """
+
+    name = "ofdm_cancel"
+    title = "OFDM cancellation"
+    style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
+
+    def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:
+        wide = SPACINGS_HZ[-1]
+        if waveform.rate_hz % wide or waveform.rate_hz < 64 * wide:
+            raise MitigationError(
+                f"ofdm_cancel: rate_hz is {waveform.rate_hz:g}; it has to be a multiple of {wide:g}, at least {64 * wide:g}"
+            )
+        if waveform.sweep_s < 0.3e-3:
+            raise MitigationError(
+                f"ofdm_cancel: sweep_s is {waveform.sweep_s:g}; a frame shorter than 0.3e-3 holds too few symbols"
+            )
+        if span_m is not None and not 0 < span_m < np.inf:
+            raise MitigationError(f"ofdm_cancel.span_m is {span_m!r}; it has to be a finite number of metres above 0")
+        self.span_m = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
+        kinds = [Numerology(waveform.rate_hz, spacing_hz) for spacing_hz in SPACINGS_HZ]
+        self._kinds = [(kind, Ridge(waveform, kind, self.span_m)) for kind in kinds]
+        super().__init__(waveform)
+
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        super().reset()
+        self.found = self.followed = 0
+        self._lock: _Lock | None = None
+        self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
+        self._places: tuple[bytes, np.ndarray, np.ndarray] | None = None
+
+    def status(self) -> dict[str, object]:
+        """See `Mitigation.status`; with the frames that held an emitter."""
+        return super().status() | {"found": self.found, "followed": self.followed}
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        return np.stack([self._frame(frame) for frame in batch])
+
+    def _frame(self, frame: np.ndarray) -> np.ndarray:
+        mean = float(np.vdot(frame, frame).real) / frame.size
+        if not np.finfo(np.float32).tiny < mean < np.inf:
+            return frame
+        scaled = frame * np.float32(1 / np.sqrt(mean))
+        out = self._follow(scaled) if self._lock else None
+        if out is not None:
+            self.followed += 1
+        else:
+            self._lock = None
+            out = self._find(scaled)
+            if out is None:
+                return frame
+            self.found += 1
+        return out * np.float32(np.sqrt(mean))
+
+    def _find(self, frame: np.ndarray) -> np.ndarray | None:
+        """A frame without its OFDM, looked for from nothing; None if it has none that can be read."""
+        prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
+        prefix, (numerology, ridge) = max(zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast)
+        if prefix.contrast < _CONTRAST:
+            return None
+        carrier = prefix.carrier
+        for again in (False, True):
+            turn, straight = self._without(frame, carrier, numerology)
+            grid = acquire(
+                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at)
+            )
+            if again or not _FINE[0] < abs(grid.carrier_step) < _FINE[1]:
+                break
+            carrier += grid.carrier_step
+        clear = ridge.clear(grid.starts, carrier)
+        received = demodulate(grid, clear, numerology, None, FIRST)
+        lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used, received.dense)
+        return self._subtract(straight, turn, grid, clear, received, lock)
+
+    def _follow(self, frame: np.ndarray) -> np.ndarray | None:
+        """A frame without the OFDM of the frame before; None if that is not there any more."""
+        lock = self._lock
+        numerology = lock.numerology
+        starts, ramp = self._ramp(lock)
+        turn, straight = self._without(frame, lock.carrier, numerology)
+        symbols = transforms(straight, starts, numerology) * ramp
+        clear = lock.ridge.clear(starts, lock.carrier)
+        fourth = symbols / lock.channel
+        size = power(fourth)
+        fourth *= fourth
+        fourth *= fourth
+        fourth /= size + np.float32(0.05)
+        fourth *= clear & lock.used & (size > 0.1)
+        agree = fourth.sum(axis=1)
+        if np.abs(agree).sum() < _COHERENCE * np.abs(fourth).sum():
+            return None
+        # points of QPSK and QAM stand on the diagonals: their fourth power is negative
+        angle = np.angle(-agree)
+        own = np.exp(-0.25j * angle).astype(np.complex64)[:, None]
+        strong = np.abs(agree) > 0.3 * np.abs(agree).max()
+        steps = np.exp(1j * np.diff(angle))[strong[1:] & strong[:-1]]
+        step = np.angle(steps.sum()) / (8 * np.pi) * numerology.useful / numerology.spacing if steps.size else 0.0
+        grid = Grid(
+            starts, lock.first_long, symbols * own, ramp * own, lock.channel, lock.used, float(step)
+        )
+        received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
+        if _FINE[0] < abs(step) < _FINE[1]:
+            lock.carrier += 0.5 * step
+        return self._subtract(straight, turn, grid, clear, received, lock)
+
+    def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
+        """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
+        if self._phases is None or self._phases[0] != lock.first_long:
+            times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
+            held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
+            late = (starts - times[held]).astype(np.float32)
+            self._phases = lock.first_long, starts, np.exp(-1j * late[:, None] * lock.numerology.turn)
+        return self._phases[1:]
+
+    @staticmethod
+    def _without(
+        frame: np.ndarray, carrier: float, numerology: Numerology
+    ) -> tuple[np.ndarray | None, np.ndarray]:
+        """The factor that takes out a carrier (in subcarriers), None where that is nothing to speak of, and the frame without."""
+        if abs(carrier) < _FINE[0]:
+            return None, frame
+        cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
+        turn = np.exp(2j * np.pi * cycles.astype(np.float32))
+        return turn, frame * turn
+
+    def _subtract(
+        self,
+        frame: np.ndarray,
+        turn: np.ndarray | None,
+        grid: Grid,
+        clear: np.ndarray,
+        received: Received,
+        lock: _Lock,
+    ) -> np.ndarray | None:
+        """The frame without what was received, and the lock for the frame after; None if it cannot be read."""
+        trusted = clear & grid.used
+        cells = power(received.channel) * (trusted * CELL[received.dense])
+        readable = np.minimum(received.error * trusted, cells).sum(axis=1) <= _READABLE * cells.sum(axis=1)
+        if readable.mean() < _FEWEST:
+            return None
+        own = power(received.symbols) * clear
+        useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
+        both = ~clear & useful
+        # where no return can be, all of an element goes
+        model = np.where(both, received.channel * received.points, received.symbols)
+        both &= readable[:, None]
+        kept = expected_return(received, both, trusted & readable[:, None])
+        if kept is not None:
+            model[both] = received.symbols[both] - kept
+        back = received.phase.conj()
+        model *= back
+        places, offsets = self._gather(grid.starts, lock.numerology)
+        out = frame - self._samples(model, readable)[places]
+        if received.drift is not None:
+            moving = np.where(useful, received.drift * received.points, 0) * back
+            out -= self._samples(moving, readable)[places] * offsets
+        if turn is not None:
+            out *= turn.conj()
+        level = power(out)
+        out[level > np.float32(_LIMIT) * np.median(level)] = 0
+        self._keep(lock, grid, received)
+        return out
+
+    @staticmethod
+    def _samples(elements: np.ndarray, readable: np.ndarray) -> np.ndarray:
+        """(L K + 1,) complex64: the samples of the symbols' transforms, 0 for those that are not readable and for the last."""
+        symbols = fft.ifft(np.fft.ifftshift(elements, axes=1), axis=1, norm="ortho", overwrite_x=True)
+        symbols[~readable] = 0
+        return np.append(symbols, np.complex64(0))
+
+    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
+        """For each sample of a frame, which of `_samples` it is (the last: none), and its distance in symbols from the
+        middle of that symbol: (N,) int, (N,) float32."""
+        key = starts.tobytes()
+        if self._places is None or self._places[0] != key:
+            count = self.waveform.samples_per_frame
+            half = numerology.prefix / 2
+            edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
+            sample = np.arange(count)
+            symbol = np.searchsorted(edges, sample, side="right") - 1
+            inside = (symbol >= 0) & (symbol < len(starts))
+            since = sample - starts[np.clip(symbol, 0, len(starts) - 1)]
+            places = np.where(inside, symbol * numerology.useful + since % numerology.useful, starts.size * numerology.useful)
+            offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
+            self._places = key, places, offsets
+        return self._places[1:]
+
+    def _keep(self, lock: _Lock, grid: Grid, received: Received) -> None:
+        """What the next frame has to know."""
+        first_long = grid.first_long
+        if abs(received.late) > _STILL:
+            first_long -= received.late
+        lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
+        lock.channel = received.channel[len(received.channel) // 2]
+        lock.dense = received.dense
+        self._lock = lock
