@@ -10,8 +10,8 @@ from scipy import fft
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
+from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain
 from .ofdm.lattice import CELL, power
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
@@ -21,9 +21,14 @@ __all__ = ["OfdmCancel"]
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
+_LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _FEWEST = 0.3  # of a frame's symbols have to be readable
 _SKIRT = 0.1  # error over power of a subcarrier that is of no use
-_FINE = (3e-4, 6e-3)  # subcarriers: carrier steps that are worth taking out, and are no turns of the symbols' own
+_STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
+_COARSE = 1e-3  # subcarriers of carrier that the first look may be off
+_TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
+_ASKED = 7  # every so manieth element is asked for the gain
 _LIMIT = 6.0  # times the median power: what is left where symbols meet
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -39,6 +44,13 @@ class _Lock:
     channel: np.ndarray
     used: np.ndarray
     dense: int
+    level: float = 1.0
+
+
+def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
+    """(L,) mean error of each symbol's ``trusted`` elements in cells, each at most 1; 0 for a symbol of silence."""
+    cells = power(received.channel) * (trusted * CELL[received.dense])
+    return np.minimum(received.error * trusted, cells).sum(axis=1) / np.maximum(cells.sum(axis=1), 1e-30)
 
 
 class OfdmCancel(Mitigation):
@@ -113,17 +125,19 @@ class OfdmCancel(Mitigation):
         mean = float(np.vdot(frame, frame).real) / frame.size
         if not np.finfo(np.float32).tiny < mean < np.inf:
             return frame
-        scaled = frame * np.float32(1 / np.sqrt(mean))
-        out = self._follow(scaled) if self._lock else None
-        if out is not None:
-            self.followed += 1
-        else:
+        if self._lock:
+            out = self._follow(frame * np.float32(1 / self._lock.level))
+            if out is not None:
+                self.followed += 1
+                return out * np.float32(self._lock.level)
             self._lock = None
-            out = self._find(scaled)
-            if out is None:
-                return frame
-            self.found += 1
-        return out * np.float32(np.sqrt(mean))
+        level = float(np.sqrt(mean))
+        out = self._find(frame * np.float32(1 / level))
+        if out is None:
+            return frame
+        self.found += 1
+        self._lock.level = level
+        return out * np.float32(level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, looked for from nothing; None if it has none that can be read."""
@@ -137,9 +151,10 @@ class OfdmCancel(Mitigation):
             grid = acquire(
                 straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at)
             )
-            if again or not _FINE[0] < abs(grid.carrier_step) < _FINE[1]:
+            step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
+            if again or not _COARSE < abs(step) < _TURNS:
                 break
-            carrier += grid.carrier_step
+            carrier += step
         clear = ridge.clear(grid.starts, carrier)
         received = demodulate(grid, clear, numerology, None, FIRST)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used, received.dense)
@@ -163,17 +178,18 @@ class OfdmCancel(Mitigation):
         if np.abs(agree).sum() < _COHERENCE * np.abs(fourth).sum():
             return None
         # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-        angle = np.angle(-agree)
+        angle = course(-agree)
         own = np.exp(-0.25j * angle).astype(np.complex64)[:, None]
-        strong = np.abs(agree) > 0.3 * np.abs(agree).max()
-        steps = np.exp(1j * np.diff(angle))[strong[1:] & strong[:-1]]
-        step = np.angle(steps.sum()) / (8 * np.pi) * numerology.useful / numerology.spacing if steps.size else 0.0
-        grid = Grid(
-            starts, lock.first_long, symbols * own, ramp * own, lock.channel, lock.used, float(step)
-        )
+        symbols *= own
+        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
+        values = symbols.ravel()[asked] / lock.channel[asked % lock.channel.size]
+        channel = lock.channel / gain(values, lock.dense)
+        grid = Grid(starts, lock.first_long, symbols, ramp * own, channel, lock.used, angle / 4)
         received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
-        if _FINE[0] < abs(step) < _FINE[1]:
-            lock.carrier += 0.5 * step
+        misread = _misread(received, clear & lock.used)
+        usual = np.median(misread)
+        if usual > _READABLE or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST:
+            return None
         return self._subtract(straight, turn, grid, clear, received, lock)
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +206,7 @@ class OfdmCancel(Mitigation):
         frame: np.ndarray, carrier: float, numerology: Numerology
     ) -> tuple[np.ndarray | None, np.ndarray]:
         """The factor that takes out a carrier (in subcarriers), None where that is nothing to speak of, and the frame without."""
-        if abs(carrier) < _FINE[0]:
+        if abs(carrier) < _STRAIGHT:
             return None, frame
         cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
         turn = np.exp(2j * np.pi * cycles.astype(np.float32))
@@ -207,8 +223,8 @@ class OfdmCancel(Mitigation):
     ) -> np.ndarray | None:
         """The frame without what was received, and the lock for the frame after; None if it cannot be read."""
         trusted = clear & grid.used
-        cells = power(received.channel) * (trusted * CELL[received.dense])
-        readable = np.minimum(received.error * trusted, cells).sum(axis=1) <= _READABLE * cells.sum(axis=1)
+        misread = _misread(received, trusted)
+        readable = misread <= _READABLE
         if readable.mean() < _FEWEST:
             return None
         own = power(received.symbols) * clear
@@ -231,7 +247,7 @@ class OfdmCancel(Mitigation):
             out *= turn.conj()
         level = power(out)
         out[level > np.float32(_LIMIT) * np.median(level)] = 0
-        self._keep(lock, grid, received)
+        self._keep(lock, grid, received, bool((misread < _DOUBTFUL).all()))
         return out
 
     @staticmethod
@@ -258,12 +274,15 @@ class OfdmCancel(Mitigation):
             self._places = key, places, offsets
         return self._places[1:]
 
-    def _keep(self, lock: _Lock, grid: Grid, received: Received) -> None:
+    def _keep(self, lock: _Lock, grid: Grid, received: Received, sound: bool) -> None:
         """What the next frame has to know."""
+        step = carrier_step(received.angles, received.weight, lock.numerology)
+        if abs(step) < _TURNS:
+            lock.carrier += step
         first_long = grid.first_long
         if abs(received.late) > _STILL:
             first_long -= received.late
         lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
-        lock.channel = received.channel[len(received.channel) // 2]
-        lock.dense = received.dense
+        if sound or lock is not self._lock:
+            lock.channel = received.channel[len(received.channel) // 2]
         self._lock = lock

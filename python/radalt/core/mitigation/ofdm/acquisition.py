@@ -10,10 +10,13 @@ from scipy import fft, ndimage
 from .lattice import BLOCK, box, power
 from .numerology import Numerology
 
-__all__ = ["Grid", "Prefix", "acquire", "find_prefix", "transforms"]
+__all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "transforms"]
 
 _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
 _SMOOTH = 9  # subcarriers over which a first channel is averaged
+_COURSES = 512  # carriers tried
+_IN_STEP = 0.8  # of the sum without regard to phase
+_STEP_RAD = 0.6
 _IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
 
 
@@ -78,8 +81,8 @@ class Grid:
         To within a quarter turn per subcarrier.
     used : (K,) bool
         Subcarriers worth demodulating.
-    carrier_step : float
-        Carrier left, in subcarriers, as the symbols' phases have it; modulo a quarter turn per symbol.
+    angles : (L,) float
+        The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
     """
 
     starts: np.ndarray
@@ -88,7 +91,7 @@ class Grid:
     phase: np.ndarray
     channel: np.ndarray
     used: np.ndarray
-    carrier_step: float
+    angles: np.ndarray
 
 
 def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +144,7 @@ def acquire(
         if best is None or values[-1] > best[0]:
             best = (values[-1], place, passed, tried, vectors[:, -1])
     _, place, passed, fourth, vector = best
-    turned = np.angle(vector)
+    turned = course(vector)
     phase = base * powers[passed] * np.exp(-0.25j * turned)[:, None]
     mean = (np.exp(-1j * turned) @ fourth).astype(np.complex64)
     slope = np.angle(np.vdot(mean[:-1], mean[1:]))
@@ -149,7 +152,6 @@ def acquire(
     angle = np.unwrap(np.angle(ndimage.uniform_filter1d(straight, _SMOOTH)))
     # points of QPSK and QAM stand on the diagonals: their fourth power is negative
     angle = (angle + slope * numerology.subcarriers - np.pi) / 4
-    step = np.angle(np.sum(np.exp(1j * np.diff(turned)))) / (8 * np.pi) * numerology.useful / numerology.spacing
     phase = phase.astype(np.complex64)
     return Grid(
         starts,
@@ -158,5 +160,33 @@ def acquire(
         phase,
         (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64),
         used,
-        float(step),
+        turned / 4,
     )
+
+
+def course(agreement: np.ndarray) -> np.ndarray:
+    """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
+
+    A carrier turns them evenly. A symbol that falls out of step has little to go by, or its points stand on the axes (the
+    primary synchronisation signal): it is put in step. Where most are out of step they stay as they are.
+    """
+    angle = np.angle(agreement)
+    spectrum = np.fft.fft(agreement, _COURSES)
+    best = int(np.abs(spectrum).argmax())
+    if np.abs(spectrum[best]) < _IN_STEP * np.abs(agreement).sum():
+        return angle
+    even = np.angle(spectrum[best]) + 2 * np.pi * best / _COURSES * np.arange(len(agreement))
+    off = np.angle(np.exp(1j * (angle - even)))
+    return even + np.where(np.abs(off) < _STEP_RAD, off, 0)
+
+
+def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
+    """Carrier in subcarriers that makes symbols turn as they do: a straight line through (L,) angles modulo a quarter turn,
+    weighted by (L,) ``weight``."""
+    heard = np.flatnonzero(weight > 0)
+    if len(heard) < 3:
+        return 0.0
+    course, weight = np.unwrap(4 * angles[heard]) / 4, weight[heard]
+    index = heard - np.average(heard, weights=weight)
+    per_symbol = float((weight * index) @ course / ((weight * index) @ index))
+    return per_symbol / (2 * np.pi) * numerology.useful / numerology.spacing

@@ -12,12 +12,14 @@ from .channel_fit import fit, sums
 from .lattice import BLOCK, CELL, DENSE, SPARSE_ERROR, box, nearest, power, sparse
 from .numerology import Numerology
 
-__all__ = ["Received", "constellation", "demodulate"]
+__all__ = ["Received", "constellation", "demodulate", "gain"]
 
 # subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier for itself
 FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
 AGAIN = ((5, 0),)
 _ORDERS = 3  # 0, 1, 2: tried in the end
+_DOUBTFUL = 0.25  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
@@ -40,8 +42,12 @@ class Received:
         Squared distance from the model.
     dense : int
         Points of the square QAM: 16, 64 or 256.
-    carrier_step, late : float
-        Carrier and timing left, in subcarriers and samples.
+    angles : (L,) float
+        As in `Grid`, finer.
+    weight : (L,) float
+        What each of them is worth; 0 for a symbol that fits no alphabet.
+    late : float
+        Samples by which the symbols came late.
     """
 
     symbols: np.ndarray
@@ -52,6 +58,8 @@ class Received:
     few: np.ndarray
     error: np.ndarray
     dense: int
+    angles: np.ndarray
+    weight: np.ndarray
     late: float
 
 
@@ -88,14 +96,30 @@ def constellation(values: np.ndarray, clear: np.ndarray) -> int:
     return min(DENSE, key=lambda m: float(np.mean(power(chosen - nearest(chosen, m))) / CELL[m]))
 
 
-def _true_up(grid: Grid, agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
-    """(L, K) factor and (L,) delays in samples: the phase and its slope over the subcarriers that each symbol is off."""
+def gain(values: np.ndarray, dense: int) -> np.float32:
+    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best.
+
+    Received power goes with what is sent, so a channel of an earlier frame fits to within this.
+    """
+    level = power(values)
+
+    def misfit(factor: np.float32) -> float:
+        scaled = values * factor
+        error = power(scaled - nearest(scaled, dense))
+        few = power(scaled - sparse(scaled, level * factor * factor))
+        return float(np.minimum(np.minimum(error, few), CELL[dense]).sum() / (factor * factor))
+
+    return min(_GAINS, key=misfit)
+
+
+def _true_up(grid: Grid, agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
     angle = np.angle(agreement.sum(axis=1) + 1e-30)
     straight = agreement * np.exp(-1j * angle).astype(np.complex64)[:, None]
     weight = np.abs(straight.real) @ (numerology.turn**2)
     slope = (straight.imag @ numerology.turn) / np.maximum(weight, 1e-30)
     turn = angle[:, None].astype(np.float32) + slope[:, None].astype(np.float32) * numerology.turn
-    return np.exp(-1j * turn), slope
+    return np.exp(-1j * turn), angle, slope
 
 
 def demodulate(
@@ -105,7 +129,7 @@ def demodulate(
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     """
-    symbols, phase = grid.symbols, grid.phase
+    symbols, phase = grid.symbols.copy(), grid.phase.copy()
     count = len(symbols)
     channel = grid.channel if grid.channel.ndim == 2 else np.broadcast_to(grid.channel, symbols.shape)
     clear = clear & grid.used
@@ -116,24 +140,32 @@ def demodulate(
         dense = constellation(symbols / channel, clear)
     cell = CELL[dense]
     heard = np.ones((count, 1), dtype=bool)
-    few, late = None, 0.0
+    few, late, angles = None, 0.0, grid.angles.copy()
     for number, (width, order) in enumerate((*turns, (1, -1))):
         values = symbols / channel
         last = order < 0
         points, error, few = _decide(values, dense, few if 1 < number and not last else None)
         if number or not first:
             off = np.einsum("lk,lk->l", np.minimum(error, cell), clear) / per_symbol / cell
-            heard = (off < max(0.5, 1.3 * np.median(off)))[:, None]
+            heard = (off < max(_DOUBTFUL, 1.5 * np.median(off)))[:, None]
+            if number == 1 or not first:
+                doubtful = np.flatnonzero(off > _DOUBTFUL)
+                turned = _turned(values[doubtful], off[doubtful], dense, clear[doubtful])
+                symbols[doubtful[turned]] *= _EIGHTH
+                phase[doubtful[turned]] *= _EIGHTH
+                angles[doubtful[turned]] -= np.pi / 4
+                heard[doubtful[turned]] = False  # this turn: what was decided of them is wrong
         sure = clear & heard & (error < (1.0 if number else 0.9) * 1.5 * cell)
         if first and not number:
             sure &= power(values) < 1.0  # while the gain is rough, the outer points are the uncertain ones
         model = channel * points
         agreement = symbols * model.conj()
         agreement *= sure
-        turn, slope = _true_up(grid, agreement, numerology)
+        turn, angle, slope = _true_up(grid, agreement, numerology)
         if not last:
             late = float(np.median(slope)) if number else late
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
+            angles = angles + angle
         weight = power(model) * sure
         right, left = sums(agreement, weight, times, 2 if last else order)
         if last:
@@ -146,12 +178,10 @@ def demodulate(
             drift = factor[1] + (2 * times[:, None] * factor[2] if len(factor) > 2 else 0)
             drift = drift * channel * np.float32(2 / count)
         channel = channel * (basis.T @ factor)
-        if number == 1 and first:
-            symbols, phase = _upright(symbols, phase, channel, dense, clear)
     values = symbols / channel
     points, error, few = _decide(values, dense)
     error = error * power(channel)
-    return Received(symbols, phase, channel, drift, points, few, error, dense, late)
+    return Received(symbols, phase, channel, drift, points, few, error, dense, angles, weight.sum(axis=1), late)
 
 
 def _best_order(right: np.ndarray, left: np.ndarray, energy: float, elements: int) -> np.ndarray:
@@ -172,13 +202,13 @@ def _best_order(right: np.ndarray, left: np.ndarray, energy: float, elements: in
     return best[1]
 
 
-def _upright(
-    symbols: np.ndarray, phase: np.ndarray, channel: np.ndarray, dense: int, clear: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same with symbols set right that the fourth power had turned by an eighth: one mostly of points on the axes."""
-    values = symbols / channel
-    straight, turned = (
-        np.einsum("lk,lk->l", np.minimum(_decide(v, dense)[1], CELL[dense]), clear) for v in (values, values * _EIGHTH)
-    )
-    fix = np.where(turned < 0.8 * straight, _EIGHTH, np.complex64(1))[:, None]
-    return symbols * fix, phase * fix
+def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) -> np.ndarray:
+    """(L,) bool: symbols that fit their alphabets better turned by an eighth.
+
+    The fourth power takes one mostly of points on the axes (the primary synchronisation signal) for one turned so.
+    """
+    if not len(values):
+        return np.zeros(0, dtype=bool)
+    error = np.minimum(_decide(values * _EIGHTH, dense)[1], CELL[dense])
+    count = np.maximum(clear.sum(axis=1), 1)
+    return np.einsum("lk,lk->l", error, clear) / count / CELL[dense] < 0.8 * off
