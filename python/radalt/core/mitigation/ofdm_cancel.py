@@ -29,6 +29,7 @@ _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
 _ASKED = 7  # every so manieth element is asked for the gain
+_FEW = 5  # every so manieth sample tells the median
 _LIMIT = 6.0  # times the median power: what is left where symbols meet
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -246,16 +247,20 @@ class OfdmCancel(Mitigation):
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out[level > np.float32(_LIMIT) * np.median(level)] = 0
+        out[level > np.float32(_LIMIT) * np.median(level[::_FEW])] = 0
         self._keep(lock, grid, received, bool((misread < _DOUBTFUL).all()))
         return out
 
     @staticmethod
     def _samples(elements: np.ndarray, readable: np.ndarray) -> np.ndarray:
         """(L K + 1,) complex64: the samples of the symbols' transforms, 0 for those that are not readable and for the last."""
-        symbols = fft.ifft(np.fft.ifftshift(elements, axes=1), axis=1, norm="ortho", overwrite_x=True)
-        symbols[~readable] = 0
-        return np.append(symbols, np.complex64(0))
+        count, useful = elements.shape
+        out = np.zeros(count * useful + 1, dtype=np.complex64)
+        lowest_last = np.fft.ifftshift(elements, axes=1)
+        out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
+        if not readable.all():
+            out[:-1].reshape(count, useful)[~readable] = 0
+        return out
 
     def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
         """For each sample of a frame, which of `_samples` it is (the last: none), and its distance in symbols from the
@@ -284,5 +289,5 @@ class OfdmCancel(Mitigation):
             first_long -= received.late
         lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
         if sound or lock is not self._lock:
-            lock.channel = received.channel[len(received.channel) // 2]
+            lock.channel = received.channel[len(received.channel) // 2].copy()
         self._lock = lock

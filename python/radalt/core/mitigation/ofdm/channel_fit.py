@@ -17,8 +17,12 @@ def sums(agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, order: in
 
     ``agreement`` (L, K) is received times conjugate model, ``weight`` (L, K) the model's power; zero where not to be used.
     """
+    if order == 0:
+        return agreement.sum(axis=0)[None], weight.sum(axis=0)[None]
+    # einsum: a product of matrices this thin costs more in threads than in arithmetic
     basis = np.stack([times**n for n in range(2 * order + 1)])
-    return basis[: order + 1].astype(np.complex64) @ agreement, basis @ weight
+    right = np.einsum("nl,lk->nk", basis[: order + 1].astype(np.complex64), agreement)
+    return right, np.einsum("nl,lk->nk", basis, weight)
 
 
 def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarray:

@@ -16,10 +16,13 @@ __all__ = ["Received", "constellation", "demodulate", "gain"]
 
 # subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier for itself
 FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
-AGAIN = ((5, 0),)
+AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
-_DOUBTFUL = 0.25  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_HELPS = 0.95  # of the error left, for a higher order to be taken
+_DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
+_STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
+_FITS = 0.1  # mean error in cells at which no other gain is looked for
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
@@ -75,14 +78,17 @@ def _decide(values: np.ndarray, dense: int, few: np.ndarray | None = None) -> tu
     scanty_error = power(values - scanty)
     if few is None:
         few = box(scanty_error, BLOCK) < SPARSE_ERROR
+        error = np.where(few, scanty_error, error)
         # the primary synchronisation signal stands on the axes
-        turned = sparse(values * _EIGHTH, level) * _EIGHTH.conj()
-        turned_error = power(values - turned)
-        mean = box(turned_error, BLOCK)
-        axes = (mean < SPARSE_ERROR) & ~few
-        if axes.any():
-            scanty, scanty_error = np.where(axes, turned, scanty), np.where(axes, turned_error, scanty_error)
-            few |= axes
+        odd = np.flatnonzero(np.minimum(error, CELL[dense]).mean(axis=1) > _DOUBTFUL * CELL[dense])
+        if odd.size:
+            turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
+            turned_error = power(values[odd] - turned)
+            axes = (box(turned_error, BLOCK) < SPARSE_ERROR) & ~few[odd]
+            scanty[odd] = np.where(axes, turned, scanty[odd])
+            error[odd] = np.where(axes, turned_error, error[odd])
+            few[odd] |= axes
+        return np.where(few, scanty, points), error, few
     return np.where(few, scanty, points), np.where(few, scanty_error, error), few
 
 
@@ -107,8 +113,10 @@ def gain(values: np.ndarray, dense: int) -> np.float32:
         scaled = values * factor
         error = power(scaled - nearest(scaled, dense))
         few = power(scaled - sparse(scaled, level * factor * factor))
-        return float(np.minimum(np.minimum(error, few), CELL[dense]).sum() / (factor * factor))
+        return float(np.minimum(np.minimum(error, few), CELL[dense]).mean() / (factor * factor))
 
+    if misfit(np.float32(1)) < _FITS * CELL[dense]:
+        return np.float32(1)
     return min(_GAINS, key=misfit)
 
 
@@ -116,8 +124,10 @@ def _true_up(grid: Grid, agreement: np.ndarray, numerology: Numerology) -> tuple
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
     angle = np.angle(agreement.sum(axis=1) + 1e-30)
     straight = agreement * np.exp(-1j * angle).astype(np.complex64)[:, None]
-    weight = np.abs(straight.real) @ (numerology.turn**2)
-    slope = (straight.imag @ numerology.turn) / np.maximum(weight, 1e-30)
+    weight = np.einsum("lk,k->l", straight.real, numerology.turn**2)
+    slope = np.einsum("lk,k->l", straight.imag, numerology.turn) / np.maximum(weight, 1e-30)
+    if np.abs(slope).max() < _STRAIGHT:
+        return np.exp(-1j * angle).astype(np.complex64)[:, None], angle, slope
     turn = angle[:, None].astype(np.float32) + slope[:, None].astype(np.float32) * numerology.turn
     return np.exp(-1j * turn), angle, slope
 
@@ -131,18 +141,18 @@ def demodulate(
     """
     symbols, phase = grid.symbols.copy(), grid.phase.copy()
     count = len(symbols)
-    channel = grid.channel if grid.channel.ndim == 2 else np.broadcast_to(grid.channel, symbols.shape)
+    channel = grid.channel
     clear = clear & grid.used
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
     per_symbol = np.maximum(clear.sum(axis=1), 1)
     first = dense is None
     if dense is None:
-        dense = constellation(symbols / channel, clear)
+        dense = constellation(symbols * (1 / channel), clear)
     cell = CELL[dense]
     heard = np.ones((count, 1), dtype=bool)
     few, late, angles = None, 0.0, grid.angles.copy()
     for number, (width, order) in enumerate((*turns, (1, -1))):
-        values = symbols / channel
+        values = symbols * (1 / channel)
         last = order < 0
         points, error, few = _decide(values, dense, few if 1 < number and not last else None)
         if number or not first:
@@ -161,45 +171,48 @@ def demodulate(
         model = channel * points
         agreement = symbols * model.conj()
         agreement *= sure
-        turn, angle, slope = _true_up(grid, agreement, numerology)
-        if not last:
+        if not last or not number:
+            turn, angle, slope = _true_up(grid, agreement, numerology)
             late = float(np.median(slope)) if number else late
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle
         weight = power(model) * sure
-        right, left = sums(agreement, weight, times, 2 if last else order)
         if last:
-            factor = _best_order(right, left, power(symbols)[sure].sum(), int(sure.sum()))
+            factor = _best_order(agreement, weight, times, float((power(symbols) * sure).sum()), int(sure.sum()))
         else:
-            factor = fit(right, left, order, width)
-        basis = np.stack([times**n for n in range(len(factor))]).astype(np.complex64)
-        drift = None
+            factor = fit(*sums(agreement, weight, times, order), order, width)
+        drift, course = None, factor[0]
         if len(factor) > 1:
             drift = factor[1] + (2 * times[:, None] * factor[2] if len(factor) > 2 else 0)
             drift = drift * channel * np.float32(2 / count)
-        channel = channel * (basis.T @ factor)
-    values = symbols / channel
+            for power_of_time, part in enumerate(factor[1:], 1):
+                course = course + times[:, None] ** power_of_time * part
+        channel = channel * course
+    values = symbols * (1 / channel)
     points, error, few = _decide(values, dense)
     error = error * power(channel)
+    channel = np.broadcast_to(channel, symbols.shape)
     return Received(symbols, phase, channel, drift, points, few, error, dense, angles, weight.sum(axis=1), late)
 
 
-def _best_order(right: np.ndarray, left: np.ndarray, energy: float, elements: int) -> np.ndarray:
-    """Coefficients of the order that leaves least per degree of freedom."""
-    best = None
+def _best_order(
+    agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, energy: float, elements: int
+) -> np.ndarray:
+    """Coefficients of the order that leaves least per degree of freedom: the next is tried while it helps."""
+    best, least = None, np.inf
     for order in range(_ORDERS):
+        right, left = sums(agreement, weight, times, order)
         factor = fit(right, left, order, 1)
-        # |y - c m|^2 summed: the cross term and the model's own energy
-        cross = np.einsum("nk,nk->", factor.conj(), right[: order + 1]).real
-        own = 0.0
-        for i in range(order + 1):
-            for j in range(order + 1):
-                own += float(np.einsum("k,k,k->", factor[i].conj(), factor[j], left[i + j]).real)
-        freedom = max(1, elements - (order + 1) * int((left[0] > 0).sum()))
-        rest = (energy - 2 * cross + own) / freedom
-        if best is None or rest < best[0]:
-            best = (rest, factor)
-    return best[1]
+        # |y - c m|^2 summed: what was received, the cross term, the model's own energy
+        rest = energy - 2 * float(np.einsum("nk,nk->", factor.conj(), right).real)
+        for i, one in enumerate(factor):
+            for j, other in enumerate(factor):
+                rest += float(np.einsum("k,k,k->", one.conj(), other, left[i + j]).real)
+        rest /= max(1, elements - (order + 1) * int((left[0] > 0).sum()))
+        if rest > _HELPS * least:
+            break
+        best, least = factor, rest
+    return best
 
 
 def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) -> np.ndarray:
