@@ -1,9 +1,7 @@
 """Mitigation methods: complex frames in, cleaned frames of the same shape out, one registry for all of them.
 
->>> from radalt.core.mitigation import METHODS, create
+>>> from radalt.core.mitigation import create
 >>> from radalt.core.waveform import Waveform
->>> sorted(METHODS)
-['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'ofdm_cancel', 'tcae', 'whitening']
 >>> create("whitening", Waveform()).name
 'whitening'
 """

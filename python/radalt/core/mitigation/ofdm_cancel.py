@@ -19,6 +19,7 @@ from .ofdm.ridge import Ridge, expected_return
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
@@ -46,6 +47,7 @@ class _Lock:
     used: np.ndarray
     dense: int
     level: float = 1.0
+    sir_db: float | None = None
 
 
 def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
@@ -57,12 +59,12 @@ def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
 class OfdmCancel(Mitigation):
     """Blind demodulation and subtraction of cyclic-prefix OFDM (LTE and NR downlinks of 15 or 30 kHz).
 
-    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier; the fourth power of the subcarriers
-    the place of the long prefix and all phases; points and channel are estimated in turns from elements that no return can be
-    in, about five of six. In the others the nearest point is subtracted, or, where the return is wider than a cell of the
-    constellation, the mean of the return given all near points. Found once, an emitter is followed from frame to frame.
-    Frames without such a signal pass bit for bit. What it cannot read it leaves as it is: noise of the emitter's own,
-    interference on top of it, several antennas' streams.
+    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier; the fourth power of the
+    subcarriers the place of the long prefix and all phases; points and channel are estimated in turns from elements
+    that no return can be in, about five of six. In the others the nearest point is subtracted, or, where the return
+    is wider than a cell of the constellation, the mean of the return given all near points. Found once, an emitter is
+    followed from frame to frame. Frames without such a signal pass bit for bit. What it cannot read it leaves as it
+    is: noise of the emitter's own, interference on top of it, several antennas' streams.
 
     Parameters
     ----------
@@ -76,9 +78,9 @@ class OfdmCancel(Mitigation):
 
     Notes
     -----
-    Used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the alphabets. No cell
-    identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a symbol is a whole number of
-    samples.
+    Used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the alphabets.
+    No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a symbol is a
+    whole number of samples.
 
     Raises
     ------
@@ -94,14 +96,17 @@ class OfdmCancel(Mitigation):
         wide = SPACINGS_HZ[-1]
         if waveform.rate_hz % wide or waveform.rate_hz < 64 * wide:
             raise MitigationError(
-                f"ofdm_cancel: rate_hz is {waveform.rate_hz:g}; it has to be a multiple of {wide:g}, at least {64 * wide:g}"
+                f"ofdm_cancel: rate_hz is {waveform.rate_hz:g}; it has to be a multiple of {wide:g}, "
+                f"at least {64 * wide:g}"
             )
         if waveform.sweep_s < 0.3e-3:
             raise MitigationError(
                 f"ofdm_cancel: sweep_s is {waveform.sweep_s:g}; a frame shorter than 0.3e-3 holds too few symbols"
             )
         if span_m is not None and not 0 < span_m < np.inf:
-            raise MitigationError(f"ofdm_cancel.span_m is {span_m!r}; it has to be a finite number of metres above 0")
+            raise MitigationError(
+                f"ofdm_cancel.span_m is {span_m!r}; it has to be a finite number of metres above 0"
+            )
         self.span_m = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         kinds = [Numerology(waveform.rate_hz, spacing_hz) for spacing_hz in SPACINGS_HZ]
         self._kinds = [(kind, Ridge(waveform, kind, self.span_m)) for kind in kinds]
@@ -143,19 +148,22 @@ class OfdmCancel(Mitigation):
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, looked for from nothing; None if it has none that can be read."""
         prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
-        prefix, (numerology, ridge) = max(zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast)
+        prefix, (numerology, ridge) = max(
+            zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
+        )
         if prefix.contrast < _CONTRAST:
             return None
         carrier = prefix.carrier
         for again in (False, True):
             turn, straight = self._without(frame, carrier, numerology)
-            grid = acquire(
-                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at)
-            )
+            grid = acquire(straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at))
             step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
             if again or not _COARSE < abs(step) < _TURNS:
                 break
             carrier += step
+        level = power(grid.channel)
+        if level.sum() ** 2 < _NARROWEST * (level @ level):
+            return None
         clear = ridge.clear(grid.starts, carrier)
         received = demodulate(grid, clear, numerology, None, FIRST)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used, received.dense)
@@ -176,7 +184,7 @@ class OfdmCancel(Mitigation):
         fourth /= size + np.float32(0.05)
         fourth *= clear & lock.used & (size > 0.1)
         agree = fourth.sum(axis=1)
-        if np.abs(agree).sum() < _COHERENCE * np.abs(fourth).sum():
+        if np.abs(agree).sum() <= _COHERENCE * np.abs(fourth).sum():
             return None
         # points of QPSK and QAM stand on the diagonals: their fourth power is negative
         angle = course(-agree)
@@ -206,7 +214,7 @@ class OfdmCancel(Mitigation):
     def _without(
         frame: np.ndarray, carrier: float, numerology: Numerology
     ) -> tuple[np.ndarray | None, np.ndarray]:
-        """The factor that takes out a carrier (in subcarriers), None where that is nothing to speak of, and the frame without."""
+        """The factor that takes out a carrier (in subcarriers), and the frame without; None where it does no harm."""
         if abs(carrier) < _STRAIGHT:
             return None, frame
         cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
@@ -234,9 +242,11 @@ class OfdmCancel(Mitigation):
         # where no return can be, all of an element goes
         model = np.where(both, received.channel * received.points, received.symbols)
         both &= readable[:, None]
-        kept = expected_return(received, both, trusted & readable[:, None])
+        kept = expected_return(received, both, trusted & readable[:, None], lock.sir_db)
+        lock.sir_db = None
         if kept is not None:
-            model[both] = received.symbols[both] - kept
+            model[both] = received.symbols[both] - kept[0]
+            lock.sir_db = kept[1]
         back = received.phase.conj()
         model *= back
         places, offsets = self._gather(grid.starts, lock.numerology)
@@ -253,7 +263,8 @@ class OfdmCancel(Mitigation):
 
     @staticmethod
     def _samples(elements: np.ndarray, readable: np.ndarray) -> np.ndarray:
-        """(L K + 1,) complex64: the samples of the symbols' transforms, 0 for those that are not readable and for the last."""
+        """(L K + 1,) complex64 samples of the symbols, one after the other; 0 for those not readable, and for the
+        last."""
         count, useful = elements.shape
         out = np.zeros(count * useful + 1, dtype=np.complex64)
         lowest_last = np.fft.ifftshift(elements, axes=1)
@@ -274,7 +285,11 @@ class OfdmCancel(Mitigation):
             symbol = np.searchsorted(edges, sample, side="right") - 1
             inside = (symbol >= 0) & (symbol < len(starts))
             since = sample - starts[np.clip(symbol, 0, len(starts) - 1)]
-            places = np.where(inside, symbol * numerology.useful + since % numerology.useful, starts.size * numerology.useful)
+            places = np.where(
+                inside,
+                symbol * numerology.useful + since % numerology.useful,
+                starts.size * numerology.useful,
+            )
             offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
             self._places = key, places, offsets
         return self._places[1:]

@@ -104,15 +104,13 @@ def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.maximum(level, 1e-6 * top), level > _IN_USE * top
 
 
-def acquire(
-    frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of: object
-) -> Grid:
+def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of: object) -> Grid:
     """Symbols, long prefix and phases of a frame whose carrier is taken out.
 
-    ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power takes the data out of QPSK and
-    QAM; symbols are alike in what is left when, and only when, they are taken at the right times. All places of the long
-    prefix are tried: the one is kept where the symbols agree best, by the largest eigenvalue of their Gram matrix, whose
-    vector is the symbols' phases.
+    ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power takes the data out of QPSK
+    and QAM; symbols are alike in what is left when, and only when, they are taken at the right times. All places of
+    the long prefix are tried: the one is kept where the symbols agree best, by the largest eigenvalue of their Gram
+    matrix, whose vector is the symbols' phases.
     """
     middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
         -1, frame.size // numerology.useful + 1
@@ -154,7 +152,11 @@ def acquire(
     phase = phase.astype(np.complex64)
     return Grid(
         starts,
-        float(starts[0] + place * (numerology.useful + numerology.prefix) + (numerology.longer if place else 0.0)),
+        float(
+            starts[0]
+            + place * (numerology.useful + numerology.prefix)
+            + (numerology.longer if place else 0.0)
+        ),
         symbols * phase,
         phase,
         (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64),
@@ -166,9 +168,9 @@ def acquire(
 def course(agreement: np.ndarray) -> np.ndarray:
     """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
 
-    A carrier turns them evenly, and the common course is better known than any one symbol: its own angle is the data's noise,
-    or an eighth of a turn off where its points stand on the axes (the primary synchronisation signal). Where most are out of
-    step (the turns of TS 38.211 clause 5.4) each has its own.
+    A carrier turns them evenly, and the common course is better known than any one symbol: its own angle is the
+    data's noise, or an eighth of a turn off where its points stand on the axes (the primary synchronisation signal).
+    Where most are out of step (the turns of TS 38.211 clause 5.4) each has its own.
     """
     spectrum = np.fft.fft(agreement, _COURSES)
     best = int(np.abs(spectrum).argmax())
@@ -178,8 +180,10 @@ def course(agreement: np.ndarray) -> np.ndarray:
 
 
 def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
-    """Carrier in subcarriers that makes symbols turn as they do: a straight line through (L,) angles modulo a quarter turn,
-    weighted by (L,) ``weight``."""
+    """Carrier in subcarriers that makes symbols turn as they do.
+
+    A straight line through (L,) angles, modulo a quarter turn, weighted by (L,) ``weight``.
+    """
     heard = np.flatnonzero(weight > 0)
     if len(heard) < 3:
         return 0.0

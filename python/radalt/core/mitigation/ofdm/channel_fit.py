@@ -9,13 +9,18 @@ from .lattice import box
 
 __all__ = ["fit", "sums"]
 
-_STEADY = np.float32(1e-4)  # of the energy, added to what would make a channel move that one symbol alone tells of
+_STEADY = np.float32(
+    1e-4
+)  # of the energy, added to what would make a channel move that one symbol alone tells of
 
 
-def sums(agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+def sums(
+    agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, order: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations of a polynomial of ``order`` in time: (order + 1, K) complex64, (2 order + 1, K) float32.
 
-    ``agreement`` (L, K) is received times conjugate model, ``weight`` (L, K) the model's power; zero where not to be used.
+    ``agreement`` (L, K) is received times conjugate model, ``weight`` (L, K) the model's power; zero where not to be
+    used.
     """
     if order == 0:
         return agreement.sum(axis=0)[None], weight.sum(axis=0)[None]
@@ -26,7 +31,8 @@ def sums(agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, order: in
 
 
 def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarray:
-    """(order + 1, K) coefficients of the factor by which the model has to be multiplied, over ``width`` subcarriers each.
+    """(order + 1, K) coefficients of the factor by which the model has to be multiplied, over ``width`` subcarriers
+    each.
 
     1 where too little was received to tell.
     """

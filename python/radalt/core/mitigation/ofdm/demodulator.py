@@ -14,7 +14,8 @@ from .numerology import Numerology
 
 __all__ = ["Received", "constellation", "demodulate", "gain"]
 
-# subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier for itself
+# subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier
+# for itself
 FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
@@ -66,7 +67,9 @@ class Received:
     late: float
 
 
-def _decide(values: np.ndarray, dense: int, few: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _decide(
+    values: np.ndarray, dense: int, few: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, squared errors in units of the lattice and which blocks are of few points, of (L, K) elements.
 
     With ``few`` given the blocks' alphabets are not judged again.
@@ -120,7 +123,9 @@ def gain(values: np.ndarray, dense: int) -> np.float32:
     return min(_GAINS, key=misfit)
 
 
-def _true_up(grid: Grid, agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _true_up(
+    grid: Grid, agreement: np.ndarray, numerology: Numerology
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
     angle = np.angle(agreement.sum(axis=1) + 1e-30)
     straight = agreement * np.exp(-1j * angle).astype(np.complex64)[:, None]
@@ -139,18 +144,17 @@ def demodulate(
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     """
-    symbols, phase = grid.symbols.copy(), grid.phase.copy()
+    symbols, phase, angles = grid.symbols.copy(), grid.phase.copy(), grid.angles.copy()
     count = len(symbols)
     channel = grid.channel
     clear = clear & grid.used
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
     per_symbol = np.maximum(clear.sum(axis=1), 1)
     first = dense is None
-    if dense is None:
-        dense = constellation(symbols * (1 / channel), clear)
+    dense = dense or constellation(symbols * (1 / channel), clear)
     cell = CELL[dense]
     heard = np.ones((count, 1), dtype=bool)
-    few, late, angles = None, 0.0, grid.angles.copy()
+    few, late = None, 0.0
     for number, (width, order) in enumerate((*turns, (1, -1))):
         values = symbols * (1 / channel)
         last = order < 0
@@ -159,12 +163,12 @@ def demodulate(
             off = np.einsum("lk,lk->l", np.minimum(error, cell), clear) / per_symbol / cell
             heard = (off < max(_DOUBTFUL, 1.5 * np.median(off)))[:, None]
             if number == 1 or not first:
-                doubtful = np.flatnonzero(off > _DOUBTFUL)
-                turned = _turned(values[doubtful], off[doubtful], dense, clear[doubtful])
-                symbols[doubtful[turned]] *= _EIGHTH
-                phase[doubtful[turned]] *= _EIGHTH
-                angles[doubtful[turned]] -= np.pi / 4
-                heard[doubtful[turned]] = False  # this turn: what was decided of them is wrong
+                # set upright for the next turn; what this one decided of them is wrong
+                odd = _turned(values, off, dense, clear)
+                symbols[odd] *= _EIGHTH
+                phase[odd] *= _EIGHTH
+                angles[odd] -= np.pi / 4
+                heard[odd] = False
         sure = clear & heard & (error < (1.0 if number else 0.9) * 1.5 * cell)
         if first and not number:
             sure &= power(values) < 1.0  # while the gain is rough, the outer points are the uncertain ones
@@ -178,7 +182,9 @@ def demodulate(
             angles = angles + angle
         weight = power(model) * sure
         if last:
-            factor = _best_order(agreement, weight, times, float((power(symbols) * sure).sum()), int(sure.sum()))
+            factor = _best_order(
+                agreement, weight, times, float((power(symbols) * sure).sum()), int(sure.sum())
+            )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
         drift, course = None, factor[0]
@@ -192,7 +198,9 @@ def demodulate(
     points, error, few = _decide(values, dense)
     error = error * power(channel)
     channel = np.broadcast_to(channel, symbols.shape)
-    return Received(symbols, phase, channel, drift, points, few, error, dense, angles, weight.sum(axis=1), late)
+    return Received(
+        symbols, phase, channel, drift, points, few, error, dense, angles, weight.sum(axis=1), late
+    )
 
 
 def _best_order(
@@ -216,12 +224,15 @@ def _best_order(
 
 
 def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) -> np.ndarray:
-    """(L,) bool: symbols that fit their alphabets better turned by an eighth.
+    """Numbers of the symbols that fit their alphabets better turned by an eighth.
 
     The fourth power takes one mostly of points on the axes (the primary synchronisation signal) for one turned so.
+    ``off`` (L,) is the mean error of each as it stands, in cells.
     """
-    if not len(values):
-        return np.zeros(0, dtype=bool)
-    error = np.minimum(_decide(values * _EIGHTH, dense)[1], CELL[dense])
-    count = np.maximum(clear.sum(axis=1), 1)
-    return np.einsum("lk,lk->l", error, clear) / count / CELL[dense] < 0.8 * off
+    doubtful = np.flatnonzero(off > _DOUBTFUL)
+    if not doubtful.size:
+        return doubtful
+    error = np.minimum(_decide(values[doubtful] * _EIGHTH, dense)[1], CELL[dense])
+    count = np.maximum(clear[doubtful].sum(axis=1), 1)
+    turned = np.einsum("lk,lk->l", error, clear[doubtful]) / count / CELL[dense]
+    return doubtful[turned < 0.8 * off[doubtful]]

@@ -15,7 +15,9 @@ _SCALE = {m: np.float32(np.sqrt(1.5 / (m - 1))) for m in (4, *DENSE)}  # half th
 CELL = {m: np.float32(2 * (2 * _SCALE[m]) ** 2 / 12) for m in DENSE}
 _ROOT2 = np.float32(np.sqrt(2))
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
-_BOOSTED = np.float32((1 + np.sqrt(2)) ** 2 / 4)  # power above which QPSK 3 dB up (demodulation pilots) is nearer
+_BOOSTED = np.float32(
+    (1 + np.sqrt(2)) ** 2 / 4
+)  # power above which QPSK 3 dB up (demodulation pilots) is nearer
 _QPSK = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 # silence, QPSK, QPSK 3 dB up
 SPARSE_POINTS = np.concatenate([[0], _QPSK, _ROOT2 * _QPSK]).astype(np.complex64)

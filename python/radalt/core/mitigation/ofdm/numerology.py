@@ -48,7 +48,8 @@ class Numerology:
         self.turn = (2 * np.pi / self.useful * self.subcarriers).astype(np.float32)
 
     def times(self, first_long: float, samples: int) -> np.ndarray:
-        """Times of the symbols around a frame of ``samples``, (symbols,) float64, if one with a long prefix is at ``first_long``.
+        """Times of the symbols around a frame of ``samples``, (symbols,) float64, if one with a long prefix is at
+        ``first_long``.
 
         A symbol's time is a fixed distance before its useful part, some way into its prefix.
         """
@@ -57,10 +58,11 @@ class Numerology:
         return (first_long + cycles[:, None] * self.cycle + within).ravel()
 
     def windows(self, times: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,) int.
+        """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,)
+        int.
 
-        A transform starts in the middle of the prefix, where neither an early nor a late echo brings the next symbol in; at
-        the frame's ends up to a third of the prefix off.
+        A transform starts in the middle of the prefix, where neither an early nor a late echo brings the next symbol
+        in; at the frame's ends up to a third of the prefix off.
         """
         slack = int(self.prefix / 3)
         starts = np.rint(times).astype(int)

@@ -33,7 +33,8 @@ class Ridge:
         self._known: dict[tuple[int, int], np.ndarray] = {}
 
     def clear(self, starts: np.ndarray, carrier: float) -> np.ndarray:
-        """(L, K) bool: elements that no return can be in, of a frame whose ``carrier`` (in subcarriers) was taken out."""
+        """(L, K) bool: elements that no return can be in, of a frame whose ``carrier`` (in subcarriers) was taken
+        out."""
         return np.stack([self._clear(int(start), round(carrier)) for start in starts])
 
     def _clear(self, start: int, carrier: int) -> np.ndarray:
@@ -52,23 +53,29 @@ class Ridge:
 
 
 def _density(distance: np.ndarray, modulus: float, noise: float) -> np.ndarray:
-    """Density of a return of that modulus and noise at a distance: on a ring, or (beside the ridge's own line) a disc."""
+    """Density of a return of that modulus and noise at a distance: on a ring, or (beside the ridge's own line) a
+    disc."""
     spread = np.float32((_SPREAD * modulus) ** 2 + noise / 2)
     ring = np.exp((distance - np.float32(modulus)) ** 2 / (-2 * spread))
-    ring /= np.maximum(distance, np.float32(0.1 * modulus)) * np.float32(2 * np.pi * np.sqrt(2 * np.pi * spread))
+    ring /= np.maximum(distance, np.float32(0.1 * modulus)) * np.float32(
+        2 * np.pi * np.sqrt(2 * np.pi * spread)
+    )
     disc = np.float32((0.5 * modulus) ** 2 + noise)
     ring *= np.float32(_PRIOR_IN)
     ring += np.exp(distance * distance / -disc) * np.float32((1 - _PRIOR_IN) / (np.pi * disc))
     return ring
 
 
-def expected_return(received: Received, ridge: np.ndarray, clear: np.ndarray) -> np.ndarray | None:
+def expected_return(
+    received: Received, ridge: np.ndarray, clear: np.ndarray, near_db: float | None = None
+) -> tuple[np.ndarray, float] | None:
     """Mean of the return, given what was received, in the elements of ``ridge`` (L, K): (elements,) complex64.
 
-    Where the return is wider than half a cell of the lattice, the nearest point is any point, and what is left of an element
-    is the return folded into a cell. Its modulus is known to be alike in all elements, so points at that distance from what
-    was received are the likely ones: the mean over them is taken, with the modulus that makes all that was received most
-    likely. None where the nearest points will do.
+    Where the return is wider than half a cell of the lattice, the nearest point is any point, and what is left of an
+    element is the return folded into a cell. Its modulus is known to be alike in all elements, so points at that
+    distance from what was received are the likely ones: the mean over them is taken, with the modulus that makes all
+    that was received most likely. With it comes that SIR in dB; ``near_db``, that of the frame before, spares the
+    search. None where the nearest points will do.
     """
     dense = received.dense
     cell = np.where(received.few, np.float32(0.06), CELL[dense])
@@ -87,7 +94,9 @@ def expected_return(received: Received, ridge: np.ndarray, clear: np.ndarray) ->
     top = np.float32(1.001 * (np.sqrt(dense) - 1) * root)
     inside = ((np.abs(near.real) <= top) & (np.abs(near.imag) <= top)) * np.float32(1 / dense)
     rests = np.concatenate([values[:, None] - near, values[:, None] - SPARSE_POINTS], axis=1)
-    prior = np.concatenate([inside, np.broadcast_to(_SPARSE_PRIOR, (len(values), _SPARSE_PRIOR.size))], axis=1)
+    prior = np.concatenate(
+        [inside, np.broadcast_to(_SPARSE_PRIOR, (len(values), _SPARSE_PRIOR.size))], axis=1
+    )
     distance = np.abs(rests) * modulus[:, None]
     many = near.shape[1]
     plane = np.zeros(ridge.shape, dtype=np.float32)
@@ -102,7 +111,8 @@ def expected_return(received: Received, ridge: np.ndarray, clear: np.ndarray) ->
         _, some, scanty = alphabets(sir_db, part)
         return float(np.mean(np.log(np.maximum(some, scanty))))
 
-    sir_db = max(_SIR_DB, key=evidence)
+    tried = _SIR_DB if near_db is None else _SIR_DB[np.abs(_SIR_DB - near_db) < 3]
+    sir_db = float(max(tried, key=evidence))
     weight, some, scanty = alphabets(sir_db, slice(None))
     # a block is of one alphabet
     plane[ridge] = np.log(scanty) - np.log(some)
@@ -110,4 +120,4 @@ def expected_return(received: Received, ridge: np.ndarray, clear: np.ndarray) ->
     weight[few, :many] = 0
     weight[~few, many:] = 0
     mean = np.einsum("ec,ec->e", weight, rests) / np.where(few, scanty, some)
-    return (mean * channel).astype(np.complex64)
+    return (mean * channel).astype(np.complex64), sir_db
