@@ -480,9 +480,9 @@ def test_reset_forgets_everything(name):
 
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_methods_work_for_other_sweeps(name):
-    w = Waveform(bandwidth_hz=4e6, rate_hz=5e6, sweep_s=0.8e-3, centered=False)
+    w = Waveform(bandwidth_hz=4e6, rate_hz=5.1e6, sweep_s=0.8e-3, centered=False)
     out = create(name, w).process(point_return(w, np.array([100.0, 700.0])))
-    assert out.shape == (2, 4000) and np.isfinite(out.view(np.float32)).all()
+    assert out.shape == (2, 4080) and np.isfinite(out.view(np.float32)).all()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,13 +29,22 @@ class Continued:
         Frames in one window.
     repeats : bool
         The first window for ever: for an emitter whose period divides it.
+    steady : bool
+        One gain for the window, as a transmitter has: the SIR holds over the window. Otherwise every frame is scaled
+        to the SIR, whatever is sent in it.
     """
 
     def __init__(
-        self, emitter: Emitter, frame_samples: int, frames: int = 40, *, repeats: bool = False
+        self,
+        emitter: Emitter,
+        frame_samples: int,
+        frames: int = 40,
+        *,
+        repeats: bool = False,
+        steady: bool = False,
     ) -> None:
         self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
-        self.repeats = repeats
+        self.repeats, self.steady = repeats, steady
         self._next, self._window = 0, np.empty(0, dtype=np.complex128)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -44,6 +54,29 @@ class Continued:
         first = self._next * self.frame_samples
         self._next = (self._next + 1) % self.frames
         return self._window[first : first + count]
+
+    def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
+        """See `Emitter`: with the window's gain, if that is steady."""
+        if not self.steady:
+            return False
+        part = self.samples(span.size, rate_hz, rng)
+        energy = np.vdot(self._window, self._window).real
+        if energy > 0:
+            gain = np.sqrt(mean_power * self._window.size / energy)
+            np.multiply(part, gain, out=span, casting="same_kind")
+        return True
+
+
+def _going_on(interferer: Interferer, waveform: Waveform) -> Interferer:
+    """The same, from frame to frame where it fills them."""
+    if interferer.overlap < 1 or getattr(interferer.emitter, "always_in_window", False):
+        return interferer
+    period_s = getattr(interferer.emitter, "period_s", 0.0)
+    frames = period_s / waveform.sweep_s
+    repeats = frames >= 1 and frames == round(frames)
+    count = round(frames) if repeats else 40
+    emitter = Continued(interferer.emitter, waveform.samples_per_frame, count, repeats=repeats, steady=True)
+    return replace(interferer, emitter=emitter)
 
 
 class JammerStream:
@@ -61,7 +94,9 @@ class JammerStream:
         Everything random follows from it.
     free_running : bool
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
-        part of a frame, as an emitter's that knows nothing of the radar; SIR and overlap then hold in its own windows.
+        part of a frame, as an emitter's that knows nothing of the radar; SIR and overlap then hold in its own
+        windows. What fills whole frames goes on from frame to frame with one gain; a signal that repeats (5G NR)
+        without end, another in windows of 40 frames.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """
@@ -76,6 +111,8 @@ class JammerStream:
         free_running: bool = False,
         total_sir_db: float | None = None,
     ) -> None:
+        if free_running:
+            interferers = [_going_on(one, waveform) for one in interferers]
         self.waveform, self.interferers, self.programme = waveform, tuple(interferers), programme
         self.total_sir_db = total_sir_db
         self._rng = np.random.default_rng([seed, 0x3A3])

@@ -1,9 +1,7 @@
 """Mitigation methods: complex frames in, cleaned frames of the same shape out, one registry for all of them.
 
->>> from radalt.core.mitigation import METHODS, create
+>>> from radalt.core.mitigation import create
 >>> from radalt.core.waveform import Waveform
->>> sorted(METHODS)
-['blanking', 'linear_prediction', 'lms', 'lms_reference_input', 'nlms', 'nlms_predictor', 'none', 'tcae', 'whitening']
 >>> create("whitening", Waveform()).name
 'whitening'
 """
@@ -23,6 +21,7 @@ from .blanking import Blanking
 from .custom import Custom
 from .identity import Identity
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
+from .ofdm_cancel import OfdmCancel
 from .own_process import OwnProcess
 from .prediction import LinearPrediction, NlmsPredictor
 from .tcae import Tcae
@@ -51,6 +50,7 @@ for _method in (
     LinearPrediction,
     Whitening,
     Blanking,
+    OfdmCancel,
     Tcae,
 ):  # as reports list them
     register(_method)

@@ -167,6 +167,11 @@ class NrEmitter(NamedEmitter, NrConfig):
         """See `NamedEmitter.title`."""
         return f"5G NR, {self.channel_bandwidth_hz / 1e6:g} MHz"
 
+    @property
+    def period_s(self) -> float:
+        """After how long the signal repeats."""
+        return self.frame_count * FRAME_SECONDS
+
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at `rate_hz`, mean power 1 in the long run.
 

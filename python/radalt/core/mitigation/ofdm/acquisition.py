@@ -1,0 +1,195 @@
+"""From a frame to OFDM symbols of known timing and phase, with nothing known of the emitter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, ndimage
+
+from .lattice import BLOCK, box, power
+from .numerology import Numerology
+
+__all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "transforms"]
+
+_OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
+_SMOOTH = 9  # subcarriers over which a first channel is averaged
+_COURSES = 512  # carriers tried
+_IN_STEP = 0.8  # of the sum without regard to phase
+_IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
+
+
+@dataclass(frozen=True)
+class Prefix:
+    """What the cyclic prefix tells of a frame.
+
+    Attributes
+    ----------
+    middle : float
+        Sample of the middle of a prefix.
+    carrier : float
+        Carrier's distance from the nearest whole subcarrier, in subcarriers, -0.5..0.5.
+    contrast : float
+        Peak of the folded correlation over its scatter elsewhere.
+    """
+
+    middle: float
+    carrier: float
+    contrast: float
+
+
+def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
+    """Correlation of a complex64 frame with itself a symbol later, folded over the symbols."""
+    useful = numerology.useful
+    product = frame[useful:] * frame[:-useful].conj()
+    bins = round(numerology.spacing)
+    index = (np.arange(product.size) * (bins / numerology.spacing)).astype(np.intp) % bins
+    folded = np.bincount(index, product.real, bins) + 1j * np.bincount(index, product.imag, bins)
+    folded -= folded.mean()  # a tone correlates everywhere
+    width = int(numerology.prefix)
+    summed = ndimage.uniform_filter1d(folded, width, mode="wrap")
+    size = np.abs(summed)
+    peak = int(size.argmax())
+    distance = np.abs((np.arange(bins) - peak + bins // 2) % bins - bins // 2)
+    scatter = np.sqrt(np.mean(size[distance > 1.5 * width] ** 2))
+    contrast = float(size[peak] / scatter) if scatter > 0 else 0.0
+    return Prefix(peak * numerology.spacing / bins, float(np.angle(summed[peak]) / (2 * np.pi)), contrast)
+
+
+def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
+    """(L, subcarriers) complex64, lowest frequency first, of the windows at ``starts``; power is kept."""
+    windows = np.lib.stride_tricks.sliding_window_view(frame, numerology.useful)[starts]
+    return np.fft.fftshift(fft.fft(windows, axis=1, norm="ortho"), axes=1)
+
+
+@dataclass
+class Grid:
+    """Symbols with a common timing, and a first channel.
+
+    Attributes
+    ----------
+    starts : (L,) int
+        First sample of each symbol's transform.
+    first_long : float
+        Middle of a long prefix, in samples of the frame.
+    symbols : (L, K) complex64
+        Received elements, timing and phases of the symbols taken out by ``phase``.
+    phase : (L, K) complex64
+        The factor that did so, of modulus 1.
+    channel : (K,) complex64
+        To within a quarter turn per subcarrier.
+    used : (K,) bool
+        Subcarriers worth demodulating.
+    angles : (L,) float
+        The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
+    """
+
+    starts: np.ndarray
+    first_long: float
+    symbols: np.ndarray
+    phase: np.ndarray
+    channel: np.ndarray
+    used: np.ndarray
+    angles: np.ndarray
+
+
+def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Power per subcarrier where something is sent, and which subcarriers are in use: (K,) float32, (K,) bool."""
+    share = box(clear.astype(np.float32), BLOCK)
+    blocks = box(np.where(clear, power(symbols), 0), BLOCK) / np.maximum(share, 1e-3)
+    blocks[share < 0.4] = 0
+    occupied = blocks > _OCCUPIED * blocks.max(axis=0)
+    level = box((blocks * occupied).sum(axis=0) / np.maximum(occupied.sum(axis=0), 1), _SMOOTH)
+    top = np.median(level[level > 0.1 * level.max()])
+    return np.maximum(level, 1e-6 * top), level > _IN_USE * top
+
+
+def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of: object) -> Grid:
+    """Symbols, long prefix and phases of a frame whose carrier is taken out.
+
+    ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power takes the data out of QPSK
+    and QAM; symbols are alike in what is left when, and only when, they are taken at the right times. All places of
+    the long prefix are tried: the one is kept where the symbols agree best, by the largest eigenvalue of their Gram
+    matrix, whose vector is the symbols' phases.
+    """
+    middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
+        -1, frame.size // numerology.useful + 1
+    )
+    _, starts = numerology.windows(middles, frame.size)
+    symbols = transforms(frame, starts, numerology)
+    clear = clear_of(starts)
+    level, used = _level(symbols, clear)
+    fourth = symbols / np.sqrt(level)
+    size = power(fourth)
+    fourth *= fourth
+    fourth *= fourth
+    fourth /= size + np.float32(0.05)
+    fourth[~(clear & used) | (size < 0.1)] = 0
+    count = len(starts)
+    index = np.arange(count)
+    late = (starts - starts[0]) - index * (numerology.useful + numerology.prefix)
+    base = np.exp(-1j * late.astype(np.float32)[:, None] * numerology.turn)
+    longer = np.exp(1j * np.float32(numerology.longer) * numerology.turn)
+    # after 0, 1, 2 ... long prefixes
+    powers = longer ** np.arange(-(-count // numerology.per_cycle) + 1)[:, None]
+    fourth *= base**4
+    best = None
+    for place in range(min(numerology.per_cycle, count)):
+        passed = np.cumsum((index % numerology.per_cycle == place) & (index > 0))
+        tried = fourth * (powers**4)[passed]
+        values, vectors = np.linalg.eigh(tried @ tried.conj().T)
+        if best is None or values[-1] > best[0]:
+            best = (values[-1], place, passed, tried, vectors[:, -1])
+    _, place, passed, fourth, vector = best
+    turned = course(vector)
+    phase = base * powers[passed] * np.exp(-0.25j * turned)[:, None]
+    mean = (np.exp(-1j * turned) @ fourth).astype(np.complex64)
+    slope = np.angle(np.vdot(mean[:-1], mean[1:]))
+    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
+    angle = np.unwrap(np.angle(ndimage.uniform_filter1d(straight, _SMOOTH)))
+    # points of QPSK and QAM stand on the diagonals: their fourth power is negative
+    angle = (angle + slope * numerology.subcarriers - np.pi) / 4
+    phase = phase.astype(np.complex64)
+    return Grid(
+        starts,
+        float(
+            starts[0]
+            + place * (numerology.useful + numerology.prefix)
+            + (numerology.longer if place else 0.0)
+        ),
+        symbols * phase,
+        phase,
+        (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64),
+        used,
+        turned / 4,
+    )
+
+
+def course(agreement: np.ndarray) -> np.ndarray:
+    """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
+
+    A carrier turns them evenly, and the common course is better known than any one symbol: its own angle is the
+    data's noise, or an eighth of a turn off where its points stand on the axes (the primary synchronisation signal).
+    Where most are out of step (the turns of TS 38.211 clause 5.4) each has its own.
+    """
+    spectrum = np.fft.fft(agreement, _COURSES)
+    best = int(np.abs(spectrum).argmax())
+    if np.abs(spectrum[best]) < _IN_STEP * np.abs(agreement).sum():
+        return np.angle(agreement)
+    return np.angle(spectrum[best]) + 2 * np.pi * best / _COURSES * np.arange(len(agreement))
+
+
+def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
+    """Carrier in subcarriers that makes symbols turn as they do.
+
+    A straight line through (L,) angles, modulo a quarter turn, weighted by (L,) ``weight``.
+    """
+    heard = np.flatnonzero(weight > 0)
+    if len(heard) < 3:
+        return 0.0
+    course, weight = angles[heard], weight[heard]
+    if np.abs(np.diff(course)).max() > np.pi / 4:
+        course = np.unwrap(4 * course) / 4
+    index = heard - np.average(heard, weights=weight)
+    per_symbol = float((weight * index) @ course / ((weight * index) @ index))
+    return per_symbol / (2 * np.pi) * numerology.useful / numerology.spacing

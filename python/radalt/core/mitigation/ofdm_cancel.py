@@ -1,0 +1,308 @@
+"""Cancellation of OFDM: demodulate what a 4G or 5G base station sends, subtract it, keep the return."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from ..receiver.altimeter_settings import AltimeterSettings
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError, PlotStyle
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
+from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain
+from .ofdm.lattice import CELL, power
+from .ofdm.numerology import SPACINGS_HZ, Numerology
+from .ofdm.ridge import Ridge, expected_return
+
+__all__ = ["OfdmCancel"]
+
+_CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
+_COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
+_READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
+_LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
+_FEWEST = 0.3  # of a frame's symbols have to be readable
+_SKIRT = 0.1  # error over power of a subcarrier that is of no use
+_STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
+_COARSE = 1e-3  # subcarriers of carrier that the first look may be off
+_TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
+_ASKED = 7  # every so manieth element is asked for the gain
+_FEW = 5  # every so manieth sample tells the median
+_LIMIT = 6.0  # times the median power: what is left where symbols meet
+_STILL = 0.02  # samples of timing that need no new phases
+
+
+@dataclass
+class _Lock:
+    """What is known of an emitter from the frames before; times in samples of the frame to come."""
+
+    numerology: Numerology
+    ridge: Ridge
+    first_long: float
+    carrier: float
+    channel: np.ndarray
+    used: np.ndarray
+    dense: int
+    level: float = 1.0
+    sir_db: float | None = None
+
+
+def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
+    """(L,) mean error of each symbol's ``trusted`` elements in cells, each at most 1; 0 for a symbol of silence."""
+    cells = power(received.channel) * (trusted * CELL[received.dense])
+    return np.minimum(received.error * trusted, cells).sum(axis=1) / np.maximum(cells.sum(axis=1), 1e-30)
+
+
+class OfdmCancel(Mitigation):
+    """Blind demodulation and subtraction of cyclic-prefix OFDM (LTE and NR downlinks of 15 or 30 kHz).
+
+    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier; the fourth power of the
+    subcarriers the place of the long prefix and all phases; points and channel are estimated in turns from elements
+    that no return can be in, about five of six. In the others the nearest point is subtracted, or, where the return
+    is wider than a cell of the constellation, the mean of the return given all near points. Found once, an emitter is
+    followed from frame to frame. Frames without such a signal pass bit for bit. What it cannot read it leaves as it
+    is: noise of the emitter's own, interference on top of it, several antennas' streams.
+
+    Parameters
+    ----------
+    span_m : float or None
+        Highest altitude whose return must not be taken for data, above 0; None is the default altimeter's.
+
+    Attributes
+    ----------
+    found, followed : int
+        Frames in which an emitter was acquired, and in which it was where the frame before had left it.
+
+    Notes
+    -----
+    Used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the alphabets.
+    No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a symbol is a
+    whole number of samples.
+
+    Raises
+    ------
+    MitigationError
+        If the rate does not fit or ``span_m`` is out of range.
+    """
+
+    name = "ofdm_cancel"
+    title = "OFDM cancellation"
+    style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
+
+    def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:
+        wide = SPACINGS_HZ[-1]
+        if waveform.rate_hz % wide or waveform.rate_hz < 64 * wide:
+            raise MitigationError(
+                f"ofdm_cancel: rate_hz is {waveform.rate_hz:g}; it has to be a multiple of {wide:g}, "
+                f"at least {64 * wide:g}"
+            )
+        if waveform.sweep_s < 0.3e-3:
+            raise MitigationError(
+                f"ofdm_cancel: sweep_s is {waveform.sweep_s:g}; a frame shorter than 0.3e-3 holds too few symbols"
+            )
+        if span_m is not None and not 0 < span_m < np.inf:
+            raise MitigationError(
+                f"ofdm_cancel.span_m is {span_m!r}; it has to be a finite number of metres above 0"
+            )
+        self.span_m = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
+        kinds = [Numerology(waveform.rate_hz, spacing_hz) for spacing_hz in SPACINGS_HZ]
+        self._kinds = [(kind, Ridge(waveform, kind, self.span_m)) for kind in kinds]
+        super().__init__(waveform)
+
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        super().reset()
+        self.found = self.followed = 0
+        self._lock: _Lock | None = None
+        self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
+        self._places: tuple[bytes, np.ndarray, np.ndarray] | None = None
+
+    def status(self) -> dict[str, object]:
+        """See `Mitigation.status`; with the frames that held an emitter."""
+        return super().status() | {"found": self.found, "followed": self.followed}
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        return np.stack([self._frame(frame) for frame in batch])
+
+    def _frame(self, frame: np.ndarray) -> np.ndarray:
+        mean = float(np.vdot(frame, frame).real) / frame.size
+        if not np.finfo(np.float32).tiny < mean < np.inf:
+            return frame
+        if self._lock:
+            out = self._follow(frame * np.float32(1 / self._lock.level))
+            if out is not None:
+                self.followed += 1
+                return out * np.float32(self._lock.level)
+            self._lock = None
+        level = float(np.sqrt(mean))
+        out = self._find(frame * np.float32(1 / level))
+        if out is None:
+            return frame
+        self.found += 1
+        self._lock.level = level
+        return out * np.float32(level)
+
+    def _find(self, frame: np.ndarray) -> np.ndarray | None:
+        """A frame without its OFDM, looked for from nothing; None if it has none that can be read."""
+        prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
+        prefix, (numerology, ridge) = max(
+            zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
+        )
+        if prefix.contrast < _CONTRAST:
+            return None
+        carrier = prefix.carrier
+        for again in (False, True):
+            turn, straight = self._without(frame, carrier, numerology)
+            grid = acquire(straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at))
+            step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
+            if again or not _COARSE < abs(step) < _TURNS:
+                break
+            carrier += step
+        level = power(grid.channel)
+        if level.sum() ** 2 < _NARROWEST * (level @ level):
+            return None
+        clear = ridge.clear(grid.starts, carrier)
+        received = demodulate(grid, clear, numerology, None, FIRST)
+        lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used, received.dense)
+        return self._subtract(straight, turn, grid, clear, received, lock)
+
+    def _follow(self, frame: np.ndarray) -> np.ndarray | None:
+        """A frame without the OFDM of the frame before; None if that is not there any more."""
+        lock = self._lock
+        numerology = lock.numerology
+        starts, ramp = self._ramp(lock)
+        turn, straight = self._without(frame, lock.carrier, numerology)
+        symbols = transforms(straight, starts, numerology) * ramp
+        clear = lock.ridge.clear(starts, lock.carrier)
+        fourth = symbols / lock.channel
+        size = power(fourth)
+        fourth *= fourth
+        fourth *= fourth
+        fourth /= size + np.float32(0.05)
+        fourth *= clear & lock.used & (size > 0.1)
+        agree = fourth.sum(axis=1)
+        if np.abs(agree).sum() <= _COHERENCE * np.abs(fourth).sum():
+            return None
+        # points of QPSK and QAM stand on the diagonals: their fourth power is negative
+        angle = course(-agree)
+        own = np.exp(-0.25j * angle).astype(np.complex64)[:, None]
+        symbols *= own
+        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
+        values = symbols.ravel()[asked] / lock.channel[asked % lock.channel.size]
+        channel = lock.channel / gain(values, lock.dense)
+        grid = Grid(starts, lock.first_long, symbols, ramp * own, channel, lock.used, angle / 4)
+        received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
+        misread = _misread(received, clear & lock.used)
+        usual = np.median(misread)
+        if usual > _READABLE or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST:
+            return None
+        return self._subtract(straight, turn, grid, clear, received, lock)
+
+    def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
+        """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
+        if self._phases is None or self._phases[0] != lock.first_long:
+            times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
+            held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
+            late = (starts - times[held]).astype(np.float32)
+            self._phases = lock.first_long, starts, np.exp(-1j * late[:, None] * lock.numerology.turn)
+        return self._phases[1:]
+
+    @staticmethod
+    def _without(
+        frame: np.ndarray, carrier: float, numerology: Numerology
+    ) -> tuple[np.ndarray | None, np.ndarray]:
+        """The factor that takes out a carrier (in subcarriers), and the frame without; None where it does no harm."""
+        if abs(carrier) < _STRAIGHT:
+            return None, frame
+        cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
+        turn = np.exp(2j * np.pi * cycles.astype(np.float32))
+        return turn, frame * turn
+
+    def _subtract(
+        self,
+        frame: np.ndarray,
+        turn: np.ndarray | None,
+        grid: Grid,
+        clear: np.ndarray,
+        received: Received,
+        lock: _Lock,
+    ) -> np.ndarray | None:
+        """The frame without what was received, and the lock for the frame after; None if it cannot be read."""
+        trusted = clear & grid.used
+        misread = _misread(received, trusted)
+        readable = misread <= _READABLE
+        if readable.mean() < _FEWEST:
+            return None
+        own = power(received.symbols) * clear
+        useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
+        both = ~clear & useful
+        # where no return can be, all of an element goes
+        model = np.where(both, received.channel * received.points, received.symbols)
+        both &= readable[:, None]
+        kept = expected_return(received, both, trusted & readable[:, None], lock.sir_db)
+        lock.sir_db = None
+        if kept is not None:
+            model[both] = received.symbols[both] - kept[0]
+            lock.sir_db = kept[1]
+        back = received.phase.conj()
+        model *= back
+        places, offsets = self._gather(grid.starts, lock.numerology)
+        out = frame - self._samples(model, readable)[places]
+        if received.drift is not None:
+            moving = np.where(useful, received.drift * received.points, 0) * back
+            out -= self._samples(moving, readable)[places] * offsets
+        if turn is not None:
+            out *= turn.conj()
+        level = power(out)
+        out[level > np.float32(_LIMIT) * np.median(level[::_FEW])] = 0
+        self._keep(lock, grid, received, bool((misread < _DOUBTFUL).all()))
+        return out
+
+    @staticmethod
+    def _samples(elements: np.ndarray, readable: np.ndarray) -> np.ndarray:
+        """(L K + 1,) complex64 samples of the symbols, one after the other; 0 for those not readable, and for the
+        last."""
+        count, useful = elements.shape
+        out = np.zeros(count * useful + 1, dtype=np.complex64)
+        lowest_last = np.fft.ifftshift(elements, axes=1)
+        out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
+        if not readable.all():
+            out[:-1].reshape(count, useful)[~readable] = 0
+        return out
+
+    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
+        """For each sample of a frame, which of `_samples` it is (the last: none), and its distance in symbols from the
+        middle of that symbol: (N,) int, (N,) float32."""
+        key = starts.tobytes()
+        if self._places is None or self._places[0] != key:
+            count = self.waveform.samples_per_frame
+            half = numerology.prefix / 2
+            edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
+            sample = np.arange(count)
+            symbol = np.searchsorted(edges, sample, side="right") - 1
+            inside = (symbol >= 0) & (symbol < len(starts))
+            since = sample - starts[np.clip(symbol, 0, len(starts) - 1)]
+            places = np.where(
+                inside,
+                symbol * numerology.useful + since % numerology.useful,
+                starts.size * numerology.useful,
+            )
+            offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
+            self._places = key, places, offsets
+        return self._places[1:]
+
+    def _keep(self, lock: _Lock, grid: Grid, received: Received, sound: bool) -> None:
+        """What the next frame has to know."""
+        step = carrier_step(received.angles, received.weight, lock.numerology)
+        if abs(step) < _TURNS:
+            lock.carrier += step
+        first_long = grid.first_long
+        if abs(received.late) > _STILL:
+            first_long -= received.late
+        lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
+        if sound or lock is not self._lock:
+            lock.channel = received.channel[len(received.channel) // 2].copy()
+        self._lock = lock

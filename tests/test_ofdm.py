@@ -1,0 +1,237 @@
+"""Cancellation of OFDM: what is sent is read blindly, subtracted, and the return is left."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.stream import JammerStream
+from gnuradio.radalt.core.mitigation import MitigationError, create
+from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
+from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
+from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
+from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from gnuradio.radalt.core.returns.point import point_return
+from gnuradio.radalt.core.waveform import Waveform
+
+W = Waveform()
+ALTIMETER = Altimeter(W, AltimeterSettings())
+NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 77, "frame_count": 2, "seed": 5}
+
+
+def noise(count, rng):
+    """(count, N) complex noise of unit power."""
+    return rng.standard_normal((count, W.samples_per_frame, 2)).view(np.complex128)[..., 0] / np.sqrt(2)
+
+
+def returns(count, seed, snr_db=10.0):
+    """Altitudes, and frames of point targets with noise."""
+    rng = np.random.default_rng([seed, 1])
+    altitude_m = rng.uniform(3, 1500, count)
+    frames = point_return(W, altitude_m, vertical_speed_m_per_s=rng.uniform(-10, 10, count))
+    return altitude_m, frames + 10 ** (-snr_db / 20) * noise(count, rng)
+
+
+def heard(emitter, count, sir_db, seed, overlap=1.0):
+    """(count, N) interference of an emitter that starts anew with every frame."""
+    rng = np.random.default_rng([seed, 2])
+    return interference_frames(
+        [Interferer(emitter, sir_db, overlap)], count, W.samples_per_frame, W.rate_hz, rng
+    )
+
+
+def right(frames, altitude_m):
+    """Share of frames whose declared altitude is within 5 m."""
+    result = ALTIMETER.detect(ALTIMETER.spectra(np.asarray(frames, dtype=np.complex64)))
+    return np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < 5))
+
+
+def single(frames):
+    """Each frame behind a method that has heard nothing before."""
+    return np.concatenate([create("ofdm_cancel", W).process(f[None].astype(np.complex64)) for f in frames])
+
+
+@pytest.mark.parametrize(
+    ("sir_db", "overlap", "options"),
+    [
+        (-30, 1.0, {}),
+        (-55, 1.0, {}),
+        (-45, 0.6, {}),
+        (-18, 1.0, {"modulation": "qpsk"}),
+        (-21, 1.0, {"modulation": "16qam"}),
+        (-28, 1.0, {"modulation": "256qam"}),  # where a nearest point is any point
+        (-50, 1.0, {"modulation": "256qam"}),
+        (-45, 1.0, {"load": 0.3}),
+        (-45, 1.0, {"carrier_hz": 1.234_567e6}),
+        (-50, 1.0, {"channel_bandwidth_hz": 5e6, "cell_id": 3}),
+    ],
+)
+def test_altitudes_are_right_under_a_carrier_that_fills_the_band(sir_db, overlap, options):
+    altitude_m, frames = returns(12, 3)
+    frames = frames + heard(NrEmitter(**{**NR10, **options}), 12, sir_db, 4, overlap)
+    assert right(single(frames), altitude_m) >= 11 / 12
+    if sir_db < -29:
+        assert right(frames, altitude_m) < 0.5  # the case is hard without
+
+
+@pytest.mark.parametrize(
+    "emitter",
+    [
+        None,
+        QpskEmitter(),
+        QpskEmitter(pulse="rrc"),
+        QpskEmitter(bandwidth_hz=6e6, pulse="rrc"),
+        ToneEmitter(1),
+    ],
+)
+def test_frames_without_ofdm_pass_bit_for_bit(emitter):
+    _, frames = returns(20, 5)
+    if emitter is not None:
+        frames = frames + heard(emitter, 20, -30, 6, 0.5)
+    frames = frames.astype(np.complex64)
+    np.testing.assert_array_equal(single(frames), frames)
+    alone = noise(20, np.random.default_rng(7)).astype(np.complex64)
+    np.testing.assert_array_equal(single(alone), alone)
+
+
+@pytest.mark.parametrize("inr_db", [20, 40, 60])
+def test_nothing_is_invented_where_there_is_no_return(inr_db):
+    rng = np.random.default_rng([8, inr_db])
+    frames = noise(60, rng) + heard(NrEmitter(**NR10), 60, -inr_db, 9)
+    result = ALTIMETER.detect(ALTIMETER.spectra(single(frames)))
+    # design bound 1.55 % of frames: 5 of 60 or more have a chance of 1 in 500
+    assert np.count_nonzero(result["valid"]) <= 4
+
+
+def continuing(count, sir_db, stream_seed, **options):
+    """(count, N) of a base station that does not start anew every millisecond."""
+    stream = JammerStream(
+        W, [Interferer(NrEmitter(**{**NR10, **options}), sir_db)], seed=stream_seed, free_running=True
+    )
+    return np.stack([stream.next_frame() for _ in range(count)])
+
+
+def test_a_transmission_that_goes_on_is_found_once_and_followed():
+    altitude_m, frames = returns(30, 10)
+    frames = (frames + continuing(30, -45.0, 11, carrier_hz=7003.0)).astype(np.complex64)
+    frames = frames[1:]  # the stream begins within the first
+    method = create("ofdm_cancel", W)
+    cleaned = method.process(frames)
+    assert right(cleaned, altitude_m[1:]) == 1.0
+    # a slot that is mostly synchronisation block may be looked for anew
+    assert method.found <= 2 and method.found + method.followed == 29
+    assert method.status()["followed"] == method.followed
+
+
+def test_a_stream_cut_anywhere_gives_the_same_bits():
+    _, frames = returns(9, 12)
+    frames = (frames + continuing(9, -35.0, 13)).astype(np.complex64)
+    whole = create("ofdm_cancel", W).process(frames)
+    method = create("ofdm_cancel", W)
+    parts = np.concatenate([method.process(part) for part in (frames[:1], frames[1:4], frames[4:])])
+    np.testing.assert_array_equal(parts, whole)
+
+
+def test_another_emitter_is_found_when_the_first_has_gone():
+    altitude_m, frames = returns(12, 14)
+    jam = np.concatenate([continuing(6, -40.0, 15), continuing(6, -40.0, 16, cell_id=300, seed=9)])
+    method = create("ofdm_cancel", W)
+    cleaned = method.process((frames + jam).astype(np.complex64))
+    good = np.delete(np.arange(12), [0, 6])  # streams begin within a frame
+    assert right(cleaned[good], altitude_m[good]) == 1.0
+    assert method.found >= 2 and method.found + method.followed >= 10
+
+
+def test_a_clean_frame_ends_the_following():
+    _, frames = returns(6, 17)
+    jam = continuing(6, -40.0, 18)
+    jam[3:] = 0
+    frames = (frames + jam).astype(np.complex64)
+    cleaned = create("ofdm_cancel", W).process(frames)
+    np.testing.assert_array_equal(cleaned[3:], frames[3:])
+
+
+def wide_spacing(rng, symbols=64):
+    """OFDM of 30 kHz at 7.5 MS/s, one payload: prefixes of TS 38.211 clause 5.3.1 at 30.72 MS/s, resampled."""
+    parts = []
+    for number in range(symbols):
+        spectrum = np.zeros(1024, dtype=complex)
+        points = rng.integers(0, 4, 300)
+        spectrum[np.r_[1:151, 874:1024]] = np.exp(0.25j * np.pi * (1 + 2 * points))
+        useful = np.fft.ifft(spectrum) * 32
+        prefix = 88 if number % 14 == 0 else 72
+        parts.append(np.concatenate([useful[-prefix:], useful]))
+    return signal.resample_poly(np.concatenate(parts), 125, 512)
+
+
+def test_the_spacing_is_found_by_itself():
+    rng = np.random.default_rng(19)
+    altitude_m, frames = returns(6, 20)
+    stream = wide_spacing(rng, 28 * 3)
+    for number in range(6):
+        first = 400 + 1711 * number
+        part = stream[first : first + W.samples_per_frame]
+        frames[number] += part / np.sqrt(np.mean(np.abs(part) ** 2)) * 10**2
+    assert right(frames, altitude_m) < 0.5
+    assert right(single(frames), altitude_m) >= 5 / 6
+
+
+def test_symbols_fill_their_cycles():
+    for spacing_hz in (15e3, 30e3):
+        numerology = Numerology(7.5e6, spacing_hz)
+        length = numerology.per_cycle * (numerology.useful + numerology.prefix) + numerology.longer
+        assert length == pytest.approx(7.5e6 * 0.5e-3)
+        times = numerology.times(100.0, 7500)
+        held, starts = numerology.windows(times, 7500)
+        assert len(starts) in (2 * numerology.per_cycle - 1, 2 * numerology.per_cycle)
+        assert np.abs(starts - times[held]).max() <= numerology.prefix / 3 + 1
+
+
+@pytest.mark.parametrize("points", [16, 64, 256])
+def test_nearest_point_and_mean_error_of_a_cell(points):
+    rng = np.random.default_rng(points)
+    side = np.arange(-np.sqrt(points) + 1, np.sqrt(points), 2) * np.sqrt(1.5 / (points - 1))
+    lattice = (side[:, None] + 1j * side).ravel()
+    assert np.mean(np.abs(lattice) ** 2) == pytest.approx(1)
+    values = (rng.uniform(-1.5, 1.5, 500) + 1j * rng.uniform(-1.5, 1.5, 500)).astype(np.complex64)
+    brute = lattice[np.abs(values[:, None] - lattice).argmin(axis=1)]
+    np.testing.assert_allclose(nearest(values, points), brute, atol=1e-5)
+    # whole cells, up to the outermost points' own
+    reach = side[-2] + (side[-1] - side[-2]) / 2
+    inner = rng.uniform(-reach, reach, 20_000) + 1j * rng.uniform(-reach, reach, 20_000)
+    inner = inner.astype(np.complex64)
+    assert np.mean(np.abs(inner - nearest(inner, points)) ** 2) == pytest.approx(CELL[points], rel=0.05)
+
+
+def test_the_prefix_tells_time_and_carrier():
+    emitter = NrEmitter(**NR10, carrier_hz=2_000.0)
+    numerology = Numerology(W.rate_hz, 15e3)
+    frame = heard(emitter, 1, -30, 21)[0].astype(np.complex64)
+    found = find_prefix(frame, numerology)
+    assert found.contrast > 8
+    assert found.carrier == pytest.approx(2_000 / 15e3, abs=5e-3)
+    later = find_prefix(np.roll(frame, 100), numerology)
+    assert (later.middle - found.middle - 100 + 30) % numerology.spacing == pytest.approx(30, abs=3)
+
+
+def test_returns_of_all_altitudes_lie_in_the_ridge():
+    numerology = Numerology(W.rate_hz, 15e3)
+    starts = np.array([17, 2600, 3600, 6900])
+    clear = Ridge(W, numerology, 1500.0).clear(starts, 0.0)
+    assert 0.75 < clear.mean() < 0.86
+    for altitude_m in (0.0, 400.0, 1500.0):
+        frame = point_return(W, np.array([altitude_m]))[0]
+        for start, outside in zip(starts, clear, strict=True):
+            spectrum = np.abs(np.fft.fftshift(np.fft.fft(frame[start : start + numerology.useful]))) ** 2
+            assert spectrum[outside].sum() < 0.03 * spectrum.sum()
+
+
+def test_what_does_not_fit_is_one_line():
+    with pytest.raises(MitigationError, match="rate_hz is 5e\\+06; it has to be a multiple of 30000"):
+        create("ofdm_cancel", Waveform(bandwidth_hz=4e6, rate_hz=5e6))
+    with pytest.raises(MitigationError, match="ofdm_cancel.span_m is -1.0; it has to be a finite number"):
+        create("ofdm_cancel", W, span_m=-1.0)
+    with pytest.raises(MitigationError, match="a frame shorter than 0.3e-3 holds too few symbols"):
+        create("ofdm_cancel", Waveform(sweep_s=0.2e-3))
