@@ -18,6 +18,7 @@ from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
+from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, COUNTERS, make_row
 
@@ -116,7 +117,11 @@ class OverlapStudy(Study):
     folder: Path | None = None
     prepared: tuple[tuple[bool, Any], ...] = ()
 
-    tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS, "ceiling": COLUMNS}
+    tables: ClassVar[Mapping[str, Columns]] = {
+        "rows": COLUMNS,
+        "ceiling": COLUMNS,
+        "altitudes": ALTITUDE_COLUMNS,
+    }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
 
@@ -196,13 +201,19 @@ class OverlapStudy(Study):
             from ..radios.hardware import run_hardware
 
             result = run_hardware(scene, scene.methods, capture=capture, **self.hardware)
-        return rows_of(scene, point, result)
+        return rows_of(scene, point, result) + altitude_rows(scene, point, result.results)
+
+    def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
+        """See `Study`."""
+        return "altitudes" if "altitude_low_m" in row else point.table
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
         """See `Study`; the counters of the path are added as well."""
         rows = super().pooled(batches)
-        sums = [{c: sum(row[c] for row in same) for c in COUNTERS} for same in zip(*batches, strict=True)]
-        return [row | counted for row, counted in zip(rows, sums, strict=True)]
+        for row, same in zip(rows, zip(*batches, strict=True), strict=True):
+            detail = "altitude_low_m" in row
+            row |= pool_altitudes(same) if detail else {c: sum(r[c] for r in same) for c in COUNTERS}
+        return rows
 
     def left_out(self) -> list[str]:
         """What the flowgraphs leave out, and why."""
@@ -223,7 +234,7 @@ class OverlapStudy(Study):
         from .report import write_report
 
         ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(folder, self, rows["rows"], ceiling, run)
+        return write_report(folder, self, rows["rows"], ceiling, run, rows["altitudes"])
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
