@@ -76,6 +76,13 @@ def test_the_rows_make_sense(whole):
     rows = {(r["method"], r["overlap"]): r for r in read_report(whole[0])["rows"]}
     assert rows["none", 0.0]["correct"] == rows["whitening", 0.0]["correct"] == 6
     assert rows["none", 0.0]["rmse_detected_m"] < 0.5
+    with (whole[0] / "altitudes.csv").open(newline="", encoding="utf-8") as file:
+        by_altitude = list(csv.DictReader(file))
+    assert len(by_altitude) == 2 * len(rows)
+    for (method, overlap), row in rows.items():
+        mine = [r for r in by_altitude if (r["method"], float(r["overlap"])) == (method, overlap)]
+        assert [sum(int(r[c]) for r in mine) for c in ("trials", "correct")] == [6, row["correct"]]
+        assert row["rmse_forced_m"] is None or row["rmse_low_m"] <= row["rmse_forced_m"] <= row["rmse_high_m"]
     # block LMS leaves its stable region under strong interference, and says so
     assert rows["lms", 0.0]["diverged_frames"] == 0 < rows["lms", 1.0]["diverged_frames"]
     assert rows["whitening", 1.0]["ms_per_frame_median"] > 0
@@ -119,7 +126,8 @@ def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path
     study = OverlapStudy(bare).begin(tmp_path)
     assert any("jammer" in item for item in study.left_out())
     ignore = ("interference", "sir_db", *COLUMNS.timing)
-    same = [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in study.measure(point)]
+    rows = [r for r in study.measure(point) if study.table_of(point, r) == "rows"]
+    same = [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in rows]
     zero = [r for r in read_report(whole[0])["rows"] if r["overlap"] == 0]
     assert same == [{k: r[k] for k in COLUMNS.names if k not in ignore} for r in zero]
 

@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,9 +74,19 @@ class Progress:
 
 def measure_task(task: Task) -> Outcome:
     """Called in a worker."""
-    columns = task.study.tables[task.point.table]
-    rows = [columns.row(row) for row in task.study.measure(task.point, task.batch)]
+    study = task.study
+    rows = [_row(study, task.point, row) for row in study.measure(task.point, task.batch)]
     return Outcome(rows, os.getpid(), peak_memory_bytes())
+
+
+def _row(study: Study, point: Point, row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as its table keeps it."""
+    return study.tables[study.table_of(point, row)].row(row)
+
+
+def _own(study: Study, point: Point, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Those of the point's own table."""
+    return [row for row in rows if study.table_of(point, row) == point.table]
 
 
 def peak_memory_bytes() -> int:
@@ -181,9 +191,8 @@ def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool
     point = next((p for p in points if p.name == entry["point"]), None)
     if point is None or entry["batch"] < 0:
         return False
-    columns = study.tables[point.table]
     try:
-        return all(columns.row(row) == row for row in entry["rows"])
+        return all(_row(study, point, row) == row for row in entry["rows"])
     except (AttributeError, TypeError, ValueError, OverflowError):
         return False
 
@@ -202,7 +211,9 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
     watch.stage(ready, [(point, 0) for point in points])
     if options.precision is not None:
         more = {
-            p.name: batches_needed(folder.done[p.name, 0], options.precision) if p.sampled else 1
+            p.name: batches_needed(_own(study, p, folder.done[p.name, 0]), options.precision)
+            if p.sampled
+            else 1
             for p in points
         }
         watch.stage(ready, [(p, b) for p in points for b in range(1, more[p.name])])
@@ -210,7 +221,8 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
     for point in points:
         count = 1 if options.precision is None else more[point.name]
         batches = [folder.done[point.name, b] for b in range(count)]
-        rows[point.table] += [study.tables[point.table].row(row) for row in study.pooled(batches)]
+        for row in study.pooled(batches):
+            rows[study.table_of(point, row)].append(_row(study, point, row))
     for name, table in rows.items():
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))
@@ -267,26 +279,29 @@ class _Watch:
             stream(point, outcome.rows)
             self.peaks[outcome.process] = outcome.peak_bytes
             self.done += 1
-            self._tell(outcome.rows, first, count, len(todo))
+            self._tell(_own(study, point, outcome.rows), first, count, len(todo))
 
     def _stream_files(self, study: Study) -> Callable[[Point, Sequence[dict[str, Any]]], None]:
         """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end.
 
         Each begins with what the journal holds: what a file of an earlier start holds is no matter.
         """
-        table_of = {point.name: point.table for point in self._study.points()}
+        points = {point.name: point for point in self._study.points()}
+
+        def held(table: str) -> list[dict[str, Any]]:
+            entries = self.folder.done.items()
+            return [r for (p, _), rows in entries for r in rows if study.table_of(points[p], r) == table]
 
         def append(point: Point, rows: Sequence[dict[str, Any]]) -> None:
-            name, columns = f"{point.table}.csv", study.tables[point.table]
-            if name not in self._streamed:
-                self._streamed.add(name)
-                held = [
-                    r for (p, _), rows in self.folder.done.items() if table_of[p] == point.table for r in rows
-                ]
-                self.folder.write_text(name, columns.csv(held))
-                return
-            with (self.folder.path / name).open("a", encoding="utf-8", newline="") as file:
-                file.write(columns.csv(rows, header=False))
+            for table in dict.fromkeys(study.table_of(point, row) for row in rows):
+                name, columns = f"{table}.csv", study.tables[table]
+                if name not in self._streamed:
+                    self._streamed.add(name)
+                    self.folder.write_text(name, columns.csv(held(table)))
+                    continue
+                mine = [row for row in rows if study.table_of(point, row) == table]
+                with (self.folder.path / name).open("a", encoding="utf-8", newline="") as file:
+                    file.write(columns.csv(mine, header=False))
 
         return append
 

@@ -97,6 +97,10 @@ class Study:
         """Rows of one batch of a point; called in a worker process."""
         raise NotImplementedError
 
+    def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
+        """Which table a row of a point goes into; all but the point's own hold detail, and steer nothing."""
+        return point.table
+
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
         """Rows of a point from those of its batches: counts added, intervals anew, the rest as in the first batch."""
         if len(batches) == 1:

@@ -18,8 +18,17 @@ import numpy as np
 
 from ...core.mitigation import METHODS, PlotStyle
 from ..results.score import CORRECT_LIMIT_M
+from .altitudes import ERRORS_M, groups
 
-__all__ = ["draw_error", "draw_pd", "draw_wrong", "panels", "series_style"]
+__all__ = [
+    "draw_error",
+    "draw_error_cdf",
+    "draw_pd",
+    "draw_pd_by_altitude",
+    "draw_wrong",
+    "panels",
+    "series_style",
+]
 
 # for methods without a style of their own
 _RESERVE = (
@@ -28,7 +37,18 @@ _RESERVE = (
     PlotStyle("#5D3A9B", ">", ":"),
     PlotStyle("#A0A0A0", "h", "-"),
 )
-_AXES = {"overlap": "temporal overlap of the interference", "sir_db": "SIR over the whole sweep / dB"}
+_AXES = {
+    "overlap": "temporal overlap of the interference",
+    "sir_db": "SIR over the whole sweep / dB",
+    "altitude_m": "altitude / m",
+    "error_m": "error of the forced decision / m",
+}
+_NAMES = {
+    "overlap": ("overlap", ""),
+    "sir_db": ("SIR", " dB"),
+    "altitude_m": ("altitude", " m"),
+    "error_m": ("error", " m"),
+}
 _WIDTH = 3.5  # inches a panel: two fill a two-column page
 
 
@@ -159,13 +179,74 @@ def draw_error(
         for k, name in enumerate(series):
             of = _sorted(mine, name, against)
             error = np.array([_number(r["rmse_forced_m"]) for r in of])
+            ends = [[_number(r.get(c)) for r in of] for c in ("rmse_low_m", "rmse_high_m")]
+            bars = np.nan_to_num(np.clip([error - ends[0], ends[1] - error], 0, None))
             x = _values(of, against) + _dodge(mine, against, k, len(series))
             style = series_style(name, series)
-            _plot(axis, x, error, None, k, style)
+            _plot(axis, x, error, bars, k, style)
             _say(axis, x, error, style, of, against, _error_words)
         axis.set_title(heading, fontsize=10)
         axis.set_yscale("log")
-    return _finish(figure, axes, path, f"{title}\nall trials, detected or not", "RMSE, forced decision / m")
+    note = "all trials, detected or not; bars: 95 % intervals (delta method)"
+    return _finish(figure, axes, path, f"{title}\n{note}", "RMSE, forced decision / m")
+
+
+def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path, *, title: str) -> Path:
+    """Pd with 95 % Wilson intervals against altitude, all overlaps together; ``rows`` as of `ALTITUDE_COLUMNS`."""
+    split = panels(rows)
+    figure, axes = _grid(len(split), "altitude_m")
+    series = _series(rows)
+    lowest, highest = min(r["altitude_low_m"] for r in rows), max(r["altitude_high_m"] for r in rows)
+    for axis, (heading, mine) in zip(axes, split, strict=True):
+        if lowest > 0:
+            axis.set_xscale("log")
+            axis.set_xlim(lowest / 1.3, highest * 1.3)
+        for k, name in enumerate(series):
+            of = sorted(
+                groups((r for r in mine if r["method"] == name), "altitude_low_m").values(),
+                key=lambda r: r["altitude_low_m"],
+            )
+            of = [r | {"altitude_m": 0.5 * (r["altitude_low_m"] + r["altitude_high_m"])} for r in of]
+            pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
+            # side by side on a logarithmic axis
+            x = _values(of, "altitude_m") * 1.02 ** (k - (len(series) - 1) / 2)
+            style = series_style(name, series)
+            _plot(axis, x, pd, np.clip([pd - low, high - pd], 0, None), k, style)
+            _say(axis, x, pd, style, of, "altitude_m", _pd_words)
+        axis.set_title(heading, fontsize=10)
+        axis.set_ylim(-0.04, 1.04)
+    note = (
+        "all overlaps above 0 together; bars: 95 % Wilson intervals; series set side by side at each altitude"
+    )
+    return _finish(figure, axes, path, f"{title}\n{note}", f"Pd: altitude within {CORRECT_LIMIT_M:g} m")
+
+
+def draw_error_cdf(rows: Sequence[dict[str, Any]], path: Path, *, title: str) -> Path:
+    """Share of trials whose forced decision is at most so far off; ``rows`` as of `ALTITUDE_COLUMNS`."""
+    split = panels(rows)
+    figure, axes = _grid(len(split), "error_m")
+    series = _series(rows)
+    for axis, (heading, mine) in zip(axes, split, strict=True):
+        axis.axvline(CORRECT_LIMIT_M, color="#999999", lw=0.8, ls=":", zorder=0, label="5 m, limit of Pd")
+        for k, (name, whole) in enumerate((n, g) for (n,), g in groups(mine, "method").items()):
+            counts = [whole[f"within_{error:g}_m"] for error in ERRORS_M]
+            share = np.array(counts) / max(whole["trials"], 1)
+            style = series_style(name, series)
+            _plot(axis, np.array(ERRORS_M), share, None, k, style)
+            of = [
+                {"error_m": e, "count": c, "trials": whole["trials"]}
+                for e, c in zip(ERRORS_M, counts, strict=True)
+            ]
+            _say(axis, np.array(ERRORS_M), share, style, of, "error_m", _share_words)
+        axis.set_title(heading, fontsize=10)
+        axis.set_xscale("log")
+        axis.set_ylim(-0.04, 1.04)
+    note = "all trials, detected or not, all overlaps above 0 together"
+    return _finish(figure, axes, path, f"{title}\n{note}", "share of trials with this error or less")
+
+
+def _share_words(row: dict[str, Any]) -> str:
+    return f"{row['count']} of {row['trials']} trials within {row['error_m']:g} m"
 
 
 def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Path:
@@ -194,7 +275,9 @@ def _pd_words(row: dict[str, Any]) -> str:
 
 
 def _error_words(row: dict[str, Any]) -> str:
-    return f"RMSE {_number(row['rmse_forced_m']):.3g} m over {row['forced']} forced decisions"
+    ends = [row.get("rmse_low_m"), row.get("rmse_high_m")]
+    text = "" if None in ends else f" ({ends[0]:.3g} to {ends[1]:.3g})"
+    return f"RMSE {_number(row['rmse_forced_m']):.3g} m{text} over {row['forced']} forced decisions"
 
 
 def _wrong_words(row: dict[str, Any]) -> str:
@@ -212,8 +295,7 @@ def _say(
     words: Any,
 ) -> None:
     """Keep for `_finish` what a point says in the SVG."""
-    unit = " dB" if against == "sir_db" else ""
-    name = "SIR" if against == "sir_db" else "overlap"
+    name, unit = _NAMES[against]
     texts = [f"{style['label']}\n{name} {r[against]:g}{unit}: {words(r)}" for r in rows]
     said = getattr(axis.figure, "radalt_said", [])
     axis.figure.radalt_said = said + list(zip([axis] * len(texts), x, y, texts, strict=True))

@@ -46,6 +46,11 @@ def report_html(report: dict[str, Any], figures: Sequence[tuple[str, str]], scen
     )
 
 
+def _ends(row: dict[str, Any]) -> str:
+    low, high = row.get("rmse_low_m"), row.get("rmse_high_m")
+    return "" if low is None or high is None else f" ({metres(low)}{DASH}{metres(high)})"
+
+
 def _line(row: dict[str, Any]) -> list[tuple[str, str]]:
     """(text, value to sort by) of each cell."""
     row = row | {"wrong": row["detections"] - row["correct"]}
@@ -54,7 +59,7 @@ def _line(row: dict[str, Any]) -> list[tuple[str, str]]:
         "wrong": f"{row['wrong']}",
         "wrong_bound": f"{row['wrong_bound']:.4f}",
         "rmse_detected_m": metres(row["rmse_detected_m"]),
-        "rmse_forced_m": metres(row["rmse_forced_m"]),
+        "rmse_forced_m": metres(row["rmse_forced_m"]) + _ends(row),
         "bias_m": metres(row["bias_m"]),
         "ms_per_frame_median": f"{row['ms_per_frame_median']:.3f}",
     }

@@ -11,12 +11,17 @@ from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
 from ..results.table import DASH, interval, metres, number, signed_metres, table
+from .altitudes import groups
 from .figures import panels
 
 __all__ = ["glance", "pd_tables", "report_markdown", "spread", "summary", "tracked_table"]
 
 
-def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) -> str:
+def report_markdown(
+    report: dict[str, Any],
+    figures: Sequence[tuple[str, str]],
+    altitudes: Sequence[dict[str, Any]] = (),
+) -> str:
     """The whole of report.md from the content of report.json; ``figures`` are (file, caption)."""
     rows = report["rows"]
     tables = {
@@ -27,6 +32,7 @@ def report_markdown(report: dict[str, Any], figures: Sequence[tuple[str, str]]) 
         "method_table": _methods(report),
         "break_points": _break_points(report),
         "tracked_table": tracked_table(report["tracked"]),
+        "altitude_tables": "\n\n".join(_altitude_tables(altitudes)),
     }
     # the segmenter's counters are the same for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
@@ -56,7 +62,29 @@ def pd_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _error_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
-    return _by_panel(rows, lambda row: f"{metres(row['rmse_detected_m'])} / {metres(row['rmse_forced_m'])}")
+    return _by_panel(rows, _errors)
+
+
+def _errors(row: dict[str, Any]) -> str:
+    text = f"{metres(row['rmse_detected_m'])} / {metres(row['rmse_forced_m'])}"
+    low, high = row.get("rmse_low_m"), row.get("rmse_high_m")
+    return text if low is None or high is None else f"{text} ({metres(low)}{DASH}{metres(high)})"
+
+
+def _altitude_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """A heading and a table of Pd by altitude for each panel, over all overlaps above 0."""
+    rows = [r for r in rows if r["overlap"] > 0] or rows
+    out = []
+    for title, mine in panels(rows):
+        methods = list(dict.fromkeys(r["method"] for r in mine))
+        known = groups(mine, "altitude_low_m", "altitude_high_m", "method")
+        lines = []
+        for low, high in sorted({key[:2] for key in known}):
+            of = [known[low, high, method] for method in methods]
+            name = f"{low:g}" if low == high else f"{low:g}{DASH}{high:g}"
+            lines.append([name, spread(of), *(interval(r["pd"], r["pd_low"], r["pd_high"]) for r in of)])
+        out += [f"### {title}", table(["altitude / m", "trials", *methods], lines)]
+    return out
 
 
 def glance(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -15,7 +15,8 @@ from ...core.scene import Scene
 from ..engine.study import Run
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
-from .figures import draw_error, draw_pd, draw_wrong
+from .altitudes import with_intervals
+from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
 from .html import report_html
 from .markdown import report_markdown, spread
 
@@ -33,6 +34,7 @@ def write_report(
     rows: Sequence[dict[str, Any]],
     ceiling: Sequence[dict[str, Any]],
     run: Run,
+    altitudes: Sequence[dict[str, Any]] = (),
     *,
     tracked: Sequence[dict[str, Any]] = (),
 ) -> Path:
@@ -48,17 +50,19 @@ def write_report(
         Rows without interference, one per method and SNR (more are ignored).
     run : Run
         How the run went.
+    altitudes : sequence of dict
+        Rows by altitude (`ALTITUDE_COLUMNS`); without them nothing is said by altitude, and no RMSE has an interval.
     tracked : sequence of dict
         Rows of the tracker's outputs; none where nothing was tracked.
     """
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
-    report = build_report(folder.head, study, rows, ceiling, run)
+    report = build_report(folder.head, study, with_intervals(rows, altitudes), ceiling, run)
     report["tracked"] = list(tracked)
-    figures = _draw(report, folder.path)
+    figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
-    page = folder.write_text("report.md", report_markdown(report, figures))
+    page = folder.write_text("report.md", report_markdown(report, figures, altitudes))
     drawn = [(folder.path / name).with_suffix(".svg").read_text(encoding="utf-8") for name, _ in figures]
     captions = [caption for _, caption in figures]
     folder.write_text("report.html", report_html(report, list(zip(drawn, captions, strict=True)), text))
@@ -90,6 +94,19 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
         draw_error(rows, path / figures[-2][0], title=title, bounds_m=bounds, against=against)
         draw_wrong(rows, path / figures[-1][0], title=title, against=against)
     return figures
+
+
+def _draw_altitudes(title: str, altitudes: Sequence[dict[str, Any]], path: Path) -> list[tuple[str, str]]:
+    """Pd by altitude and the distribution of errors, over all overlaps above 0; returns (file, caption)."""
+    rows = [r for r in altitudes if r["overlap"] > 0] or list(altitudes)
+    if not rows:
+        return []
+    draw_pd_by_altitude(rows, path / "pd_vs_altitude.png", title=title)
+    draw_error_cdf(rows, path / "error_cdf.png", title=title)
+    return [
+        ("pd_vs_altitude.png", "Probability of correct altitude by altitude, over all overlaps above 0"),
+        ("error_cdf.png", "Distribution of the forced decision's error, over all overlaps above 0"),
+    ]
 
 
 def build_report(

@@ -18,6 +18,7 @@ from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
+from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
 
@@ -129,6 +130,7 @@ class OverlapStudy(Study):
         "rows": COLUMNS,
         "ceiling": COLUMNS,
         "tracked": TRACKED_COLUMNS,
+        "altitudes": ALTITUDE_COLUMNS,
     }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
@@ -229,15 +231,21 @@ class OverlapStudy(Study):
                 tracked_row(m, scene.interference_name, point, scene.seed, outputs, programme)
                 for m, outputs in result.outputs.items()
             ]
-        return rows_of(scene, point, result)
+        return rows_of(scene, point, result) + altitude_rows(scene, point, result.results)
+
+    def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
+        """See `Study`."""
+        return "altitudes" if "altitude_low_m" in row else point.table
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
         """See `Study`; the counters of the path are added as well."""
         if len(batches) == 1:
             return list(batches[0])
         rows = super().pooled(batches)
-        sums = [{c: sum(row[c] for row in same) for c in COUNTERS} for same in zip(*batches, strict=True)]
-        return [row | counted for row, counted in zip(rows, sums, strict=True)]
+        for row, same in zip(rows, zip(*batches, strict=True), strict=True):
+            detail = "altitude_low_m" in row
+            row |= pool_altitudes(same) if detail else {c: sum(r[c] for r in same) for c in COUNTERS}
+        return rows
 
     def left_out(self) -> list[str]:
         """What the flowgraphs leave out, and why."""
@@ -259,7 +267,9 @@ class OverlapStudy(Study):
         from .report import write_report
 
         ceiling = rows["ceiling"] or [r for r in rows["rows"] if r["overlap"] == 0]
-        return write_report(folder, self, rows["rows"], ceiling, run, tracked=rows["tracked"])
+        return write_report(
+            folder, self, rows["rows"], ceiling, run, rows["altitudes"], tracked=rows["tracked"]
+        )
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""

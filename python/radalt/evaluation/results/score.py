@@ -26,6 +26,7 @@ __all__ = [
     "pool",
     "score",
     "score_frames",
+    "trials_of",
 ]
 
 CORRECT_LIMIT_M = 5.0  # success criterion of the paper
@@ -176,12 +177,19 @@ def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None 
     truth_m : (n,) metres, optional
         What was flown instead, where altitudes were set by hand.
     """
+    counted, true = trials_of(results, programme, truth_m)
+    return score_frames(counted, true, lost=programme.trial_frames - len(counted))
+
+
+def trials_of(
+    results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Results that count, one per trial, and the altitudes in metres that were true for them; as `score` takes them."""
     if truth_m is None:
         truth_m = programme.altitude_m(results["frame_index"])
     trials = np.flatnonzero(programme.is_trial(results["frame_index"]))
     _, first = np.unique(results["frame_index"][trials], return_index=True)
-    counted = trials[first]
-    return score_frames(results[counted], truth_m[counted], lost=programme.trial_frames - len(counted))
+    return results[trials[first]], truth_m[trials[first]]
 
 
 def pool(rows: Sequence[dict[str, Any]]) -> Score:

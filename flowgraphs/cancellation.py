@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""Cancellation of OFDM: Pd, error and wrong altitudes over modulations, loads, channels and radios.
+
+.venv/bin/python flowgraphs/cancellation.py                    # some minutes, into results/cancellation
+.venv/bin/python flowgraphs/cancellation.py --publish docs     # then docs/cancellation.md
+.venv/bin/python flowgraphs/cancellation.py --cases nr10_256qam --methods none,ofdm_cancel --frames 300
+"""
+
+from __future__ import annotations
+
+import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
+from collections.abc import Sequence
+
+from gnuradio.radalt.evaluation.engine.options import (
+    MAX_SEED,
+    Parser,
+    add_options,
+    command,
+    command_of,
+    number,
+    options_of,
+)
+
+PROGRAM = "cancellation"
+METHODS = "none,whitening,tcae,ofdm_cancel"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
+    add("--cases", default="", help="cases with commas (default: all of evaluation/cancellation/cases.py)")
+    add(
+        "--frames",
+        type=number(int, 1, 100_000),
+        default=60,
+        help="per case and SIR (default: %(default)s)",
+    )
+    add("--seed", type=number(int, 0, MAX_SEED), default=61_803, help="default: %(default)s")
+    add_options(parser, out=f"results/{PROGRAM}", time_limit_s=3600.0)
+    return parser
+
+
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and write; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    options = options_of(args, parser, command=command_of(args, parser))
+
+    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
+    from gnuradio.radalt.evaluation.cancellation.cases import CASES
+    from gnuradio.radalt.evaluation.cancellation.study import CancellationStudy
+    from gnuradio.radalt.evaluation.engine.command import main as run
+
+    methods, cases = (
+        tuple(args.methods.split(",")),
+        tuple(args.cases.split(",")) if args.cases else tuple(CASES),
+    )
+    for option, names, known in (("--methods", methods, KNOWN), ("--cases", cases, CASES)):
+        for name in names:
+            if name not in known:
+                parser.error(f"{option} names {name[:40]!r}; known: {', '.join(known)}")
+    study = CancellationStudy(methods, cases, args.frames, args.seed)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
+
+
+def _describe(rows: Sequence[dict]) -> str:
+    """A measured point in a line."""
+    found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
+    return f"{rows[0]['case']}, {rows[-1]['method']}: Pd {' '.join(found)}"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,184 @@
+"""The page of cancellation: break-points, what happens above them, errors, and one frame looked into."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.mitigation import create
+from ...core.mitigation.ofdm.acquisition import acquire, find_prefix
+from ...core.mitigation.ofdm.demodulator import FIRST, demodulate
+from ...core.mitigation.ofdm.numerology import SPACINGS_HZ, Numerology
+from ...core.mitigation.ofdm.ridge import Ridge
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings
+from ..engine.study import Run
+from ..overlap.figures import series_style
+from ..results.break_point import break_point
+from ..results.folder import RunFolder
+from ..results.page import render
+from ..results.score import pool
+from ..results.table import number, table
+from .cases import CASES, WAVEFORM, received
+
+if TYPE_CHECKING:
+    from .study import CancellationStudy
+
+__all__ = ["write_report"]
+
+Row = Mapping[str, Any]
+_ERROR_SIR_DB = -40.0
+_FRAME = ("nr10_64qam", -40.0)  # looked into
+
+
+def write_report(
+    folder: RunFolder, study: CancellationStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
+) -> Path:
+    """Write ``report.md``, its figures and ``report.json``; returns the page."""
+    found = rows["rows"]
+    draw_pd(found, study.methods, folder.path / "pd.png")
+    draw_frame(folder.path / "frame.png", study.seed)
+    report = folder.head | {"run": run.as_dict()}
+    tables = {
+        "break_points": _break_points(found, study.methods),
+        "errors": _errors(found, study.methods),
+        "sir_db": f"{_ERROR_SIR_DB:g}",
+    }
+    page = folder.write_text(
+        "report.md", render(Path(__file__).with_name("report.md.j2"), **report, **tables)
+    )
+    folder.write_report(report | {"rows": list(found)})
+    return page
+
+
+def _of(rows: Sequence[Row], case: str, method: str) -> list[Row]:
+    return sorted((r for r in rows if (r["case"], r["method"]) == (case, method)), key=lambda r: -r["sir_db"])
+
+
+def _cases(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(r["case"] for r in rows))
+
+
+def _break_points(rows: Sequence[Row], methods: Sequence[str]) -> str:
+    lines = []
+    for case in _cases(rows):
+        cells = []
+        for method in methods:
+            mine = _of(rows, case, method)
+            cells.append(str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine])))
+        total = pool([r for r in rows if (r["case"], r["method"]) == (case, "ofdm_cancel")])
+        lines.append(
+            [CASES[case].title, *cells, f"{total.wrong} of {total.trials} ({total.wrong_bound:.4f})"]
+        )
+    return table(["5G NR carrier", *methods, "`ofdm_cancel`, wrong and valid (bound)"], lines)
+
+
+def _errors(rows: Sequence[Row], methods: Sequence[str]) -> str:
+    lines = []
+    for case in _cases(rows):
+        cells = []
+        for method in methods:
+            mine = [r for r in _of(rows, case, method) if r["sir_db"] == _ERROR_SIR_DB]
+            cells.append(f"{mine[0]['pd']:.2f}, {number(mine[0]['rmse_detected_m'])}" if mine else "given up")
+        lines.append([CASES[case].title, *cells])
+    return table(["5G NR carrier", *methods], lines)
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
+    """Pd over SIR, a panel per case."""
+    cases = _cases(rows)
+    across = min(3, len(cases))
+    down = -(-len(cases) // across)
+    figure = _figure(3.3 * across, 1.9 * down + 0.5)
+    axes = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for axis, case in zip(axes, cases, strict=False):
+        for method in methods:
+            mine = _of(rows, case, method)
+            axis.plot(
+                [r["sir_db"] for r in mine],
+                [r["pd"] for r in mine],
+                markersize=3.5,
+                **series_style(method, methods),
+            )
+        axis.set_title(CASES[case].title, fontsize=7.5)
+        axis.grid(alpha=0.3)
+    for axis in axes[len(cases) :]:
+        axis.set_axis_off()
+    axes[0].invert_xaxis()
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(methods), fontsize=8)
+    figure.supxlabel("SIR / dB", fontsize=9)
+    figure.supylabel("Pd within 5 m", fontsize=9)
+    figure.savefig(path, metadata={"Software": "gr-radalt"})
+
+
+def draw_frame(path: Path, seed: int) -> None:
+    """One frame before and after: spectrogram, constellation, beat spectrum."""
+    case, sir_db = _FRAME
+    frames, altitude_m = received(CASES[case], sir_db, 1, np.random.default_rng([seed, 7]))
+    cleaned = create("ofdm_cancel", WAVEFORM).process(frames)
+    figure = _figure(9.5, 5.6)
+    grid = figure.subplots(2, 3)
+    for axis, frame, title in zip(grid[:, 0], (frames[0], cleaned[0]), ("received", "cleaned"), strict=True):
+        image = _spectrogram(frame)
+        drawn = axis.imshow(
+            image, aspect="auto", origin="lower", extent=(0, 1e3 * WAVEFORM.sweep_s, -3.75, 3.75),
+            vmin=image.max() - 50, vmax=image.max(), cmap="Greys",
+        )  # fmt: skip
+        axis.set(title=f"{title}, dB", xlabel="time / ms", ylabel="frequency / MHz")
+        figure.colorbar(drawn, ax=axis)
+    for axis, points, title in zip(
+        grid[:, 1],
+        _constellation(frames[0]),
+        ("elements without a return", "elements that hold it, too"),
+        strict=True,
+    ):
+        axis.plot(points.real, points.imag, "k.", markersize=1)
+        axis.set(title=title, xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), aspect="equal", xlabel="I", ylabel="Q")
+    altimeter = Altimeter(WAVEFORM, AltimeterSettings())
+    for axis, part, title in zip(grid[:, 2], (frames, cleaned), ("received", "cleaned"), strict=True):
+        spectra = altimeter.spectra(part)
+        for half, style in zip(spectra.power[0], ("k-", "k:"), strict=True):
+            level_db = 10 * np.log10(np.maximum(half / spectra.power.max(), 1e-9))
+            axis.plot(spectra.beat_hz / 1e3, level_db, style, lw=0.8)
+        axis.axvline(
+            WAVEFORM.slope_hz_per_s * 2 * altitude_m[0] / 299_792_458.0 / 1e3, color="#D55E00", lw=0.8
+        )
+        axis.set(title=f"beat spectra, {title}", xlabel="beat / kHz", ylabel="dB of the peak", ylim=(-60, 3))
+    figure.savefig(path, metadata={"Software": "gr-radalt"})
+
+
+def _spectrogram(frame: np.ndarray) -> np.ndarray:
+    """(frequencies, times) dB, Hann windows of 128 samples."""
+    windows = np.lib.stride_tricks.sliding_window_view(frame, 128)[::32] * np.hanning(128)
+    power = np.abs(np.fft.fftshift(np.fft.fft(windows, axis=1), axes=1)) ** 2
+    return 10 * np.log10(power.T + 1e-9)
+
+
+def _constellation(frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Elements over the channel, of one frame on its own: those that no return can be in, and the others."""
+    numerology = Numerology(WAVEFORM.rate_hz, SPACINGS_HZ[0])
+    ridge = Ridge(WAVEFORM, numerology, 1500.0)
+    prefix = find_prefix(frame, numerology)
+    turn = np.exp(-2j * np.pi * prefix.carrier / numerology.useful * np.arange(frame.size))
+    grid = acquire(
+        (frame * turn).astype(np.complex64),
+        prefix,
+        numerology,
+        lambda starts: ridge.clear(starts, prefix.carrier),
+    )
+    clear = ridge.clear(grid.starts, prefix.carrier)
+    got = demodulate(grid, clear, numerology, None, FIRST)
+    values = got.symbols / got.channel
+    return values[clear & grid.used], values[~clear & grid.used]

@@ -1,0 +1,112 @@
+"""Pd, error and wrong altitudes of each case over SIR, behind several methods; and a look into single frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..engine.study import Point, Run, Study
+from ..results.chain import Chain, seconds_per_frame
+from ..results.folder import RunFolder
+from ..results.rows import Columns
+from ..results.score import SCORE_COLUMNS, score_frames
+from .cases import CASES, WAVEFORM, received
+
+__all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
+
+METHODS = ("none", "whitening", "tcae", "ofdm_cancel")
+SIRS_DB = (0.0, -10.0, -15.0, -20.0, -22.5, -25.0, -27.5, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
+GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less; not one that may find itself again
+
+
+@dataclass(frozen=True)
+class CasePoint(Point):
+    """One of `CASES` at all SIRs."""
+
+    case: str = ""
+
+
+@dataclass(frozen=True)
+class CancellationStudy(Study):
+    """Both tables of docs/cancellation.md.
+
+    Attributes
+    ----------
+    methods, cases : tuple of str
+    frames : int
+        Per case and SIR.
+    seed : int
+    """
+
+    methods: tuple[str, ...] = METHODS
+    cases: tuple[str, ...] = tuple(CASES)
+    frames: int = 60
+    seed: int = 61_803
+
+    tables: ClassVar[Mapping[str, Columns]] = {
+        "rows": Columns(
+            ("case", "sir_db", "method", *SCORE_COLUMNS),
+            text=frozenset({"case", "method"}),
+            whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
+        )
+    }
+    sampled: ClassVar[bool] = True
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "cancellation.md",
+        "rows.csv": "data/cancellation.csv",
+        "pd.png": "figures/cancellation_pd.png",
+        "frame.png": "figures/cancellation_frame.png",
+    }
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return vars(self) | {
+            "sirs_db": SIRS_DB,
+            "chains": {m: Chain(m, m).head(WAVEFORM) for m in self.methods},
+        }
+
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
+        self.head()
+
+    def points(self) -> Sequence[CasePoint]:
+        """A point per case."""
+        return [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
+
+    def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
+        """A row per SIR and method."""
+        rows, failures = [], dict.fromkeys(self.methods, 0)
+        for sir_db in SIRS_DB:
+            seed = [
+                self.seed,
+                list(CASES).index(point.case),
+                round(-10 * sir_db),
+                *([batch] if batch else []),
+            ]
+            frames, altitude_m = received(
+                CASES[point.case], sir_db, point.frames, np.random.default_rng(seed)
+            )
+            for method in self.methods:
+                if failures[method] >= 2 and method != "ofdm_cancel":
+                    continue
+                results, _ = Chain(method, method).results(frames, WAVEFORM)
+                score = score_frames(results, altitude_m)
+                failures[method] += score.pd < GIVEN_UP_PD
+                rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row())
+        return rows
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `Study`."""
+        from .report import write_report  # figures need matplotlib
+
+        return write_report(folder, self, rows, run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        settings = Chain("none", "none").settings
+        each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods)
+        return len(SIRS_DB) * point.frames * (each + 0.012)

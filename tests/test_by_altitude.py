@@ -1,0 +1,123 @@
+"""Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from radalt.core.programme import Programme
+from radalt.core.receiver.altimeter import RESULT_DTYPE
+from radalt.core.scene import Scene
+from radalt.evaluation.overlap.altitudes import (
+    ALTITUDE_COLUMNS,
+    ERRORS_M,
+    altitude_rows,
+    groups,
+    pool_altitudes,
+    rmse_interval,
+    with_intervals,
+)
+from radalt.evaluation.overlap.points import OverlapPoint
+from radalt.evaluation.overlap.study import OverlapStudy
+from radalt.evaluation.results.score import score
+
+POINT = OverlapPoint.at(0.5, -20.0, 10.0)
+
+
+def scene_of(altitudes_m: tuple[float, ...], frames: int) -> Scene:
+    altitude = dataclasses.replace(Scene().altitude, programme_m=altitudes_m, frames=frames)
+    return dataclasses.replace(Scene(), altitude=altitude, methods=("none",))
+
+
+def measured(programme: Programme, seed: int = 1) -> np.ndarray:
+    """Results of a whole programme: errors of a metre, a fifth false peaks, not all declared, one frame silent."""
+    rng = np.random.default_rng(seed)
+    out = np.zeros(programme.total_frames, dtype=RESULT_DTYPE)
+    out["frame_index"] = np.arange(out.size)
+    truth = programme.altitude_m(out["frame_index"])
+    error = np.where(rng.random(out.size) < 0.2, rng.uniform(-400, 400, out.size), rng.normal(0, 1, out.size))
+    out["forced_altitude_m"] = truth + error
+    out["forced_altitude_m"][-1] = np.nan
+    out["valid"] = rng.random(out.size) < 0.7
+    out["altitude_m"] = np.where(out["valid"], out["forced_altitude_m"], np.nan)
+    out["valid"][-1] = False
+    return out
+
+
+def test_rows_by_altitude_add_up_to_the_studys():
+    scene = scene_of((900.0, 300.0, 40.0), 50)
+    results = measured(scene.altitude.programme)
+    rows = altitude_rows(scene, POINT, {"none": results})
+    assert [(r["altitude_low_m"], r["trials"]) for r in rows] == [(40.0, 50), (300.0, 50), (900.0, 50)]
+    whole, expected = pool_altitudes(rows), score(results, scene.altitude.programme).row()
+    for name in ("trials", "detections", "correct", "forced", "wrong_far", "wrong_bound"):
+        assert whole[name] == expected[name], name
+    for name in ("pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m", "bias_m"):
+        assert whole[name] == pytest.approx(expected[name], rel=1e-6), name
+
+
+def test_distribution_counts_trials_within_each_error():
+    scene = scene_of((300.0,), 400)
+    results = measured(scene.altitude.programme)
+    (row,) = altitude_rows(scene, POINT, {"none": results})
+    off = np.abs(results["forced_altitude_m"][8:] - 300.0)
+    counts = [row[f"within_{error:g}_m"] for error in ERRORS_M]
+    assert counts == [int((off <= error).sum()) for error in ERRORS_M]
+    assert counts[-1] == row["forced"] == 399 and row["trials"] == 400  # the silent frame has no error at all
+
+
+def test_a_landing_is_taken_together_in_bands():
+    scene = scene_of(tuple(float(a) for a in range(200, 0, -1)), 1)
+    rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme)})
+    assert len(rows) == 10 and sum(r["trials"] for r in rows) == 200
+    assert (rows[0]["altitude_low_m"], rows[0]["altitude_high_m"]) == (1.0, 20.0)
+    assert all(a["altitude_high_m"] < b["altitude_low_m"] for a, b in zip(rows, rows[1:], strict=False))
+
+
+def test_rmse_interval_covers_the_true_value():
+    """Normal errors of 2 m, 150 frames, 2,000 repetitions: 95 % within two standard deviations."""
+    rng = np.random.default_rng(3)
+    errors = rng.normal(0.0, 2.0, (2000, 150))
+    square, fourth = (errors**2).mean(axis=1), (errors**4).mean(axis=1)
+    covered = 0
+    for s, f in zip(square, fourth, strict=True):
+        low, high = rmse_interval({"forced": 150, "rmse_forced_m": np.sqrt(s), "fourth_forced_m4": f})
+        covered += low <= 2.0 <= high
+    assert 0.93 <= covered / 2000 <= 0.97
+
+
+def test_rmse_without_a_decision_has_no_interval():
+    row = {"forced": 0, "rmse_forced_m": None, "fourth_forced_m4": None}
+    assert np.isnan(rmse_interval(row)).all()
+    scene = scene_of((300.0,), 20)
+    results = measured(scene.altitude.programme)
+    results["forced_altitude_m"] = np.nan
+    rows = altitude_rows(scene, POINT, {"none": results})
+    study = {key: rows[0][key] for key in ("method", "interference", "overlap", "sir_db", "snr_db")}
+    assert with_intervals([study], rows) == [study | {"rmse_low_m": None, "rmse_high_m": None}]
+    assert with_intervals([study], []) == [study]
+
+
+def test_batches_of_a_point_are_pooled_in_both_tables():
+    scene = scene_of((300.0, 40.0), 20)
+    study = OverlapStudy(scene)
+    batches = []
+    for seed in (1, 2):
+        rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme, seed)})
+        own = {"method": "none", "diverged_frames": seed, "discontinuities": 0, "lock_losses": 0}
+        main = pool_altitudes(rows) | own
+        batches.append([{k: v for k, v in main.items() if not k.startswith("altitude_")}, *rows])
+    pooled = study.pooled(batches)
+    assert [study.table_of(POINT, row) for row in pooled] == ["rows", "altitudes", "altitudes"]
+    assert pooled[0]["trials"] == 80 and pooled[0]["diverged_frames"] == 3
+    assert [row["trials"] for row in pooled[1:]] == [40, 40]
+    assert pool_altitudes(pooled[1:])["within_5_m"] == sum(r["within_5_m"] for b in batches for r in b[1:])
+
+
+def test_rows_survive_the_journal():
+    scene = scene_of((300.0, 40.0), 20)
+    rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme)})
+    kept = json.loads(json.dumps(rows))
+    assert [ALTITUDE_COLUMNS.row(row) for row in kept] == rows
+    assert list(groups(rows, "method")) == [("none",)]
