@@ -18,7 +18,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -94,6 +94,9 @@ uninstall: ## remove what the last install wrote
 
 deb: $(STAMPS)/debian ## a package for this Debian, build/gr-radalt_VERSION_ARCHITECTURE.deb
 	@"$(SYSTEM_PYTHON)" packaging/make_deb.py build
+
+test-deb: $(STAMPS)/debian ## build that package, install it into a bare Debian, run it and remove it (root; BARE=folder to keep)
+	@packaging/test-deb.sh $$(. /etc/os-release && echo $$VERSION_CODENAME)
 
 clean: ## remove what was built; the environments stay
 	rm -rf build .pytest_cache .ruff_cache

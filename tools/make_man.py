@@ -61,7 +61,10 @@ def page(name: str, parser: argparse.ArgumentParser) -> str:
         lines += [".TP", f".B {escaped(_usage(action))}", escaped(_help(parser, action)) or "\\&"]
     if examples:
         lines += [".SH EXAMPLES", ".nf", *(escaped(line) for line in examples), ".fi"]
-    lines += [".SH EXIT STATUS", "0 done, 2 after one line about what does not fit, 130 after Ctrl\\-C."]
+    lines += [
+        ".SH EXIT STATUS",
+        "0 done, 2 after one line about what does not fit, 130 after Ctrl\\-C, 143 after SIGTERM.",
+    ]
     lines += [".SH SEE ALSO", ".BR radalt (1)"]
     return "\n".join(lines) + "\n"
 

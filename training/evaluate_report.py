@@ -145,18 +145,6 @@ def _score_table(rows: Sequence[Row], name: str) -> str:
     )  # fmt: skip
 
 
-def _error_table(rows: Sequence[Row], names: Sequence[str], sir_db: float) -> str:
-    """Pd and forced RMSE at one SIR."""
-    lines = []
-    for (name, overlap), methods in curves(rows).items():
-        at = {m: next((r for r in mine if r["sir_db"] == sir_db), None) for m, mine in methods.items()}
-        cells = (
-            f"{at[m]['pd']:.2f} / {metres(at[m]['rmse_forced_m'])}" if at[m] else "broken" for m in names
-        )
-        lines.append([name, f"{overlap:g}", *cells])
-    return table(["interferer", "overlap", *names], lines)
-
-
 def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
     """One line per return and interferer; a name with a comma is such a case."""
     lines = []
@@ -198,17 +186,11 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         clean_table=_score_table(rows, "clean") if special else "",
         paper_table=_score_table(rows, PAPER_CASE),
         returns_table=_returns_table(rows, names),
-        error_tables=[(s, _error_table(rows, names, s)) for s in (-10.0, -20.0, -30.0, -40.0) if breaks],
         figures=figures,
     )
     path = folder.write_text("report.md", page)
     folder.write_report(report)
     return path
-
-
-def _title(method: str) -> str:
-    """A method's own title; a network goes by its name."""
-    return METHODS[method].title if method in METHODS else method
 
 
 def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
@@ -232,7 +214,7 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
                 ls=style.line,
                 ms=4,
                 lw=1.1,
-                label=_title(method),
+                label=method,
             )
         axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
         axis.axhline(BREAK_PD, color="0.8", lw=0.8)
@@ -253,7 +235,7 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in breaks]
     for method in [m for m in names if m != "none"]:
         known = gains(breaks, "none", method)
-        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": _title(method)}
+        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": method}
         places = [list(breaks).index(case) for case in known]
         axis.plot([g.db for g in known.values()], places, ls="", ms=7, alpha=0.9, **look)
     axis.axvline(0, color="k", lw=0.8)
