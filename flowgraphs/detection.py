@@ -23,7 +23,7 @@ from gnuradio.radalt.evaluation.engine.options import (
 )
 
 PROGRAM = "detection"
-METHODS = "none,whitening,blanking,linear_prediction,nlms_predictor,nlms,lms_reference_input,tcae"
+METHODS = "none,whitening,blanking,linear_prediction,nlms_predictor,nlms,lms_reference_input,ofdm_cancel,tcae"
 
 
 def _parser() -> Parser:

@@ -24,6 +24,7 @@ PROGRAMS = {
     "integrity": "integrity",
     "detection": "detection",
     "stability": "stability",
+    "cancellation": "cancellation",
     "error-vs-runtime": "error_vs_runtime",
     "leaving-out": "leaving_out",
     "benchmark": "realtime_benchmark",

@@ -88,6 +88,7 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
         "whitening",
         "linear_prediction",
         "blanking",
+        "ofdm_cancel",
         "nlms_predictor",
         "nlms",
         "lms_reference_input",
