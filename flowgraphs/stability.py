@@ -25,7 +25,9 @@ from gnuradio.radalt.evaluation.engine.options import (
 )
 
 PROGRAM = "stability"
-METHODS = "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,lms_reference_input,lms,ofdm_cancel,tcae"
+METHODS = (
+    "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,lms_reference_input,lms,ofdm_cancel,tcae"
+)
 GROUPS = "stiff,scene,waveform,numbers"
 
 

@@ -235,3 +235,21 @@ def test_what_does_not_fit_is_one_line():
         create("ofdm_cancel", W, span_m=-1.0)
     with pytest.raises(MitigationError, match="a frame shorter than 0.3e-3 holds too few symbols"):
         create("ofdm_cancel", Waveform(sweep_s=0.2e-3))
+
+
+def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
+    _, frames = returns(6, 22)
+    frames[:2] += heard(NrEmitter(**NR10), 2, -40, 23)
+    frames[2:4] += heard(ToneEmitter(3), 2, -30, 24, 0.5)
+    frames = frames.astype(np.complex64)
+    for other in ("whitening", "tcae"):
+        method = create("hybrid", W, other=other, max_altitude_m=1500.0)
+        cleaned = method.process(frames)
+        np.testing.assert_array_equal(
+            cleaned[:2], create("ofdm_cancel", W, span_m=1500.0).process(frames[:2])
+        )
+        expected = [create(other, W).process(frame) for frame in frames[2:]]
+        np.testing.assert_array_equal(cleaned[2:], expected)
+        assert method.status()["cancelled"] == 2
+    with pytest.raises(MitigationError, match="hybrid.other is 'lms'; one of tcae, whitening"):
+        create("hybrid", W, other="lms")

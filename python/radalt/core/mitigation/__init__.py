@@ -19,6 +19,7 @@ from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
 from .blanking import Blanking
 from .custom import Custom
+from .hybrid import Hybrid
 from .identity import Identity
 from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .ofdm_cancel import OfdmCancel
@@ -52,6 +53,7 @@ for _method in (
     Blanking,
     OfdmCancel,
     Tcae,
+    Hybrid,
 ):  # as reports list them
     register(_method)
 

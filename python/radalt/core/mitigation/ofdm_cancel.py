@@ -25,6 +25,7 @@ _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _FEWEST = 0.3  # of a frame's symbols have to be readable
+_SILENT = 0.03  # mean power of what a symbol sends, of what it may
 _SKIRT = 0.1  # error over power of a subcarrier that is of no use
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
@@ -47,6 +48,7 @@ class _Lock:
     used: np.ndarray
     dense: int
     level: float = 1.0
+    usual: float = 1.0
     sir_db: float | None = None
 
 
@@ -125,12 +127,17 @@ class OfdmCancel(Mitigation):
         return super().status() | {"found": self.found, "followed": self.followed}
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        return np.stack([self._frame(frame) for frame in batch])
+        out = np.empty_like(batch)
+        for row, frame in zip(out, batch, strict=True):
+            cancelled = self.cancel(frame)
+            row[:] = frame if cancelled is None else cancelled
+        return out
 
-    def _frame(self, frame: np.ndarray) -> np.ndarray:
+    def cancel(self, frame: np.ndarray) -> np.ndarray | None:
+        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be read."""
         mean = float(np.vdot(frame, frame).real) / frame.size
         if not np.finfo(np.float32).tiny < mean < np.inf:
-            return frame
+            return None
         if self._lock:
             out = self._follow(frame * np.float32(1 / self._lock.level))
             if out is not None:
@@ -140,7 +147,7 @@ class OfdmCancel(Mitigation):
         level = float(np.sqrt(mean))
         out = self._find(frame * np.float32(1 / level))
         if out is None:
-            return frame
+            return None
         self.found += 1
         self._lock.level = level
         return out * np.float32(level)
@@ -161,7 +168,7 @@ class OfdmCancel(Mitigation):
             if again or not _COARSE < abs(step) < _TURNS:
                 break
             carrier += step
-        level = power(grid.channel)
+        level = power(grid.symbols).sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
         clear = ridge.clear(grid.starts, carrier)
@@ -197,7 +204,7 @@ class OfdmCancel(Mitigation):
         received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
         misread = _misread(received, clear & lock.used)
         usual = np.median(misread)
-        if usual > _READABLE or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST:
+        if usual > min(_READABLE, 3 * lock.usual + 0.03) or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST:
             return None
         return self._subtract(straight, turn, grid, clear, received, lock)
 
@@ -236,6 +243,11 @@ class OfdmCancel(Mitigation):
         readable = misread <= _READABLE
         if readable.mean() < _FEWEST:
             return None
+        # between bursts there is nothing to take away, and a return that is strong would be read as data
+        sent = (power(received.points) * trusted).sum(axis=1)
+        readable &= sent > _SILENT * np.maximum(trusted.sum(axis=1), 1)
+        if not readable.any():
+            return None
         own = power(received.symbols) * clear
         useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
         both = ~clear & useful
@@ -258,7 +270,7 @@ class OfdmCancel(Mitigation):
             out *= turn.conj()
         level = power(out)
         out[level > np.float32(_LIMIT) * np.median(level[::_FEW])] = 0
-        self._keep(lock, grid, received, bool((misread < _DOUBTFUL).all()))
+        self._keep(lock, grid, received, float(np.median(misread)))
         return out
 
     @staticmethod
@@ -294,7 +306,7 @@ class OfdmCancel(Mitigation):
             self._places = key, places, offsets
         return self._places[1:]
 
-    def _keep(self, lock: _Lock, grid: Grid, received: Received, sound: bool) -> None:
+    def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
         """What the next frame has to know."""
         step = carrier_step(received.angles, received.weight, lock.numerology)
         if abs(step) < _TURNS:
@@ -303,6 +315,7 @@ class OfdmCancel(Mitigation):
         if abs(received.late) > _STILL:
             first_long -= received.late
         lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
-        if sound or lock is not self._lock:
+        if lock is not self._lock or usual < 1.5 * lock.usual + 0.01:
+            lock.usual = usual
             lock.channel = received.channel[len(received.channel) // 2].copy()
         self._lock = lock

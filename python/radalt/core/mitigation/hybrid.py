@@ -1,0 +1,65 @@
+"""Two methods, each for what it is good at: OFDM is cancelled, all else goes to another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError, PlotStyle
+from .ofdm_cancel import OfdmCancel
+from .tcae import Tcae
+from .whitening import Whitening
+
+__all__ = ["Hybrid"]
+
+_OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
+
+
+class Hybrid(Mitigation):
+    """`OfdmCancel` where it can read what is there, the network or whitening where it cannot.
+
+    Card: *choice by signal.* One frame goes through one method: a chain of both gains nothing, since what the first
+    leaves is no longer what the second knows. Whether OFDM was read decides, not which output looks better, so
+    nothing is chosen for its altitude and false altitudes are as rare as those of the method that had the frame.
+
+    Parameters
+    ----------
+    other : str
+        For frames without OFDM: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
+    span_m : float or None
+        See `OfdmCancel`.
+
+    Raises
+    ------
+    MitigationError
+        As the two methods, or if ``other`` is neither.
+    """
+
+    name = "hybrid"
+    title = "OFDM cancellation or network"
+    style = PlotStyle("#000000", "X", (0, (8, 1)))
+    batch = 1  # the network's last bits depend on the batch
+
+    def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
+        if other not in _OTHERS:
+            raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
+        self._cancel = OfdmCancel(waveform, span_m=span_m)
+        self._other = _OTHERS[other](waveform)
+        super().__init__(waveform)
+
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        super().reset()
+        self._cancel.reset()
+        self._other.reset()
+
+    def status(self) -> dict[str, object]:
+        """See `Mitigation.status`; with the frames that were cancelled."""
+        return super().status() | {"cancelled": self._cancel.found + self._cancel.followed}
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        out = np.empty_like(batch)
+        for row, frame in zip(out, batch, strict=True):
+            cancelled = self._cancel.cancel(frame)
+            row[:] = self._other.process(frame) if cancelled is None else cancelled
+        return out
