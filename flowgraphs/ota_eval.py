@@ -7,8 +7,9 @@
     .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py  # a method of your own
 
 Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
-and writes report.md, report.json, rows.csv, figures and the scene as used into one folder. Options change the scene;
-lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --sir-db=-10 with "=" before a minus.
+and writes report.md, report.html, report.json, rows.csv, altitudes.csv, figures and the scene as used into one folder.
+Options change the scene; lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --sir-db=-10 with
+"=" before a minus.
 """
 
 from __future__ import annotations

@@ -262,7 +262,7 @@ def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, agains
             above = np.array([_number(r["wrong_bound"]) for r in of]) - rate
             x = _values(of, against) + _dodge(mine, against, k, len(series))
             style = series_style(name, series)
-            _plot(axis, x, rate, [np.zeros_like(rate), np.clip(above, 0, None)], k, style)
+            _plot(axis, x, rate, np.stack([np.zeros_like(rate), np.clip(above, 0, None)]), k, style)
             _say(axis, x, rate, style, of, against, _wrong_words)
         axis.set_title(heading, fontsize=10)
         axis.set_ylim(-0.04 * top, 1.04 * top)
