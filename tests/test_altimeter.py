@@ -264,6 +264,14 @@ def test_altitude_outside_the_span_is_not_reported():
     assert list(valid) == [True, False, False]
 
 
+@pytest.mark.parametrize("altitude", [160.0, 165.0, 170.0, 175.0, 425.0, 430.0, 435.0])
+def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude):
+    """Its flank lies within: a peak that does not exist would be the doubt of a spectrum, this is one of the span."""
+    settings = AltimeterSettings(min_altitude_m=200.0, max_altitude_m=400.0, max_vertical_speed_m_per_s=0.0)
+    frames = point_return(W, np.full(4, altitude)) + noise((4, 7500), 10.0, np.random.default_rng(1))
+    assert list(Altimeter(W, settings).process(frames)["reason"]) == 4 * [Reason.OUT_OF_RANGE]
+
+
 @pytest.mark.parametrize(
     ("settings", "said"),
     [

@@ -116,6 +116,7 @@ def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames
 
     assert np.any(status(cleaned) == Status.NORMAL)
     assert not np.any(status(received) == Status.NORMAL)
+    assert np.all(status(np.full_like(cleaned, np.nan)) == Status.FAILURE)  # cleaned of what is no number
     # interference that hides everything says nothing against the altitude
     assert np.array_equal(status(cleaned + 1e3 * noise(rng, 400, 0.0)), status(cleaned))
 

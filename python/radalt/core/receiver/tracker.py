@@ -321,7 +321,7 @@ class AltitudeTracker:
             self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
         self._ratio[at], self._received[at], self._offset_s[at] = ratio, raw, offset
-        self._here[at] = np.where(np.isnan(ratio[:, 0, 0]), 2, 1)
+        self._here[at] = np.where(np.isnan(ratio[:, 0, 0]) | np.isnan(raw[:, 0, 0]), 2, 1)
         self._next_in_block = int(index[-1]) + 1
         if at[-1] == self.frames - 1:
             out.append(self._close())
