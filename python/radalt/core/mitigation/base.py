@@ -58,6 +58,8 @@ class Mitigation(ABC):
     batch : int
         Frames that a block gives the method at once, unless told otherwise. More amortise a call, and must not change
         the result where it has to be the same bits whatever the load: hence 1 for networks.
+    runs_network : bool
+        Whether it needs ONNX Runtime.
     frames : int
         Frames processed since construction or `reset`.
     diverged_frames : int
@@ -70,6 +72,7 @@ class Mitigation(ABC):
     title: ClassVar[str] = ""
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
+    runs_network: ClassVar[bool] = False
     outside_cpu_ns = 0
 
     def __init__(self, waveform: Waveform) -> None:

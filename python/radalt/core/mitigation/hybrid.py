@@ -39,6 +39,7 @@ class Hybrid(Mitigation):
     title = "OFDM cancellation or network"
     style = PlotStyle("#000000", "X", (0, (8, 1)))
     batch = 1  # the network's last bits depend on the batch
+    runs_network = True
 
     def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
         if other not in _OTHERS:
@@ -52,6 +53,11 @@ class Hybrid(Mitigation):
         super().reset()
         self._cancel.reset()
         self._other.reset()
+
+    @property
+    def sha256(self) -> str | None:
+        """Of the network's file; None without one."""
+        return getattr(self._other, "sha256", None)
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that were cancelled."""

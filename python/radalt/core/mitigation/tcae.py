@@ -103,6 +103,7 @@ class Tcae(Mitigation):
     name = "tcae"
     style = PlotStyle("#0072B2", "*")
     batch = 1  # a network's last bits depend on the batch
+    runs_network = True
 
     def __init__(
         self,

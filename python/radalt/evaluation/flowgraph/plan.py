@@ -125,7 +125,7 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
     terrain = scene.return_model == "terrain"
     delays = scene.altitude.mode == "true_delay"
     absent = [m for m in METHODS if m not in methods]
-    network = "tcae" in methods
+    network = any(METHODS[m].runs_network for m in methods if m in METHODS)
     parts = [
         Part(
             "jammer source and second B210",

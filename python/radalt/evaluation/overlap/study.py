@@ -155,7 +155,7 @@ class OverlapStudy(Study):
     @property
     def needs_network(self) -> bool:
         """See `Study`."""
-        return "tcae" in self.scene.methods
+        return any(METHODS[m].runs_network for m in self.scene.methods if m in METHODS)
 
     def check(self) -> None:
         """See `Study`; raises `SceneError` and `MitigationError`."""
