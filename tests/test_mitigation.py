@@ -537,3 +537,24 @@ def test_a_known_verdict_spares_the_shift_test_its_detector(monkeypatch):
     method.process((W.beat_shifted(250.0) + white + tone * np.array([[1], [0], [1]])).astype(np.complex64))
     assert asked == [3]
     assert method.skipped_frames == 1
+
+
+def test_linear_prediction_leaves_the_envelope_of_a_sweep_alone():
+    """Its frequencies come one after the other: a taper over the frame would shape its spectrum, and so the sweep."""
+    rng = np.random.default_rng(21)
+    frames = point_return(W, np.array([300.0])) + 0.01 * rng.standard_normal((1, 15000)).view(complex)
+    envelope = np.abs(create("linear_prediction", W).process(frames.astype(np.complex64))[0])
+    assert np.ptp(envelope[500:6500].reshape(-1, 100).mean(axis=1)) < 0.5 * np.median(envelope)
+
+
+@pytest.mark.parametrize("method", ["whitening", "linear_prediction"])
+def test_nothing_comes_through_at_the_seam(method):
+    rng = np.random.default_rng(22)
+    tone = 100.0 * np.exp(2j * np.pi * 0.1234567 * np.arange(7500)) + rng.standard_normal(15000).view(complex)
+    cleaned = create(method, W).process(tone[None].astype(np.complex64))[0]
+    assert cleaned[0] == 0 and cleaned[-1] == 0 and np.any(cleaned[200:-200])
+
+
+def test_a_predictor_that_never_adapts_is_refused():
+    with pytest.raises(MitigationError, match="nlms_predictor.step is 0"):
+        create("nlms_predictor", W, step=0.0)

@@ -215,6 +215,14 @@ def test_whole_frames_lost_by_hand_are_counted_on_from_what_was_sent():
     assert last >= programme.total_frames - 2  # two more than were received
 
 
+def test_a_frame_lost_by_hand_shows_at_a_step_of_two_and_a_half_samples():
+    """The step of 50 m lies just beyond what the matched filters reach, which see its flank two samples away."""
+    stream = lossy(Programme((10.0, 60.0), frames_per_step=65), N, by_hand=True)
+    seen, segmenter = segmented(stream, 4)
+    assert silently_wrong(stream, seen, noticed(segmenter)) == []
+    assert segmenter.counters["lock_losses"] == 0
+
+
 def test_hidden_sweeps_leave_the_timing_unverified():
     """Nothing can be noticed in frames that do not show the sweep: the status says so after fifty."""
     programme = Programme((300.0,), frames_per_step=130)

@@ -483,7 +483,9 @@ class FrameSegmenter:
         # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
         if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
             self._strength = near[1]
-            return ("contradicted" if near[0] else "verified"), expected + near[0], _TOLERANCE
+            # at the end of its reach it may be the flank of a sweep up to a sample farther away
+            tolerance = _COARSE if abs(near[0]) >= 2 else _TOLERANCE
+            return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
         if not present:
             return "undetermined", 0.0, _COARSE
         self.quality_db = 10.0 * np.log10(significance)
