@@ -113,8 +113,6 @@ CONFIGS: dict[str, SceneConfig] = {
         converter=0.06,
         seed=3,
     ),
-    # autoencoders without any notion of the sweep: levels from which they can learn it
-    "mild": SceneConfig(sir_db=(-25.0, 5.0), seed=4),
     # the paper: QPSK bursts and tones at -20..0 dB, 50,000 + 10,000 examples
     "paper": SceneConfig(
         sir_db=(-20.0, 0.0),
