@@ -26,7 +26,8 @@ from gnuradio.radalt.evaluation.engine.options import (
 
 PROGRAM = "stability"
 METHODS = (
-    "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,lms_reference_input,lms,ofdm_cancel,tcae,hybrid"
+    "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,"
+    "lms_reference_input,lms,ofdm_cancel,tcae,hybrid"
 )
 GROUPS = "stiff,scene,waveform,numbers"
 

@@ -44,19 +44,20 @@ RECIPE = {
     "paper": (
         "The paper's recipe: its set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam "
         "at 1e-3, batches of 128, from random weights, the forward pass in bfloat16. Training ran for {epochs:.2f} "
-        "epochs, not 150: 1.7 hours on two shared cores without a GPU, resumed where it had stopped. MSE over the "
-        "validation set fell to 0.285 (0.5 is nothing learned) and was still falling. Dense layers are linear; the "
+        "epochs, not 150: 1.7 hours of a part of two busy cores without a GPU. MSE over the "
+        "validation set fell to 0.194 (0.5 is nothing learned) and was still falling. Dense layers are linear; the "
         "paper does not give the probability of dropout, 0.02 here. Weights are stored as int8 with one scale a row "
         "and widened when the file is loaded; the arithmetic is float32."
     ),
     "cnn": (
-        "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, rate at most 1e-3, batches of 128. "
-        "Steps were added twice, 620 and 1,200 in place of 500, and the cosine of the rate drawn anew each time. "
-        "Weights are stored as int8 with one scale a row and widened when the file is loaded."
+        "The paper's recipe and data, as `paper`. {epochs:.2f} epochs; MSE over the validation set fell to 0.431 and "
+        "stood still there (training error 0.420). Weights are stored as int8 with one scale a row and widened when "
+        "the file is loaded."
     ),
     "fc": (
-        "Data `mild` (SIR -25..5 dB, all interferers), mean squared error, Adam, peak rate 1e-3, cosine to zero, "
-        "batches of 128. Weights are stored as int8 with one scale a row and widened when the file is loaded."
+        "The paper's recipe and data, as `paper`. {epochs:.2f} epochs; MSE over the validation set was least, 0.331, "
+        "after 3.3 epochs and 0.353 in the end, with 0.209 over the training set: it knows that by heart. Weights are "
+        "stored as int8 with one scale a row and widened when the file is loaded."
     ),
 }
 LIMITS = {

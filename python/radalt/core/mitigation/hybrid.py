@@ -1,4 +1,4 @@
-"""Two methods, each for what it is good at: OFDM is cancelled, all else goes to another."""
+"""Two methods, each for what it is good at: OFDM that stays is cancelled, all else goes to another."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from .whitening import Whitening
 
 __all__ = ["Hybrid"]
 
+_BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
 class Hybrid(Mitigation):
-    """`OfdmCancel` where it can read what is there, the network or whitening where it cannot.
+    """`OfdmCancel` where it can read what fills the frame, the network or whitening where it cannot.
 
     Card: *choice by signal.* One frame goes through one method: a chain of both gains nothing, since what the first
     leaves is no longer what the second knows. Whether OFDM was read decides, not which output looks better, so
@@ -28,6 +29,11 @@ class Hybrid(Mitigation):
         For frames without OFDM: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
     span_m : float or None
         See `OfdmCancel`.
+
+    Attributes
+    ----------
+    cancelled : int
+        Frames whose OFDM was cancelled.
 
     Raises
     ------
@@ -51,6 +57,7 @@ class Hybrid(Mitigation):
     def reset(self) -> None:
         """See `Mitigation.reset`."""
         super().reset()
+        self.cancelled = 0
         self._cancel.reset()
         self._other.reset()
 
@@ -61,11 +68,15 @@ class Hybrid(Mitigation):
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that were cancelled."""
-        return super().status() | {"cancelled": self._cancel.found + self._cancel.followed}
+        return super().status() | {"cancelled": self.cancelled}
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
             cancelled = self._cancel.cancel(frame)
-            row[:] = self._other.process(frame) if cancelled is None else cancelled
+            if cancelled is None or self._cancel.busy < _BURST:
+                row[:] = self._other.process(frame)
+            else:
+                row[:] = cancelled
+                self.cancelled += 1
         return out

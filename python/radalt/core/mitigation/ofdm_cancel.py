@@ -77,6 +77,8 @@ class OfdmCancel(Mitigation):
     ----------
     found, followed : int
         Frames in which an emitter was acquired, and in which it was where the frame before had left it.
+    busy : float
+        Share of the symbols of the last frame with an emitter in which it sent.
 
     Notes
     -----
@@ -118,6 +120,7 @@ class OfdmCancel(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.found = self.followed = 0
+        self.busy = 0.0
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
         self._places: tuple[bytes, np.ndarray, np.ndarray] | None = None
@@ -204,7 +207,10 @@ class OfdmCancel(Mitigation):
         received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
         misread = _misread(received, clear & lock.used)
         usual = np.median(misread)
-        if usual > min(_READABLE, 3 * lock.usual + 0.03) or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST:
+        if (
+            usual > min(_READABLE, 3 * lock.usual + 0.03)
+            or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST
+        ):
             return None
         return self._subtract(straight, turn, grid, clear, received, lock)
 
@@ -248,6 +254,7 @@ class OfdmCancel(Mitigation):
         readable &= sent > _SILENT * np.maximum(trusted.sum(axis=1), 1)
         if not readable.any():
             return None
+        self.busy = float(readable.mean())
         own = power(received.symbols) * clear
         useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
         both = ~clear & useful
