@@ -1,0 +1,67 @@
+"""The study of cancellation: its interference is what it says, its rows follow from the seed, its page is written."""
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference import Interferer, QpskEmitter
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.stream import JammerStream
+from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, received
+from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
+from gnuradio.radalt.evaluation.engine.options import Options
+from gnuradio.radalt.evaluation.engine.run import run
+
+
+@pytest.mark.parametrize(
+    "name", ["nr10_64qam", "nr10_stream", "nr10_part", "nr10_eva", "nr10_tones", "nr10_radios"]
+)
+def test_interference_has_the_power_that_the_sir_says(name):
+    case = CASES[name]
+    frames, altitude_m = received(case, -30.0, 6, np.random.default_rng(1))
+    assert frames.shape == (6, WAVEFORM.samples_per_frame) and altitude_m.shape == (6,)
+    # return 1, noise 0.1, interference 1000; a stream holds its SIR over its period, not in every frame
+    assert np.mean(np.abs(frames) ** 2) == pytest.approx(1001.1, rel=0.2 if case.stream else 0.02)
+    clean, same_m = received(case, None, 6, np.random.default_rng(1))
+    np.testing.assert_array_equal(same_m, altitude_m)
+    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.6 if name == "nr10_radios" else 1.1, rel=0.25)
+
+
+def test_a_free_running_base_station_goes_on_from_frame_to_frame():
+    emitter = NrEmitter(frame_count=2)  # 20 ms
+    stream = JammerStream(WAVEFORM, [Interferer(emitter, -10.0)], seed=3, free_running=True)
+    frames = np.stack([stream.next_frame() for _ in range(45)])
+    np.testing.assert_allclose(frames[1:21], frames[21:41], atol=1e-5)
+    assert np.mean(np.abs(frames[1:21]) ** 2) == pytest.approx(10.0, rel=1e-3)
+    # each sample is where the emitter's period has it: frames meet without a step
+    period, _ = emitter.period(WAVEFORM.rate_hz)
+    sent = frames[1:21].ravel()
+    lined_up = np.abs(np.fft.ifft(np.fft.fft(sent) * np.fft.fft(period).conj()))
+    assert lined_up.max() == pytest.approx(np.linalg.norm(sent) * np.linalg.norm(period), rel=1e-3)
+    power = np.mean(np.abs(frames[1:21]) ** 2, axis=1)
+    assert power.std() > 0.05 * power.mean()  # one gain: power goes with what is sent
+
+
+def test_bursts_and_locked_jammers_start_anew():
+    for interferer, free in (
+        (Interferer(QpskEmitter(), -10.0, 0.5), True),
+        (Interferer(QpskEmitter(), -10.0), False),
+    ):
+        stream = JammerStream(WAVEFORM, [interferer], seed=4, free_running=free)
+        power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(4)]
+        if not free:
+            assert power == pytest.approx([10.0] * 4, rel=1e-4)
+        assert stream.interferers[0] is interferer
+
+
+def test_study_end_to_end(tmp_path):
+    study = CancellationStudy(("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, seed=5)
+    page = run(study, Options(tmp_path / "a", jobs=1))
+    text = page.read_text(encoding="utf-8")
+    assert "10 MHz, 64QAM" in text and "## Where it stops" in text
+    for name in ("pd.png", "frame.png", "rows.csv"):
+        assert (tmp_path / "a" / name).stat().st_size > 1000
+    rows = study.measure(study.points()[0])
+    held = [row for row in rows if row["method"] == "ofdm_cancel"]
+    assert [row["sir_db"] for row in held] == list(SIRS_DB)
+    assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
+    assert repr(rows) == repr(study.measure(study.points()[0]))
