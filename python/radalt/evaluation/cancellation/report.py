@@ -117,7 +117,7 @@ def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
         axis.set_axis_off()
     axes[0].invert_xaxis()
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(methods), fontsize=8)
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=8)
     figure.supxlabel("SIR / dB", fontsize=9)
     figure.supylabel("Pd within 5 m", fontsize=9)
     figure.savefig(path, metadata={"Software": "gr-radalt"})
