@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import fft
 
 from ...core.mitigation import create
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix
@@ -45,6 +47,8 @@ def write_report(
         "break_points": _break_points(found, study.methods),
         "errors": _errors(found, study.methods),
         "sir_db": f"{_ERROR_SIR_DB:g}",
+        "costs": _costs(study.seed),
+        "frame_samples": f"{WAVEFORM.samples_per_frame:,}",
     }
     page = folder.write_text(
         "report.md", render(Path(__file__).with_name("report.md.j2"), **report, **tables)
@@ -84,6 +88,34 @@ def _errors(rows: Sequence[Row], methods: Sequence[str]) -> str:
             cells.append(f"{mine[0]['pd']:.2f}, {number(mine[0]['rmse_detected_m'])}" if mine else "given up")
         lines.append([CASES[case].title, *cells])
     return table(["5G NR carrier", *methods], lines)
+
+
+def _costs(seed: int) -> str:
+    """CPU time of `ofdm_cancel` per frame, over that of a transform of a frame."""
+    kinds = (
+        ("no OFDM", None, False),
+        ("following, SIR -45 dB", -45.0, False),
+        ("following, SIR -28 dB: the return is wider than a cell of 64QAM", -28.0, False),
+        ("looking for an emitter, SIR -45 dB", -45.0, True),
+    )
+    method, lines = create("ofdm_cancel", WAVEFORM), []
+    for title, sir_db, anew in kinds:
+        frames, _ = received(CASES["nr10_stream"], sir_db, 24, np.random.default_rng([seed, 8]))
+        ratios = []
+        for _ in range(5):
+            method.reset()
+            method.process(frames[:4])
+            start = time.process_time_ns()
+            for frame in frames[4:]:
+                if anew:
+                    method.reset()
+                method.process(frame)
+            middle = time.process_time_ns()
+            for frame in np.tile(frames[4:], (10, 1)):
+                fft.fft(frame)
+            ratios.append(10 * (middle - start) / max(1, time.process_time_ns() - middle))
+        lines.append([title, number(float(np.median(ratios)), 0)])
+    return table(["frame", "transforms"], lines)
 
 
 def _figure(width: float, height: float) -> Any:
