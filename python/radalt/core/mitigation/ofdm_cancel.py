@@ -24,8 +24,9 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
-_FEWEST = 0.3  # of a frame's symbols have to be readable
-_SILENT = 0.03  # mean power of what a symbol sends, of what it may
+_FEWEST = 0.3  # of the symbols that send have to be readable
+_SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
+_IDLE = 0.2  # and of that of the symbol that sends most
 _SKIRT = 0.1  # error over power of a subcarrier that is of no use
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
@@ -246,15 +247,13 @@ class OfdmCancel(Mitigation):
         """The frame without what was received, and the lock for the frame after; None if it cannot be read."""
         trusted = clear & grid.used
         misread = _misread(received, trusted)
-        readable = misread <= _READABLE
-        if readable.mean() < _FEWEST:
-            return None
         # between bursts there is nothing to take away, and a return that is strong would be read as data
-        sent = (power(received.points) * trusted).sum(axis=1)
-        readable &= sent > _SILENT * np.maximum(trusted.sum(axis=1), 1)
-        if not readable.any():
+        sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
+        sending = sent > max(_SILENT, _IDLE * float(sent.max()))
+        readable = sending & (misread <= _READABLE)
+        if not readable.any() or readable.sum() < _FEWEST * sending.sum():
             return None
-        self.busy = float(readable.mean())
+        self.busy = float(sending.mean())
         own = power(received.symbols) * clear
         useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
         both = ~clear & useful
