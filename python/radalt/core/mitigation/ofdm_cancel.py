@@ -26,7 +26,7 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
-_IDLE = 0.2  # and of that of the symbol that sends most
+_IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.1  # error over power of a subcarrier that is of no use
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
@@ -249,7 +249,8 @@ class OfdmCancel(Mitigation):
         misread = _misread(received, trusted)
         # between bursts there is nothing to take away, and a return that is strong would be read as data
         sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
-        sending = sent > max(_SILENT, _IDLE * float(sent.max()))
+        heard = power(received.symbols).sum(axis=1)
+        sending = (sent > _SILENT) & (heard > _IDLE * heard.max())
         readable = sending & (misread <= _READABLE)
         if not readable.any() or readable.sum() < _FEWEST * sending.sum():
             return None
