@@ -1,0 +1,194 @@
+"""A recording as an interferer: what was once on the air, moved into the band and placed like every emitter."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import signal
+
+from ...parsing import InputError, check_file, shown
+from ...paths import remedy
+from ..receiver_filter import check_count, check_receiver, rate_ratio, resample_periodic
+from . import NamedEmitter, register
+
+__all__ = ["RecordingEmitter"]
+
+_MOST_S = 1.0
+_MOST_BYTES = 1 << 40
+_MOST_UP = 16
+_FOLDED = 1e-7  # of the power: what the filter's stop band lets through
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RecordingEmitter(NamedEmitter):
+    """Samples of a file, as the radar's receiver would hear them: emitter protocol, mean power 1.
+
+    Parameters
+    ----------
+    file : str
+        A ``.sigmf-meta`` of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
+    offset_hz : float
+        By how much it is moved in frequency: where its centre ends, relative to the radar's. Rounded to a whole number
+        of cycles over ``seconds``.
+    start_s, seconds : float
+        Which part of it is used, at most 1 s. It repeats.
+    rate_hz : float or None
+        Of raw samples; a SigMF file states its own.
+    datatype : str
+        Of raw samples, in SigMF's words: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
+    receiver_bandwidth_hz : float or None
+        Flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate.
+
+    Raises
+    ------
+    ValueError
+        One line: what is missing or does not fit; from `samples` for what the file holds.
+
+    Notes
+    -----
+    A recording has its own noise, which no demodulation takes away. The file is read when samples are first asked for.
+    Licence, author and description in its metadata become notes of the report.
+    """
+
+    scene_name: ClassVar[str] = "recording"
+
+    file: str = ""
+    offset_hz: float = 0.0
+    start_s: float = 0.0
+    seconds: float = 0.1
+    rate_hz: float | None = None
+    datatype: str = ""
+    receiver_bandwidth_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.file:
+            raise ValueError("recording.file is missing; name a .sigmf-meta file, or raw samples")
+        if not np.isfinite(self.offset_hz):
+            raise ValueError(f"recording.offset_hz is {self.offset_hz!r}; it has to be finite")
+        if not 0 <= self.start_s < np.inf:
+            raise ValueError(f"recording.start_s is {self.start_s!r}; it has to be finite and 0 or more")
+        if not 1e-4 <= self.seconds <= _MOST_S:
+            raise ValueError(f"recording.seconds is {self.seconds!r}; it has to be within 1e-4..{_MOST_S:g}")
+        if (self.rate_hz is None) != (not self.datatype):
+            raise ValueError(
+                "recording.rate_hz and recording.datatype belong together; give both for raw samples"
+            )
+        if self.rate_hz is not None and not 1e3 <= self.rate_hz <= 1e9:
+            raise ValueError(f"recording.rate_hz is {self.rate_hz!r}; it has to be within 1e3..1e9")
+
+    @property
+    def label(self) -> str:
+        """See `NamedEmitter.label`: with the file's name."""
+        return "recording_" + re.sub(r"[^A-Za-z0-9.-]+", "-", Path(self.file).stem)
+
+    def title(self, band_hz: float) -> str:
+        """See `NamedEmitter.title`."""
+        return f"recording {Path(self.file).stem}"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the metadata say of origin and licence."""
+        if self.datatype:
+            return ()
+        try:
+            head = _open(self).get_global_info()
+        except ValueError:  # said where samples are asked for
+            return ()
+        said = ((word, head.get(f"core:{word}")) for word in ("license", "author", "description"))
+        return tuple(f"{Path(self.file).name}: {word} {shown(text)}" for word, text in said if text)
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
+        count = check_count(count)
+        heard = _heard(self, float(rate_hz))
+        start = rng.integers(0, heard.size)
+        turn = np.exp(2j * np.pi * rng.random())
+        return turn * heard.take(np.arange(start, start + count), mode="wrap")
+
+
+def _open(emitter: RecordingEmitter) -> Any:
+    """The file as a `sigmf.SigMFFile`; raises ValueError."""
+    try:
+        import sigmf
+    except ImportError:
+        raise ValueError(f"recording.file needs the package sigmf; {remedy('sigmf')}") from None
+    path = Path(emitter.file)
+    try:
+        check_file(path, most_bytes=_MOST_BYTES, what="recording.file")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if emitter.datatype:
+                head = {"core:datatype": emitter.datatype, "core:sample_rate": emitter.rate_hz}
+                recording = sigmf.SigMFFile(global_info=head)
+                recording.set_data_file(str(path), skip_checksum=True)
+                return recording
+            return sigmf.sigmffile.fromfile(str(path), skip_checksum=True)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
+        raise ValueError(
+            f"recording.file {path} cannot be read ({reason}); a .sigmf-meta, or raw with rate_hz and datatype"
+        ) from None
+
+
+@lru_cache(maxsize=4)
+def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
+    """The part of the file in use, filtered, moved and at the radar's rate, mean power 1; read-only."""
+    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
+    recording = _open(emitter)
+    source_hz = recording.get_global_field("core:sample_rate")
+    if not isinstance(source_hz, (int, float)) or not 1e3 <= source_hz <= 1e9:
+        raise ValueError(
+            f"recording.file {emitter.file} has core:sample_rate {shown(source_hz)}; 1e3..1e9 is read"
+        )
+    if (recording.get_global_field("core:num_channels") or 1) != 1:
+        raise ValueError(f"recording.file {emitter.file} has several channels; one is read")
+    ratio = rate_ratio(rate_hz, float(source_hz))
+    first = round(emitter.start_s * source_hz)
+    count = min(round(emitter.seconds * source_hz), recording.sample_count - first)
+    count -= count % ratio.denominator
+    if count < ratio.denominator or count < 16:
+        raise ValueError(
+            f"recording.start_s is {emitter.start_s:g}, and {emitter.file} lasts "
+            f"{recording.sample_count / source_hz:g} s; start earlier"
+        )
+    samples = np.asarray(recording.read_samples(first, count))
+    if not np.iscomplexobj(samples):
+        raise ValueError(
+            f"recording.file {emitter.file} is not complex; IQ samples are read (cf32_le, ci16_le, ...)"
+        )
+    samples = samples.astype(np.complex128).ravel()
+    if not np.isfinite(samples.view(np.float64)).all():
+        raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
+    # what is moved must not fold at the source's own rate
+    up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
+    if up > _MOST_UP:
+        raise ValueError(
+            f"recording.offset_hz {emitter.offset_hz:g} is far beyond the file's rate {source_hz:g}; "
+            f"at most {(_MOST_UP - 1) * source_hz / 2:g}"
+        )
+    if up > 1:
+        samples = signal.resample(samples, up * count)
+    if emitter.offset_hz:
+        cycles = round(emitter.offset_hz * count / source_hz)
+        samples = samples * np.exp(
+            2j * np.pi * (np.arange(samples.size) * cycles % samples.size) / samples.size
+        )
+    heard = resample_periodic(samples, up * float(source_hz), rate_hz, bandwidth_hz)
+    power = np.vdot(heard, heard).real / heard.size
+    if not power > _FOLDED * np.vdot(samples, samples).real / samples.size:
+        raise ValueError(
+            f"recording.offset_hz {emitter.offset_hz:g} leaves nothing of {emitter.file} in the radar's band; "
+            f"keep it within {rate_hz / 2:g} of what was recorded"
+        )
+    heard = heard / np.sqrt(power)
+    heard.setflags(write=False)
+    return heard

@@ -1,0 +1,110 @@
+"""A recording as interferer: at its frequency, at its power, from SigMF and raw files alike."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference import Interferer, interference_frame
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.emitters.recording import RecordingEmitter
+from gnuradio.radalt.core.scene import SceneError, parse_scene, scene_to_mapping
+
+RATE_HZ = 7.5e6
+
+
+def write(folder, samples, rate_hz, **fields):
+    """A SigMF recording of complex samples; the path of its metadata."""
+    samples.astype(np.complex64).tofile(folder / "air.sigmf-data")
+    head = {"core:datatype": "cf32_le", "core:sample_rate": rate_hz, "core:version": "1.0.0", **fields}
+    meta = folder / "air.sigmf-meta"
+    meta.write_text(json.dumps({"global": head, "captures": [{"core:sample_start": 0}], "annotations": []}))
+    return meta
+
+
+def frequency_hz(samples):
+    """Of the strongest line."""
+    spectrum = np.abs(np.fft.fft(samples * np.hanning(samples.size), 16 * samples.size))
+    return np.fft.fftfreq(spectrum.size, 1 / RATE_HZ)[spectrum.argmax()]
+
+
+@pytest.mark.parametrize(("rate_hz", "offset_hz"), [(2e6, 0.0), (2e6, 2.5e6), (20e6, -1e6), (7.5e6, 1e6)])
+def test_a_tone_is_heard_where_it_is_moved_to(tmp_path, rate_hz, offset_hz):
+    tone = 0.3 * np.exp(2j * np.pi * 100e3 / rate_hz * np.arange(round(0.02 * rate_hz)))
+    emitter = RecordingEmitter(file=str(write(tmp_path, tone, rate_hz)), offset_hz=offset_hz)
+    heard = emitter.samples(7500, RATE_HZ, np.random.default_rng(1))
+    assert frequency_hz(heard) == pytest.approx(100e3 + offset_hz, abs=60.0)
+    assert np.mean(np.abs(heard) ** 2) == pytest.approx(1.0, rel=0.02)
+
+
+def test_it_is_placed_at_its_exact_sir_and_overlap(tmp_path):
+    meta = write(
+        tmp_path,
+        NrEmitter(channel_bandwidth_hz=10e6).samples(150_000, 7.5e6, np.random.default_rng(2)),
+        7.5e6,
+    )
+    frame = interference_frame(
+        Interferer(RecordingEmitter(file=str(meta)), -20.0, 0.4), 7500, RATE_HZ, np.random.default_rng(3)
+    )
+    assert np.mean(np.abs(frame) ** 2) == pytest.approx(100.0)
+    assert np.count_nonzero(frame) == 3000
+
+
+def test_raw_samples_are_the_same_with_rate_and_type(tmp_path):
+    rng = np.random.default_rng(4)
+    samples = np.round(3000 * (rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)))
+    meta = write(tmp_path, samples, 5e6)
+    rails = np.stack([samples.real, samples.imag], axis=-1).astype("<i2")
+    rails.tofile(tmp_path / "air.ci16")
+    a = RecordingEmitter(file=str(meta)).samples(5000, RATE_HZ, np.random.default_rng(5))
+    raw = RecordingEmitter(file=str(tmp_path / "air.ci16"), rate_hz=5e6, datatype="ci16_le")
+    b = raw.samples(5000, RATE_HZ, np.random.default_rng(5))
+    np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+def test_a_scene_names_it_and_its_origin_is_noted(tmp_path):
+    meta = write(tmp_path, np.ones(30_000), 7.5e6, **{"core:license": "CC0", "core:author": "Somebody"})
+    scene = parse_scene({"interference": {"recording": {"file": str(meta), "sir_db": -30.0}}})
+    emitter = scene.interference[0].emitter
+    assert emitter.label == "recording_air" and any("CC0" in note for note in emitter.notes)
+    assert parse_scene(scene_to_mapping(scene)).interference[0].emitter == emitter
+    with pytest.raises(SceneError, match="recording.seconds is 5"):
+        parse_scene({"interference": {"recording": {"file": str(meta), "seconds": 5.0}}})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"file": "nothing.sigmf-meta"}, "nothing.sigmf-meta"),
+        ({"start_s": 3.0}, "recording.start_s is 3, and .* lasts 0.004 s; start earlier"),
+        ({"offset_hz": 9e6}, "leaves nothing of"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(tmp_path, change, said):
+    meta = write(tmp_path, np.exp(2j * np.pi * 0.01 * np.arange(30_000)), 7.5e6)
+    emitter = RecordingEmitter(**{"file": str(meta), **change})
+    with pytest.raises(ValueError, match=said) as caught:
+        emitter.samples(100, RATE_HZ, np.random.default_rng(6))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({}, "recording.file is missing"),
+        ({"file": "a", "rate_hz": 1e6}, "belong together"),
+        ({"file": "a", "seconds": 0.0}, "recording.seconds is 0.0"),
+        ({"file": "a", "start_s": -1.0}, "recording.start_s is -1.0"),
+    ],
+)
+def test_wrong_fields_are_refused_when_made(fields, said):
+    with pytest.raises(ValueError, match=said):
+        RecordingEmitter(**fields)
+
+
+def test_not_finite_samples_are_named(tmp_path):
+    samples = np.ones(30_000, dtype=complex)
+    samples[7] = np.nan
+    emitter = RecordingEmitter(file=str(write(tmp_path, samples, 7.5e6)))
+    with pytest.raises(ValueError, match="not finite"):
+        emitter.samples(100, RATE_HZ, np.random.default_rng(7))
