@@ -1,4 +1,4 @@
-"""Frames between blocks: vectors of N samples, each with one tag that carries index, counter and timing rest."""
+"""Frames between blocks: vectors of N samples, each with one tag that carries index, counter and residual delay."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SENT_KEY = pmt.intern("radalt_altitude")
 
 
 def frame_tag(frame: Frame, sent_m: float):  # noqa: ANN201 - a pmt
-    """Tag value of a frame, float64: index, sample counter, timing rest in seconds, altitude that was sent or NaN."""
+    """Tag value of a frame, float64: index, sample counter, residual delay in seconds, altitude sent or NaN."""
     return pmt.init_f64vector(4, [float(frame.index), float(frame.start_sample), frame.offset_s, sent_m])
 
 
@@ -72,9 +72,9 @@ _GATHER = 16  # frames
 
 
 def gather_frames(block, samples: int) -> None:  # noqa: ANN001
-    """Have a block make up to sixteen frames a call: a call costs as much as a whole frame's work.
+    """Have a block process up to sixteen frames per call: the call itself costs as much as the work on a frame.
 
-    Eight took a tenth less CPU in all blocks together than four, sixteen a twentieth less than eight.
+    Over all blocks together eight took a tenth less CPU than four, and sixteen a twentieth less than eight.
     """
     block.set_output_multiple(_GATHER * samples)
     block.set_min_output_buffer(2 * _GATHER * samples)

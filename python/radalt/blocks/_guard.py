@@ -1,4 +1,4 @@
-"""Shared by all blocks: an exception in ``work`` must end the flowgraph, and threads must hand over in time."""
+"""Shared by all blocks: an exception in ``work`` must end the flowgraph, and threads must give way in time."""
 
 from __future__ import annotations
 

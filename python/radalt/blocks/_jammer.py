@@ -55,7 +55,7 @@ class JammerSource(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Make whole frames in their places; `gather_frames` sees to it that there is room for some."""
+        """Write whole frames into the output; `gather_frames` makes sure that there is room."""
         out = output_items[0]
         frames = out.size // self._n
         if self._limit:

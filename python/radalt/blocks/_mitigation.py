@@ -33,7 +33,7 @@ class MitigationBlock(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Clean what is there, at most ``batch`` frames at a time; pass it on where the method is not active."""
+        """Clean the waiting frames, at most ``batch`` at a time; pass them unchanged where the block is not active."""
         frames, out = input_items[0], output_items[0]
         if not self.active:
             out[:] = frames
@@ -50,7 +50,7 @@ class MitigationBlock(gr.sync_block):
         return len(out)
 
     def milliseconds(self) -> np.ndarray:
-        """CPU milliseconds of this block's thread, and of the method's own process, a frame, the last 20,000."""
+        """CPU milliseconds per frame, of this block's thread and the method's own process; the last 20,000 frames."""
         return np.array(self._milliseconds)
 
     def status(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Altimeter sink: frames in, one altitude result a frame out."""
+"""Altimeter sink: frames in, one altitude result per frame out."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ class altimeter_sink(gr.sync_block):
 
     ``R = c (f_up - f_down) / 4k``, ``v = c (f_up + f_down) / 4 f_c``.
 
-    Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary a frame:
+    Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary per frame:
     version, method, frame_index, valid, reason, altitude_m, vertical_speed_m_per_s, beat_up_hz, beat_down_hz, snr_db,
-    forced_altitude_m, truth_m: what was sent), ``altitude: float`` (optional, in metres, NaN where there is none).
+    forced_altitude_m, truth_m: altitude sent), ``altitude: float`` (optional, in metres, NaN where there is none).
 
     Parameters
     ----------
     scene : Scene
         Waveform, altimeter settings, programme (for ``truth_m``).
     method : str
-        Label of the results. Where fewer than one in ten of a second's frames gave an altitude, one line in GNU
-        Radio's log says so, and another when there are altitudes again.
+        Label of the results. When fewer than one in ten of a second's frames give an altitude, one line in GNU Radio's
+        log says so, and another when there are altitudes again.
     endpoint : str
         ZMQ PUB endpoint for the same messages as JSON, for example ``tcp://127.0.0.1:5556``; empty for none.
     messages : bool
-        Whether the message port is used; a PDU costs 100 us and more a frame.
+        Whether the message port is used; a PDU costs 100 us or more per frame.
     capacity : int
         Results kept for `results`; older ones are overwritten.
     stream : bool
-        Whether the block has the output ``altitude``, one value a frame, for displays.
+        Whether the block has the output ``altitude``, one value per frame, for displays.
     network : bool
         Allow an endpoint that other machines reach.
 
     Raises
     ------
     ValueError
-        If the endpoint is none, is not of this machine, or is taken; one line.
+        If the endpoint is not a ZMQ address, is not on this machine, or is in use; the message is one line.
 
     Example
     -------
@@ -142,7 +142,7 @@ class altimeter_sink(gr.sync_block):
         return results
 
     def _watch(self, results: np.ndarray) -> None:
-        """A line when altitudes fail for a second of signal, and one when they are back."""
+        """Log one line when altitudes fail for a second of signal, and one when they are back."""
         self._looked += len(results)
         self._found += int(np.count_nonzero(results["valid"]))
         if self._looked < self._second:
@@ -162,7 +162,7 @@ class altimeter_sink(gr.sync_block):
         self._blind, self._looked, self._found = blind, 0, 0
 
     def _track(self, spectra: Spectra, tags: np.ndarray) -> None:
-        """What `altitude_tracker` does with the spectra that are there already."""
+        """Hook for `altitude_tracker`, which uses the same spectra."""
 
     def _publish(self, result: np.void, truth_m: float) -> None:
         if self._socket is not None:
@@ -202,7 +202,7 @@ class altimeter_sink(gr.sync_block):
         return np.roll(self._store, -(self._count % self._store.size))
 
     def truth_m(self) -> np.ndarray:
-        """Altitudes in metres that were sent for `results`: by hand where the frames say so, else the programme's."""
+        """Altitudes in metres sent for `results`: those set by hand where the frames say so, else the programme's."""
         kept = min(self._count, self._truth.size)
         return self._truth[np.arange(self._count - kept, self._count) % self._truth.size]
 

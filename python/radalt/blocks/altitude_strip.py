@@ -17,14 +17,14 @@ __all__ = ["altitude_strip"]
 class altitude_strip(gr.decim_block):
     """The last ``points * every`` frames of the true altitude and of every input, for a vector sink.
 
-    Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one a frame, NaN for no detection)
-    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last;
-    ``OFF_CHART_M``, far below every chart, where there is no altitude: a vector sink never gets rid of a NaN).
+    Category: [RadAlt]/Displays. Ports: ``in0..: float`` (metres, one per frame, NaN for no detection)
+    ``> true: float vector of points``, ``out0..: float vector of points`` (newest last; ``OFF_CHART_M``, far below
+    every chart, where there is no altitude, since a vector sink never recovers from a NaN).
 
     Parameters
     ----------
     altitude_m : float
-        True altitude in metres, from now on. Live. `set_truth` knows it frame by frame.
+        True altitude in metres, from now on. Live. `set_truth` gives it frame by frame instead.
     inputs : int
         Number of altimeters.
     points : int
@@ -62,7 +62,7 @@ class altitude_strip(gr.decim_block):
         self._truth = altitude_m
 
     def _true_altitudes(self, count: int) -> np.ndarray:
-        """(count,) of the next frames; what was set where a frame has no index."""
+        """(count,) true altitudes of the next frames; the one that was set where a frame has no index."""
         out = np.full(count, self._true_m)
         if self._truth is not None:
             index = read_frame_tags(self, count)[:, 0]
@@ -72,7 +72,7 @@ class altitude_strip(gr.decim_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """A chart for every step."""
+        """One chart per ``every`` frames."""
         count = len(output_items[0])
         true = self._true_altitudes(count * self._every)
         for step in range(count):

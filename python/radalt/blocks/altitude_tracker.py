@@ -65,7 +65,7 @@ class altitude_tracker(altimeter_sink):
         self.set_msg_handler(timing, self._on_timing)
 
     def _on_timing(self, message) -> None:  # noqa: ANN001 - a pmt
-        """The segmenter's status: frames stop when lock is lost, and the last altitude must not stand."""
+        """Take the segmenter's status: when lock is lost frames stop, and the last altitude must not stay."""
         if not pmt.is_dict(message):
             return
         status = pmt.to_python(message)

@@ -27,8 +27,8 @@ class fmcw_chirp_source(gr.sync_block):
         Waveform and altitude programme.
     altitude_m : float, optional
         Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is taken at
-        altitude zero); None follows the scene's programme, frame by frame. Live. A change is told to the segmenter by
-        a stream tag ``radalt_altitude``; over the air there is none, see `frame_segmenter`.
+        altitude zero); None follows the scene's programme, frame by frame. Live. The stream tag ``radalt_altitude``
+        tells the segmenter of a change; over the air there are no tags, see `frame_segmenter`.
     frames : int
         Sweeps to send before the stream ends; 0 for endless.
 
@@ -85,7 +85,7 @@ class fmcw_chirp_source(gr.sync_block):
         return self._manual_m
 
     def altitude_m(self, frame_index: np.ndarray) -> np.ndarray:
-        """What was sent as sweep ``frame_index``, any shape: programme and altitudes set by hand, the last thousand."""
+        """Altitude sent in sweep ``frame_index``, any shape: the programme's, or the last thousand set by hand."""
         return self._sent.altitude_m(frame_index)
 
     def sent(self, frame_index: int) -> tuple[float, float]:
@@ -106,7 +106,7 @@ class fmcw_chirp_source(gr.sync_block):
         return table
 
     def _tell(self, index: int, offset: int) -> None:
-        """An altitude set by hand since the last sweep, on record and as a tag."""
+        """Record an altitude set by hand since the last sweep, and send it as a tag."""
         manual_m = self._manual_m
         if manual_m != self._told_m:
             self._sent.set(index, manual_m)

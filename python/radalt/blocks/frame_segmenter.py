@@ -36,10 +36,10 @@ _PLACES = 32
 class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
 
-    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, timing rest in seconds, altitude
-    that was sent in metres or NaN). ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame
-    is released when the next one has confirmed the timing (1 ms). A lost lock, and a second of signal without a sweep,
-    is one line in GNU Radio's log, with its remedy.
+    Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, residual delay in seconds,
+    altitude sent in metres or NaN). ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame
+    is released when the next one has confirmed the timing (1 ms). A lost lock, or a second of signal without a sweep,
+    writes one line with its remedy to GNU Radio's log.
 
     Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
     ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
@@ -49,9 +49,9 @@ class frame_segmenter(gr.basic_block):
     scene : Scene
         Waveform, programme, segmenter settings.
     follow_programme : bool
-        True checks frames against the scene's programme, and against the altitudes that the chirp source says are set
-        by hand (its stream tags ``radalt_altitude``, which the simulated channel passes). Radios pass no tags: with
-        them, an altitude set by hand needs `follow`, or False here.
+        True checks frames against the scene's programme, and against altitudes set by hand as the chirp source's stream
+        tags ``radalt_altitude`` give them. The simulated channel passes these tags, radios do not: with radios, an
+        altitude set by hand needs `follow`, or False here.
     drop_when_slow : bool
         Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
         In simulation leave it off: nothing is lost by waiting.
@@ -175,13 +175,13 @@ class frame_segmenter(gr.basic_block):
         self._ready.extend(self.segmenter.push(samples[at:]))
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
-        """The source's word for an altitude set by hand; what `follow` was given stands."""
+        """Take an altitude set by hand from the source's tag, unless `follow` was called with another."""
         read_sent_tag(value, self._sent)
         if self._known is None or self._known == self._sent.at:
             self.follow(self._sent.at)
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
-        """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock that was taken without."""
+        """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock taken before it."""
         counter = time_counter(value, self._rate) - self._start_counter
         if not self._started:
             self._started = True
@@ -207,7 +207,7 @@ class frame_segmenter(gr.basic_block):
         return done
 
     def _inspect(self, frame: Frame) -> None:
-        """Count saturation, keep the latency, and put a calibrated latency in the place of the found one."""
+        """Count saturation, keep the latency, and put a calibrated latency in place of the measured one."""
         rails = frame.samples.view(np.float32)
         if np.isfinite(self._full_scale) and max(rails.max(), -rails.min()) >= self._full_scale * 0.9999:
             self.saturated_frames += 1
@@ -257,7 +257,7 @@ class frame_segmenter(gr.basic_block):
         return f"timing lost, no frames: {seg.lock_loss or 'tagged time'}; {cause}. Timing is {again}"
 
     def _watch(self) -> None:
-        """One line where a second of signal has come in and the sweep was not found in it."""
+        """Log one line when a second of signal has come in without a sweep in it."""
         seg = self.segmenter
         if seg.state == LOCKED:
             self._silent_from, self._said = None, False

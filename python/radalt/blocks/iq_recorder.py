@@ -25,7 +25,7 @@ class iq_recorder(gr.sync_block):
     Parameters
     ----------
     scene : Scene
-        What is flown; kept in the recording.
+        The scene being played; kept in the recording.
     file : str
         Path without ending: ``FILE.sigmf-data`` and ``FILE.sigmf-meta`` are written.
     drop_when_slow : bool
@@ -60,7 +60,7 @@ class iq_recorder(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Hand samples to the writer, a stretch begun anew at every time tag and after every loss."""
+        """Hand samples to the writer; every time tag and every loss begins a new stretch."""
         samples = input_items[0]
         first, at = self.nitems_read(0), 0
         tags = self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY)

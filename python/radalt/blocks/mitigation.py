@@ -12,7 +12,7 @@ __all__ = ["mitigation"]
 
 
 class mitigation(MitigationBlock):
-    """One method by its name: any of `METHODS`, or ``custom``, one of your own.
+    """One method by its name: any of `METHODS`, or ``custom`` for one of your own.
 
     Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N > frames: complex vector of N``.
 
@@ -42,7 +42,7 @@ class mitigation(MitigationBlock):
         return create(method, self._scene.waveform, **parameters)
 
     def set_method(self, method: str) -> None:
-        """Another method from the next frames on, without what was learnt before."""
+        """Change the method from the next frames on; what was learnt before is forgotten."""
         if method != self._name:
             self.method, self._name = self._create(method), method
             self._batch = method_class(method).batch

@@ -44,9 +44,9 @@ class mixture_jammer_source(JammerSource):
         self._apply()
 
     def hold_drive(self) -> None:
-        """From now on no burst is stronger than the scene's: on the air the converters were scaled for that one.
+        """Allow no burst stronger than the scene's: on the air the converters are scaled for that one.
 
-        A lower SIR, or a shorter burst at the same SIR, then takes the lowest SIR that does not clip.
+        A lower SIR, or a shorter burst at the same SIR, is then replaced by the lowest SIR that does not clip.
         """
         self._strongest_db = self._scene.burst_db
         self._apply()

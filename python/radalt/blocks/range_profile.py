@@ -13,10 +13,10 @@ __all__ = ["range_profile"]
 
 
 class range_profile(gr.basic_block):
-    """Power over altitude, and the power that the altimeter would call a detection; see `RangeProfile`.
+    """Power over altitude, and the power from which the altimeter declares a detection; see `RangeProfile`.
 
     ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10((r_up + r_down) / r_T)`` with ``r``
-    power over noise and ``r_T`` what both half sweeps alike need for a detection.
+    the power over noise and ``r_T`` the value that both half sweeps need for a detection if they are alike.
 
     Category: [RadAlt]/Displays. Ports: ``frames: complex vector of N > profile: float vector of points``,
     ``threshold: float vector of points`` (both in dB over a return of unit amplitude).
@@ -28,7 +28,7 @@ class range_profile(gr.basic_block):
     points : int
         Points from 0 to the scene's ``altimeter.max_altitude_m``.
     every : int
-        One frame of so many is shown; the others are passed over.
+        One frame in so many is shown; the others are skipped.
 
     Example
     -------

@@ -21,12 +21,12 @@ _POLL_S = 0.02
 
 
 class reacquire(gr.basic_block):
-    """Any message sends the segmenter the command ``reacquire`` at the one time when it is right.
+    """On any message, sends the segmenter the command ``reacquire`` once altitude zero has come in.
 
-    The segmenter takes what it finds for altitude zero, so an altitude set by hand would be gone for good. The block
-    therefore sends altitude zero and mutes the jammer, waits until that has come in (by the sample counter), commands,
-    waits for the lock, and puts both back; an altitude that was moved meanwhile stays. Nothing is sent that was
-    switched off. One line is printed at the end.
+    The segmenter takes the delay that it finds for altitude zero, so an altitude set by hand would be lost for good.
+    The block therefore sends altitude zero and mutes the jammer, and waits until that has come in (by the sample
+    counter). It then sends the command, waits for the lock, and restores both; an altitude changed meanwhile stays. A
+    jammer that was switched off stays off. One line is printed at the end.
 
     Category: [RadAlt]/Receiver. Ports: ``pressed: message > command: message`` (the symbol ``reacquire``).
 
@@ -82,7 +82,7 @@ class reacquire(gr.basic_block):
                 jammer.set_mute(was_muted)
 
     def _take_timing(self) -> str:
-        """Wait for altitude zero, command, wait for the lock; returns what came of it."""
+        """Wait for altitude zero, send the command, wait for the lock; returns the outcome."""
         segmenter = self._top.frame_segmenter.segmenter
         sent = [self._top.chirp_source.nitems_written(0)]
         if hasattr(self._top, "jammer_switch"):

@@ -34,17 +34,17 @@ _QUEUED = 10_000  # messages a slow subscriber may lag behind before it loses so
 class remote_control:
     """Publishes a flowgraph's results and state, and lets any language drive it.
 
-    It reads the altimeters' stored results from a thread of its own: neither a subscriber nor a request ever waits in
-    the signal path, and a subscriber that is slow or dead loses messages.
+    It reads the altimeters' stored results from a thread of its own, so no subscriber and no request holds up the
+    signal path. A subscriber that is slow or dead loses messages.
 
-    Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object a message, the key ``type`` first:
+    Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
     `gnuradio.radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
-    ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` is carried
-    out before the first sample, too. What goes wrong in the thread is counted in ``errors`` and does not end it.
+    ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works
+    before the first sample, too. Errors in the thread are counted in ``errors`` and do not end it.
 
-    While control can be answered the thread beats the flowgraph's transmit gates, every 20 ms; without a beat for a
-    second they pass zeros from then on (`TransmitGate`).
+    While it can answer requests the thread sends the flowgraph's transmit gates a heartbeat every 20 ms. Gates that get
+    none for a second pass zeros from then on (`TransmitGate`).
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ class remote_control:
     network : bool
         Allow endpoints that other machines reach.
     keep_alive_s : float
-        Longest silence of whoever controls, in seconds: without any request for this long transmission stops for good.
-        0: a silent client is as good as any.
+        Longest silence of the controlling client, in seconds: without any request for this long transmission stops for
+        good. 0 sets no limit.
 
     Raises
     ------
     ValueError
-        If an endpoint is none, is not of this machine, or is taken; one line.
+        If an endpoint is not a ZMQ address, is not on this machine, or is in use; the message is one line.
 
     Example
     -------
@@ -152,7 +152,7 @@ class remote_control:
                 self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
 
     def _reply(self) -> None:
-        """Take one message and answer it; a socket that cannot is replaced."""
+        """Take one message and answer it; a socket that fails is replaced."""
         try:
             self._replier.send_string(self._answer(self._receive()))
         except Exception:
@@ -161,7 +161,7 @@ class remote_control:
             raise
 
     def _receive(self) -> list[bytes]:
-        """The parts of one message, together no more than one may have: the limit of the socket is on each alone."""
+        """The parts of one message, limited in their total size; the socket limits each part alone."""
         parts = []
         while True:
             parts.append(self._replier.recv())

@@ -1,4 +1,4 @@
-"""SigMF source: a recording in the place of the receiver."""
+"""SigMF source: a recording instead of the receiver."""
 
 from __future__ import annotations
 

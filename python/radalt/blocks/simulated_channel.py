@@ -1,4 +1,4 @@
-"""Two B210s and the air, simulated: takes the place of the UHD blocks."""
+"""Two B210s and the air, simulated: used instead of the UHD blocks."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class simulated_channel(gr.basic_block):
         return done
 
     def _wait(self) -> None:
-        """Sleep off what is ahead of the clock; a backlog is forgiven, not caught up with."""
+        """Sleep while samples are ahead of the clock; a backlog is not caught up with."""
         now, sent_s = time.monotonic(), (self._expected or 0) / self._rate
         self._start_s = max(self._start_s, now - sent_s)
         time.sleep(max(0.0, self._start_s + sent_s - now))

@@ -23,8 +23,8 @@ class tcae(MitigationBlock):
     threads : int
         ONNX Runtime's threads; 1 is fastest inside a flowgraph.
     batch : int
-        Frames a run of the network takes at most; more amortise the call, at that many milliseconds of latency
-        and with the last bit of a result depending on which frames came together.
+        Most frames in one run of the network. More frames share the cost of the call but add as many milliseconds of
+        latency, and the last bit of a result then depends on which frames came together.
     skip_clean : bool
         Frames that show no interference pass without the network (`InterferenceDetector`).
     own_process : bool

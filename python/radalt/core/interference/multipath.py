@@ -100,7 +100,7 @@ def _sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> n
     """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
 
     With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
-    some 2 sqrt(count) exponentials a wave instead of count.
+    some 2 sqrt(count) exponentials per wave instead of count.
     """
     block = int(np.ceil(np.sqrt(count)))
     blocks = -(-count // block)
@@ -112,7 +112,7 @@ def _sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> n
 
 @dataclass(frozen=True, kw_only=True)
 class FadingChannel:
-    """Random multipath channel, one independent draw a frame.
+    """Random multipath channel, one independent draw per frame.
 
     y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a steady
     line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
@@ -262,7 +262,7 @@ class FadedEmitter(NamedEmitter):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the emitter itself."""
+        """Notes of the emitter itself."""
         return self.emitter.notes
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:

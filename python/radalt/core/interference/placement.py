@@ -19,8 +19,9 @@ __all__ = ["Emitter", "Interferer", "interference_frame", "interference_frames"]
 class Emitter(Protocol):
     """What placement needs of an emitter.
 
-    An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``, which writes samples of that mean power
-    into ``span`` (complex64 or complex128) where that takes less than `samples`; False if it wrote and drew nothing.
+    An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of that mean power
+    into ``span`` (complex64 or complex128) where that is faster than `samples`, and returns False if it wrote and drew
+    nothing.
     """
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:

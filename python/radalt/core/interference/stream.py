@@ -15,10 +15,10 @@ __all__ = ["Continued", "JammerStream"]
 
 
 class Continued:
-    """An emitter that goes on from frame to frame: one window for many frames, of which every call takes the next part.
+    """An emitter that runs on from frame to frame: one window spans many frames, and each call takes its next part.
 
-    Symbols, carrier phase and fading run on within a window; the next window is drawn anew. For an emitter that places
-    its window where it is heard (``always_in_window``) this makes no sense.
+    Symbols, carrier phase and fading run on within a window; the next window is drawn anew. Not for emitters that place
+    their window where they are heard (``always_in_window``).
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Continued:
     frames : int
         Frames in one window.
     repeats : bool
-        The first window for ever: for an emitter whose period divides it.
+        Whether the first window is repeated for ever, for an emitter whose period divides it.
     steady : bool
         One gain for the window, as a transmitter has: the SIR holds over the window. Otherwise every frame is scaled
         to the SIR, whatever is sent in it.
@@ -68,7 +68,7 @@ class Continued:
 
 
 def _going_on(interferer: Interferer, waveform: Waveform) -> Interferer:
-    """The same, from frame to frame where it fills them."""
+    """The same interferer, running on from frame to frame if it fills whole frames."""
     if interferer.overlap < 1 or getattr(interferer.emitter, "always_in_window", False):
         return interferer
     period_s = getattr(interferer.emitter, "period_s", 0.0)
@@ -94,9 +94,9 @@ class JammerStream:
         Everything random follows from it.
     free_running : bool
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
-        part of a frame, as an emitter's that knows nothing of the radar; SIR and overlap then hold in its own
-        windows. What fills whole frames goes on from frame to frame with one gain; a signal that repeats (5G NR)
-        without end, another in windows of 40 frames.
+        part of a frame, as for an emitter that knows nothing of the radar; SIR and overlap then hold in its own
+        windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
+        repeats (5G NR), else in windows of 40 frames.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """

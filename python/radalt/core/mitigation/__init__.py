@@ -90,10 +90,10 @@ def create(
     waveform : Waveform
     own_process : bool
         Compute in a process of its own, ``batch`` frames at a time (`OwnProcess`). Without effect where this process
-        may use one core only, since the two would but take turns.
+        may use one core only, since the two would only take turns.
     batch : int
     max_altitude_m : float or None
-        How far the altimeter behind it looks: the default of ``span_m`` of a method that checks what will be found.
+        Highest altitude that the altimeter behind the method searches: the default of ``span_m``, where it has one.
     **parameters
         Of the method.
 

@@ -52,12 +52,12 @@ class Mitigation(ABC):
     name : str
         Registry name.
     title : str
-        In figures and tables; empty stands for the name.
+        Name in figures and tables; empty takes ``name``.
     style : PlotStyle or None
-        In figures; None takes the next of the figure's reserve.
+        Style in figures; None takes the next unused one.
     batch : int
-        Frames that a block gives the method at once, unless told otherwise. More amortise a call, and must not change
-        the result where it has to be the same bits whatever the load: hence 1 for networks.
+        Frames that a block gives the method at once, unless told otherwise. More frames share the cost of a call. It is
+        1 for networks: their last bits depend on the batch, and results must not depend on the load.
     runs_network : bool
         Whether it needs ONNX Runtime.
     frames : int
@@ -65,7 +65,7 @@ class Mitigation(ABC):
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
     outside_cpu_ns : int
-        CPU time spent on frames outside the calling thread, in nanoseconds; 0 but for `OwnProcess`.
+        CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
     """
 
     name = "mitigation"
@@ -114,11 +114,11 @@ class Mitigation(ABC):
 
     @abstractmethod
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        """(n, N) finite complex64 in, the same shape out, as a new array; what is wider is rounded to complex64."""
+        """(n, N) finite complex64 in, the same shape out, as a new array; wider types are rounded to complex64."""
 
     @property
     def carries_altitude(self) -> bool:
-        """Whether the output still holds the return's delay; where it does not, no altitude of it means anything."""
+        """Whether the output keeps the return's delay; where it does not, altitudes from it mean nothing."""
         return True
 
     def status(self) -> dict[str, object]:

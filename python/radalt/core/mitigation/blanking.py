@@ -20,7 +20,7 @@ class Blanking(Mitigation):
         STFT length in samples (Hann, three quarters overlap). 64 samples at 7.5 MS/s are about the square root of the
         sweep's time-bandwidth product, where the ridge is narrowest.
     threshold_db : float
-        A cell is excised when it exceeds the robust level of its kind by this much.
+        A cell is excised when it exceeds the robust level of its kind (ridge or not, see below) by this much.
     max_altitude_m : float
         Highest altitude whose return must not be excised; widens the protected ridge.
 

@@ -37,8 +37,8 @@ class Custom(Mitigation):
     Raises
     ------
     MitigationError
-        If the file cannot be read or run, holds no method, or the method gives something else than frames; names the
-        file, what is wrong and where. The same for whatever the method raises later.
+        If the file cannot be read or run, holds no method, or the method returns anything but frames; names the file,
+        what is wrong and where. The same for whatever the method raises later.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Two methods, each for what it is good at: OFDM that stays is cancelled, all else goes to another."""
+"""Two methods, one of them per frame: OFDM that fills the frame is cancelled, all else goes to the other."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
 class Hybrid(Mitigation):
-    """`OfdmCancel` where it can read what fills the frame, the network or whitening where it cannot.
+    """`OfdmCancel` where it can demodulate what fills the frame, the network or whitening where it cannot.
 
-    Card: *choice by signal.* One frame goes through one method: a chain of both gains nothing, since what the first
-    leaves is no longer what the second knows. Whether OFDM was read decides, not which output looks better, so
-    nothing is chosen for its altitude and false altitudes are as rare as those of the method that had the frame.
+    Card: *choice by signal.* Each frame goes through one method. A chain of both gains nothing, since the first leaves
+    a signal that the second is not made for. The choice depends on whether OFDM was demodulated, not on which output
+    looks better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that
+    had the frame.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ class Hybrid(Mitigation):
 
     @property
     def sha256(self) -> str | None:
-        """Of the network's file; None without one."""
+        """SHA-256 of the network's file; None without one."""
         return getattr(self._other, "sha256", None)
 
     def status(self) -> dict[str, object]:

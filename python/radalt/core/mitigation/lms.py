@@ -21,7 +21,7 @@ _WEIGHT_LIMIT = 1e6
 
 
 class BlockLms(Mitigation):
-    """Block LMS: ``y = X w``, ``w += mu X^H (d - y)`` once a block.
+    """Block LMS: ``y = X w``, ``w += mu X^H (d - y)`` once per block.
 
     Parameters
     ----------
@@ -34,13 +34,13 @@ class BlockLms(Mitigation):
     wiring : str
         ``"reference_desired"``: the received frame is filtered towards the reference sweep.
         ``"reference_input"``: the reference sweep is filtered towards the received frame, the output being the part
-        of the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m a sample).
+        of the frame that the reference explains. Delays up to ``length`` samples can be explained (20 m per sample).
     span_m : float or None
-        With the reference as input: highest altitude looked for behind the filter, which frames are checked up to.
-        None: 1500 m, as the altimeter, or the filter's reach where that is lower.
+        With the reference as input: highest altitude up to which the output is checked. None: 1500 m, as in the
+        altimeter, or the filter's reach where that is lower.
     restart : bool
-        Start every frame from zero weights. Weights that are kept hold the last frames' altitude, and what they make of
-        a frame at another one shows the old altitude; they pay where altitude and phase stand still.
+        Start every frame from zero weights. Kept weights hold the altitude of the last frames, and a frame at another
+        altitude then shows the old one. Keeping them pays where altitude and phase stand still.
 
     Notes
     -----
@@ -49,7 +49,7 @@ class BlockLms(Mitigation):
 
     With the reference as input the output is a sum of delayed sweeps whatever is received: noise, Doppler and altitudes
     beyond the filter all look like an altitude. So a frame whose strongest beats do not stand out in the received frame
-    too is silenced, and counted in ``unconfirmed_frames``. Weights that change once a block put images beside the
+    too is silenced, and counted in ``unconfirmed_frames``. Weights that change once per block put images beside the
     return, every ``rate / block`` (75 kHz, 750 m), 25 dB below it in one half sweep and as strong as it in the other.
     Beside a return within the span they do no harm; those of a return beyond it would be declared in its place.
     """
@@ -165,9 +165,9 @@ class BlockLmsReferenceInput(BlockLms):
     """`BlockLms` in its other wiring: 96 taps for delays up to 1900 m, a fresh start with every frame.
 
     It declares 3 to 9 % of frames of noise, and 2 to 5 % of those of interference alone (allowed speeds 150 to 0 m/s;
-    ``detection.py --methods lms_reference_input --frames 0 --null-frames 40 --noise-frames 1000 --seed 909``): what is
-    left of either in the weights makes the same delay of both half sweeps. `Nlms` holds the received frame against it;
-    here the paper's setting stays as it is.
+    ``detection.py --methods lms_reference_input --frames 0 --null-frames 40 --noise-frames 1000 --seed 909``): the
+    weights keep a remnant of either, which gives both half sweeps the same delay. `Nlms` checks it against the received
+    frame; this class keeps the paper's setting.
     """
 
     name = "lms_reference_input"
@@ -196,9 +196,9 @@ class Nlms(BlockLms):
     The defaults are the best of those measured (docs/stability.md): the reference as input, 96 taps for delays up to
     1900 m, a fresh start with every frame. With the reference as desired signal every altitude comes out as zero.
 
-    What is left of noise in the weights makes the same delay of both half sweeps, and 5 % of frames without a return
-    would be declared. So the received frame has to show it as well, at the altimeter's false-alarm rate per cell: 1 %,
-    for less than 0.01 in Pd.
+    The weights keep a remnant of noise, which gives both half sweeps the same delay: 5 % of frames without a return
+    would be declared. So the received frame has to show the delay as well, at the altimeter's false-alarm rate per
+    cell. That leaves 1 % and costs less than 0.01 in Pd.
     """
 
     name = "nlms"

@@ -39,7 +39,7 @@ _STILL = 0.02  # samples of timing that need no new phases
 
 @dataclass
 class _Lock:
-    """What is known of an emitter from the frames before; times in samples of the frame to come."""
+    """What earlier frames tell of an emitter; times in samples of the next frame."""
 
     numerology: Numerology
     ridge: Ridge
@@ -62,12 +62,12 @@ def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
 class OfdmCancel(Mitigation):
     """Blind demodulation and subtraction of cyclic-prefix OFDM (LTE and NR downlinks of 15 or 30 kHz).
 
-    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier; the fourth power of the
-    subcarriers the place of the long prefix and all phases; points and channel are estimated in turns from elements
-    that no return can be in, about five of six. In the others the nearest point is subtracted, or, where the return
-    is wider than a cell of the constellation, the mean of the return given all near points. Found once, an emitter is
-    followed from frame to frame. Frames without such a signal pass bit for bit. What it cannot read it leaves as it
-    is: noise of the emitter's own, interference on top of it, several antennas' streams.
+    Card: *decision-directed cancellation.* The prefix gives spacing, timing and carrier. The fourth power of the
+    subcarriers gives the place of the long prefix and all phases. Points and channel are estimated in turns from
+    elements that no return can be in, about five of six. In the other elements the nearest point is subtracted. Where
+    the return is larger than a cell of the constellation, the mean of the return given all near points is kept instead.
+    Once found, an emitter is followed from frame to frame. Frames without such a signal pass bit for bit. What cannot
+    be demodulated stays: the emitter's own noise, interference on top of it, several antennas' streams.
 
     Parameters
     ----------
@@ -77,15 +77,15 @@ class OfdmCancel(Mitigation):
     Attributes
     ----------
     found, followed : int
-        Frames in which an emitter was acquired, and in which it was where the frame before had left it.
+        Frames in which an emitter was acquired, and frames in which it was followed from the frame before.
     busy : float
-        Share of the symbols of the last frame with an emitter in which it sent.
+        Share of the symbols in which the emitter sent, in the last frame that had one.
 
     Notes
     -----
-    Used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the alphabets.
-    No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a symbol is a
-    whole number of samples.
+    What is used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the
+    alphabets. No cell identity, pilots, payload or allocation. The rate has to be a multiple of 30 kHz, so that a
+    symbol is a whole number of samples.
 
     Raises
     ------
@@ -138,7 +138,7 @@ class OfdmCancel(Mitigation):
         return out
 
     def cancel(self, frame: np.ndarray) -> np.ndarray | None:
-        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be read."""
+        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated."""
         mean = float(np.vdot(frame, frame).real) / frame.size
         if not np.finfo(np.float32).tiny < mean < np.inf:
             return None
@@ -157,7 +157,7 @@ class OfdmCancel(Mitigation):
         return out * np.float32(level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
-        """A frame without its OFDM, looked for from nothing; None if it has none that can be read."""
+        """A frame without its OFDM, acquired without earlier frames; None if none can be demodulated."""
         prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
         prefix, (numerology, ridge) = max(
             zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
@@ -181,7 +181,7 @@ class OfdmCancel(Mitigation):
         return self._subtract(straight, turn, grid, clear, received, lock)
 
     def _follow(self, frame: np.ndarray) -> np.ndarray | None:
-        """A frame without the OFDM of the frame before; None if that is not there any more."""
+        """A frame without its OFDM, followed from the frame before; None if that signal is gone."""
         lock = self._lock
         numerology = lock.numerology
         starts, ramp = self._ramp(lock)
@@ -228,7 +228,7 @@ class OfdmCancel(Mitigation):
     def _without(
         frame: np.ndarray, carrier: float, numerology: Numerology
     ) -> tuple[np.ndarray | None, np.ndarray]:
-        """The factor that takes out a carrier (in subcarriers), and the frame without; None where it does no harm."""
+        """Factor that removes a carrier (in subcarriers), None if negligible, and the frame with it removed."""
         if abs(carrier) < _STRAIGHT:
             return None, frame
         cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
@@ -244,7 +244,7 @@ class OfdmCancel(Mitigation):
         received: Received,
         lock: _Lock,
     ) -> np.ndarray | None:
-        """The frame without what was received, and the lock for the frame after; None if it cannot be read."""
+        """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
         trusted = clear & grid.used
         misread = _misread(received, trusted)
         # between bursts there is nothing to take away, and a return that is strong would be read as data
@@ -314,7 +314,7 @@ class OfdmCancel(Mitigation):
         return self._places[1:]
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
-        """What the next frame has to know."""
+        """Keep what the next frame needs."""
         step = carrier_step(received.angles, received.weight, lock.numerology)
         if abs(step) < _TURNS:
             lock.carrier += step

@@ -108,7 +108,7 @@ class OwnProcess(Mitigation):
         self._finalizer()
 
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation.process_into`; what is not finite is the method's own business."""
+        """See `Mitigation.process_into`; the method itself handles values that are not finite."""
         self.frames += len(frames)
         self._exchange(frames, out)
 

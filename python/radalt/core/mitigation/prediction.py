@@ -1,4 +1,4 @@
-"""Linear prediction: what a frame's past tells of its next sample is interference, the rest is kept.
+"""Linear prediction: what a frame's past predicts of its next sample is removed as interference.
 
 A tone or a narrow band is predictable from a few samples; noise is not, and neither is the sweep, whose frequency has
 moved on. Two ways: an adaptive one-step predictor, and the best predictor of the whole frame as a filter of zero phase.
@@ -23,9 +23,10 @@ class NlmsPredictor(Mitigation):
     """Prediction error of a one-step NLMS predictor, ``e_n = x_n - w^T (x_{n-1} ... x_{n-L})``.
 
     Card: *adaptive line enhancer's error output.* Every sample is predicted from the ``L`` before it; weights follow
-    ``w += mu conj(x) e / |x|^2``. Good against tones; modulation as wide as the sweep leaves nothing to predict.
-    The filter is of minimum phase, not of zero phase: what takes a band out of the sweep delays the rest, by 26 m under
-    shaped QPSK at -30 dB, and such an altitude is declared. A row of the comparison, then, not a method to fly.
+    ``w += mu conj(x) e / |x|^2``. Good against tones; modulation as wide as the sweep leaves nothing to predict. The
+    filter has minimum phase, not zero phase: where it takes a band out of the sweep it delays the rest. Under shaped
+    QPSK at -30 dB the delay is 26 m, and the altimeter declares that altitude. So this method is for comparison, not
+    for flight.
 
     Parameters
     ----------
@@ -83,8 +84,8 @@ class LinearPrediction(Mitigation):
     resolves so well; interference as wide as the sweep is white to it.
 
     The matched filter in that noise would be ``|A|^2``. It leaves coloured noise, and most of the return in the quiet
-    parts of the sweep: its lobes then count as noise to the altimeter, which declared 0.4 of the frames under 5 MHz
-    NR at -5 dB, where no mitigation measures all.
+    parts of the sweep. The altimeter then takes the return's lobes for noise: it declared 0.4 of the frames under 5 MHz
+    NR at -5 dB, where `none` measures all.
 
     Parameters
     ----------
@@ -94,9 +95,9 @@ class LinearPrediction(Mitigation):
     Notes
     -----
     Yule-Walker equations on the circular autocorrelation of the tapered frame (J. Makhoul, "Linear prediction: a
-    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well; it is white over the band, but for
-    the frequencies that the taper takes away. With a Hann taper over the frame extended ground without noise was read
-    17 m short.
+    tutorial review", Proc. IEEE 63(4), 1975). The return is in the model as well. It is white over the band, except at
+    frequencies that the taper removes: with a Hann taper over the frame, extended ground without noise was read 17 m
+    short.
     """
 
     name = "linear_prediction"

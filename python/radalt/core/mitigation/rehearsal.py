@@ -1,4 +1,4 @@
-"""Code of others, tried in a process of its own before it is let into ours: it may never end, or end everything.
+"""Try foreign code in a process of its own first, since it may never end, or may end the whole program.
 
 A method file is a program and an ONNX file is one too. A loop without end while it is loaded, or ``os._exit(0)``, would
 hang our command or end it with status 0 and without a word. In the rehearsal only the rehearsal's process is lost.
@@ -30,9 +30,9 @@ _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; pe
 
 
 def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
-    """Build a method of a foreign file once elsewhere, and clean a frame; returns at once for a file already tried.
+    """Build a foreign file's method in another process and clean a frame; files already tried return at once.
 
-    Worker processes skip it: what they do has a time limit, and the program that started them has rehearsed.
+    Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Did a network find the return, or make one up? A return moves with the frame, an invention stays where it is.
+"""Did a network find the return, or invent one? A return moves with the frame, an invention does not.
 
-The received frame is beat-shifted by a known altitude, cleaned again and shifted back: what was in it is then where it
-was before, and what the network prefers to put out is not. A frame that shows no interference needs no second run: the
-altitude has to be the one that it had before the network.
+The received frame is beat-shifted by a known altitude, cleaned again and shifted back. A return is then where it was
+before; an altitude that the network invents is not. A frame that shows no interference needs no second run: its
+altitude has to be the one measured before the network.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class ShiftCheck:
     -----
     Altitudes are looked for over the altimeter's default span (1500 m, or the sweep's limit where that is lower), with
     half sweeps that agree to a cell and with those that differ by a Doppler of 150 m/s. They have to agree within a
-    quarter of a resolution cell (5 m). Where nothing is found nothing is refuted. What a network makes of noise alone
-    may well move with the noise: such false alarms stay.
+    quarter of a resolution cell (5 m). A frame without a declared altitude passes. What a network makes of noise alone
+    may move with the noise: such false alarms stay.
 
     Costs a second run of the network in frames that show interference, a transform, and two calls of an altimeter.
     """
@@ -78,8 +78,7 @@ class ShiftCheck:
         clean : callable
             The network: (k, N) complex64 in and out.
         disturbed : bool
-            Whether all frames are known to show interference, by the same detector: they are not transformed for it
-            again.
+            Whether the same detector has already found interference in all frames, so that it need not run again.
         """
         n = len(received)
         before = received.copy()

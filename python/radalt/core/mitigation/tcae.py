@@ -51,7 +51,7 @@ def _is_default(sha256: str) -> bool:
 
 
 def _is_shipped(model: Path) -> bool:
-    """Whether a model lies where ours do; any other is a program of somebody else."""
+    """Whether a model lies in the folder of the shipped ones; any other may be foreign code."""
     try:
         return model.resolve().parent == default_model_path().resolve().parent
     except OSError:
@@ -59,7 +59,7 @@ def _is_shipped(model: Path) -> bool:
 
 
 def _number(text: str) -> float:
-    """A number of the metadata; NaN, which equals nothing, for what is none."""
+    """A number from the metadata; NaN, which equals nothing, for any other text."""
     try:
         return float(text)
     except ValueError:
@@ -92,7 +92,7 @@ class Tcae(Mitigation):
     Notes
     -----
     A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
-    ``flat_frames``: networks read interference from the modulus, and this one would be taken for nothing else.
+    ``flat_frames``: networks read interference from the modulus, and would take the whole frame for interference.
 
     Raises
     ------
@@ -223,7 +223,7 @@ class Tcae(Mitigation):
     def _fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
         """Normalise a frame (N,) into rails (2, N) and add the dither; its level and the factor that undoes the scale.
 
-        The factor is 0 for a frame of nothing, since a network may make something of it.
+        The factor is 0 for a frame of zeros, for which a network may put out a signal.
         """
         rails[0], rails[1] = frame.real, frame.imag
         level = _level(rails)

@@ -22,9 +22,9 @@ class Whitening(Mitigation):
     smoothing_hz : float
         Width of the running mean. Narrower resolves tones better, wider disturbs the return's own spectrum less.
     exponent : float
-        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``, which narrows the sweep to what is
-        least disturbed: more sensitive where little is, ambiguous where much is (5 MHz NR at -35 dB: 0.60 of the
-        altitudes right, against 0.90 with 0.6).
+        0.5 whitens; 1 is the matched filter in coloured noise of spectrum ``S``. That filter narrows the sweep to its
+        least disturbed part: more sensitive where little is disturbed, ambiguous where much is (5 MHz NR at -35 dB:
+        0.60 of the altitudes right, against 0.90 with 0.6).
 
     Notes
     -----

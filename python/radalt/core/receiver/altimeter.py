@@ -1,11 +1,11 @@
 """The altimeter: dechirp, decimate to the beat band, window, FFT, CFAR, pair the sweeps, altitude (docs/design.md).
 
-Two rates, as in the paper: the frame is mixed with the reference at the full rate, then low-passed and decimated to
-the beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift
-that moves the middle of the beat band to zero, so mixing costs one complex multiplication a sample.
+Two rates, as in the paper: the frame is mixed with the reference at the full rate, then low-passed and decimated to the
+beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift that
+moves the middle of the beat band to zero, so mixing costs one complex multiplication per sample.
 
-For its delay a return is still on the other slope. Every cell leaves that part of a half sweep out, for the delay that
-the cell stands for and no longer (`Altimeter._head_table`).
+A half sweep begins with the return still on the other slope, for as long as its delay. Every cell leaves that part out,
+for exactly the delay that the cell stands for (`Altimeter._head_table`).
 
 Forced and declared decisions share one joint statistic: the sum over both half sweeps of ``-log`` of the probability
 that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`, `PairSearch`).
@@ -220,9 +220,9 @@ class Altimeter:
         """Samples at the beginning of a half sweep in which a return of a beat is far off its beat.
 
         There it is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where a fraction
-        of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the last
-        instants of it the other slope is no more than `_CLOSE` off, and pulls by 2 mm: these stay in, since the edges
-        of the sweep are what a method leaves where interference fills the middle.
+        of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the last of
+        these samples the other slope is no more than `_CLOSE` off, and pulls by 2 mm. These samples are kept: where
+        interference fills the middle of the sweep, its edges are all that a method leaves.
         """
         w = self.waveform
         limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
@@ -231,7 +231,7 @@ class Altimeter:
         return blind_s * w.rate_hz
 
     def _head_table(self) -> tuple[slice, slice, np.ndarray] | None:
-        """What its blind part adds to a cell: which H outputs of a half sweep, which K cells, (H, K) complex64 weights.
+        """What the blind part adds to each cell: H outputs of a half sweep, K cells, (H, K) complex64 weights.
 
         Least squares: the outputs' impulse responses, weighted by a column, add up to the cell's own response to the
         samples of its blind part, and to nothing after it. None where the table would be too large: a sweep of many
@@ -258,8 +258,8 @@ class Altimeter:
     def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Slope over curvature of three powers around a peak against the sub-cell offset, exact for one tone.
 
-        ``(R - L) / (2 C - L - R)``, as of a parabola: what narrows the peak (holes in the sweep) changes both alike,
-        and a noise floor adds to neither. The ratio of ``R`` to ``L`` alone was 1.2 m off behind
+        ``(R - L) / (2 C - L - R)``, as of a parabola: holes in the sweep, which narrow the peak, change numerator and
+        denominator alike, and a noise floor adds to neither. The ratio of ``R`` to ``L`` alone was 1.2 m off behind
         whitening under 5 MHz NR at -30 dB, and this is 0.3 m.
         """
         offsets = np.linspace(-1.0, 1.0, 201)
@@ -395,7 +395,7 @@ class Altimeter:
         frame_index: np.ndarray | int | None = None,
         vertical_speed_m_per_s: tuple[float, float] | None = None,
     ) -> np.ndarray:
-        """As `process`, from spectra that are already there."""
+        """As `process`, from given spectra."""
         search = (
             self._search if vertical_speed_m_per_s is None else self._search_within(vertical_speed_m_per_s)
         )
@@ -427,17 +427,17 @@ class Altimeter:
         return out
 
     def confirms(self, received: np.ndarray, cleaned: np.ndarray, pfa: float = 1.0) -> np.ndarray:
-        """(n,) bool: what is found in cleaned frames stands out in the frames they were made from, or nothing is there.
+        """(n,) bool: what is found in cleaned frames stands out in the received frames too, or nothing is found.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
-        own strongest cell: more than a first side lobe, less than the loss by interference. What is found beyond the
-        span of altitudes is not confirmed, nor what is there and no return: an altimeter that looks elsewhere, or on
-        other cells, finds something else.
+        own strongest cell: more than a first side lobe, less than the loss by interference. A peak beyond the span of
+        altitudes is not confirmed, and neither is one that is no return (`Reason`): an altimeter with another span or
+        other cells would find something else.
 
-        With a ``pfa`` below 1 noise alone has to show both received cells as they are with no more than that
-        probability, and what an altimeter of any allowed speed could declare counts as found. The altimeter's own
-        threshold relies on half sweeps that are independent; a filter whose weights live on from one to the other
-        makes the same delay of both.
+        With a ``pfa`` below 1 the probability that noise alone shows both received cells as strong must not exceed it,
+        and whatever an altimeter of any allowed speed could declare counts as found. The altimeter's own threshold
+        relies on independent half sweeps; a filter that keeps its weights from one to the other gives both the same
+        delay.
         """
         raw = self.spectra(received)
         before = self.significance(raw)
@@ -486,9 +486,9 @@ class Altimeter:
     def _interpolate(self, found: Found) -> np.ndarray:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
-        Together where one alone is no peak; then the half sweeps weigh by their signal over noise. Two peaks stay where
-        they are, even if the speeds allowed would have them nearer: their mean is the altitude at any speed, and a sum
-        that weighs them would follow the clearer one by the speed that was not expected.
+        They are moved together where one alone is no peak, weighted by their signal over noise. Two peaks are each
+        measured where they are, even if they lie farther apart than the allowed speeds permit: their mean is the
+        altitude at any speed, while a weighted sum would follow the clearer one and be wrong by the unexpected speed.
         """
         pair, around = found.pair, found.around
         own = self._offsets(around)
@@ -547,7 +547,7 @@ class Altimeter:
 
     @cached_property
     def _main_lobes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Main lobe of a point target down to a tenth, without a blind part and with the longest one.
+        """Main lobe of a point target down to a tenth of its power, without a blind part and with the longest one.
 
         Relative power (2, D), rising, and distance (D,) from its peak in cells.
         """
@@ -571,5 +571,5 @@ def _joint(cells: Significance, pair: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def shared_altimeter(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
-    """One altimeter for all who measure the same sweep in the same way: it has tables, but no state."""
+    """One altimeter for all callers with the same sweep and settings: it has tables, but no state."""
     return Altimeter(waveform, settings)

@@ -50,20 +50,20 @@ class AltimeterSettings:
     Parameters
     ----------
     max_altitude_m, min_altitude_m : float or None
-        Search span; the beat band, the decimation and the FFT size follow from it. None as the highest altitude stands
-        for what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
+        Search span; the beat band, the decimation and the FFT size follow from it. None as the highest altitude
+        takes what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
     max_vertical_speed_m_per_s : float or None
-        Largest range rate: how far the two sweeps' beats may differ and still be one target. None for what a scene
-        flies, else 150 m/s. At equal `pfa` 150 m/s costs 1 dB of sensitivity, and where a method leaves holes in the
-        sweep one half's grating lobe beside the other's peak passes for a speed: who knows more says so per call
-        (`Altimeter.process`).
+        Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a
+        scene flies, else 150 m/s. At equal `pfa` 150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the
+        sweep, one half's grating lobe beside the other's peak also passes for a speed. A caller that knows the speed
+        better gives it per call (`Altimeter.process`).
     window : str
         ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
         lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
         5.6 dB against one there, and a factor 1.6 in error.
     pfa : float
-        False alarms in white noise per half resolution cell (1 kHz) of the span and frame, with all partners that
-        Doppler allows; 1e-12..0.5.
+        False alarms in white noise per half resolution cell (1 kHz) of the span and frame, over all pairs that Doppler
+        allows; 1e-12..0.5.
     train_cells, guard_cells : float
         Training and guard cells on each side, in resolution cells (2 kHz, 20 m by default), where the noise is
         not white (`Cfar`).

@@ -37,7 +37,7 @@ class Significance(NamedTuple):
     looks : (n, 2) float32
         Independent cells that the noise level is the mean of.
     spared : (n,) float32
-        What narrow support takes from a frame's threshold: its cells are fewer independent trials.
+        How much a frame's threshold is lowered for narrow support: its cells are fewer independent trials.
     """
 
     value: np.ndarray
@@ -59,7 +59,7 @@ class Cfar:
     per_resolution : float
         Cells per resolution cell, ``1 / T_h``.
     energy : float
-        Of a tone, over its power in the cell where it peaks.
+        Energy of a tone over its power in the cell where it peaks.
 
     Notes
     -----
@@ -71,8 +71,8 @@ class Cfar:
     White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
     1 dB, and more in correlated noise. A network that passes part of the band leaves noise of another level in every
     part, and the mean of the band is below most peaks. So the quartiles of blocks of 8 resolution cells are compared;
-    where they are further apart than white noise of that support makes them, the level comes from the cells around. A
-    return fills one or two blocks and leaves quartiles alone.
+    where they are farther apart than in white noise of that support, the level comes from the cells around. A return
+    fills one or two blocks and does not move the quartiles.
     """
 
     train: int = 16
@@ -93,7 +93,7 @@ class Cfar:
         return (self.train + self.guard) * self.group
 
     def significance(self, power: np.ndarray, support: np.ndarray) -> Significance:
-        """Of the cells that have all their training cells: element 0 belongs to cell ``margin``.
+        """Significance of the cells that have all their training cells: element 0 belongs to cell ``margin``.
 
         Parameters
         ----------
@@ -200,14 +200,15 @@ def pair_threshold(rate: float, cells: float, partners: float, crossing: float, 
     crossing : float
         See `upcrossings`.
     floor : float
-        What each half sweep has to show on its own.
+        Least significance that each half sweep has to show on its own.
 
     Notes
     -----
     Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T``
     ``a T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
     maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor leaves
-    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Measured on white noise the law is met from 0.5 to 1.0 times.
+    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. On white noise 0.5 to 1.0 times the law's false alarms were
+    measured.
     """
 
     def log_excess(level: float) -> float:

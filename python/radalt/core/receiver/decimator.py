@@ -1,4 +1,4 @@
-"""Low-pass and decimation of dechirped half sweeps to the beat band, as a matrix product a block."""
+"""Low-pass and decimation of dechirped half sweeps to the beat band, as a matrix product per block."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Decimator:
     Parameters
     ----------
     samples : int
-        Samples a block, both ends zero outside.
+        Samples per block, taken as zero beyond both ends.
     rate_hz : float
         Complex input rate.
     width_hz : float
-        Band to keep, <= ``rate_hz``. A transition band as wide keeps the filter near 4 taps a phase.
+        Band to keep, <= ``rate_hz``. A transition band as wide keeps the filter near 4 taps per phase.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Decimator:
     rate_out_hz : float
     taps : (T,) float array
     outputs : int
-        Output samples a block, the filter's tail included.
+        Output samples per block, the filter's tail included.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Decimator:
     def buffer(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """A complex64 buffer for blocks of the given leading shape, and its part that takes the samples.
 
-        The rest is zero. Each thread has one buffer a shape, which the next call with that shape hands out again.
+        The rest is zero. Each thread has one buffer per shape, which the next call with that shape returns again.
         """
         known = self._scratch.get(threading.get_ident()) or self._new_thread()
         if shape not in known:
@@ -97,10 +97,10 @@ class Decimator:
         return whole, whole[..., lead : lead + self.samples]
 
     def _new_thread(self) -> dict[tuple[int, ...], np.ndarray]:
-        """The calling thread's place for buffers. Those that came first are forgotten: threads end without a word.
+        """The calling thread's place for buffers. The oldest threads are forgotten, since no thread says that it ends.
 
-        A thread forgotten while it lives holds its buffer until it is done, and gets another one with its next call. A
-        new thread with the number of one that ended takes over what that one had.
+        A running thread that is forgotten keeps its buffer until it is done with it, and its next call gets another
+        one. A new thread with the number of an ended one takes over that one's buffers.
         """
         with self._lock:
             known = self._scratch.setdefault(threading.get_ident(), {})

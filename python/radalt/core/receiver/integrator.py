@@ -2,7 +2,7 @@
 
 Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In
 exponential noise that costs 0.3 dB of sensitivity against the plain sum; in return no single frame decides a block,
-however strong what it shows: what a method invents in one frame of forty is outvoted.
+however strong its peak: what a method invents in one frame of forty is outvoted.
 """
 
 from __future__ import annotations
@@ -89,8 +89,8 @@ class Integrator:
     Notes
     -----
     Up cell ``i`` and down cell ``j`` are one hypothesis: altitude by their mean, speed by their difference. Frames are
-    moved by the speed under test before they are summed, in steps so small that what is left blurs a block by less than
-    a fifth of a resolution cell.
+    moved by the speed under test before they are summed. The steps in speed are so small that a block is blurred by
+    less than a fifth of a resolution cell.
     """
 
     def __init__(self, altimeter: Altimeter, frames: int, *, doppler: bool, max_speed_m_per_s: float) -> None:
@@ -117,7 +117,7 @@ class Integrator:
         self._background = 2 * int(np.ceil(8 * self.resolution_cells)) + 1
 
     def _plan_speeds(self) -> None:
-        """Speeds by which frames are moved: the rest blurs the block by 0.2 resolution cells at most."""
+        """Speeds by which frames are moved; a speed in between blurs the block by 0.2 resolution cells at most."""
         duration = self.frames * self.waveform.sweep_s
         blur = 0.2 * self.waveform.range_resolution_m / duration  # m/s to either side
         sides = int(np.ceil(max(0.0, self.max_speed - blur) / (2.0 * blur)))
@@ -222,7 +222,7 @@ class Integrator:
 
 
 class Block:
-    """One block's sums; what is asked of them is computed when it is asked."""
+    """One block's sums; what follows from them is computed on request."""
 
     def __init__(self, tables: Integrator, ratio: np.ndarray, at: np.ndarray) -> None:
         self.tables, self._ratio, self._at = tables, ratio, at
@@ -289,7 +289,7 @@ class Block:
     def prominent(self, allowed: np.ndarray) -> np.ndarray:
         """Of the allowed entries that come near the strongest, the one of most power, as a mask like `table`.
 
-        Compression makes a return and its grating lobes alike; without it one frame could decide.
+        After compression a return and its grating lobes are alike; without compression one frame could decide.
         """
         table = np.where(allowed, self.table, -np.inf)
         near = table >= _NEARLY * table.max()
@@ -361,7 +361,7 @@ class Block:
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
-        """To the top of power next to a cell: compressed, the top of a strong return is flat."""
+        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return."""
         t = self.tables
         while True:
             near = slice(max(t.first, cell - 1), min(t.last, cell + 2))
@@ -386,17 +386,17 @@ class Block:
         return max(0.0, 0.5 * float(sum(over)))
 
     def contradicted(self, found: Measurement) -> bool:
-        """Whether the latest frames say something else, at four standard deviations: a step of the ground."""
+        """Whether the latest frames contradict the return by four standard deviations: a step of the ground."""
         away = self.away_from(found)
         here = np.where(away, -np.inf, self._late).max()
         other = np.where(away, self._late, -np.inf).max()
         return bool(other - here > 4.0 * np.sqrt(2.0))
 
     def second_return(self, found: Measurement, reach: int, above: float, below: float) -> bool:
-        """Whether another return stands within ``reach`` cells of one: what is no side lobe.
+        """Whether another return, not a side lobe, stands within ``reach`` cells of one.
 
-        Lobes of whatever a method leaves of a sweep lie on both sides alike, since its weight is real; a return stands
-        on one. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
+        A method weights the sweep by real factors, so its lobes lie on both sides alike; a return stands on one side
+        only. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
         altitude, ``below`` it) and twice its mirror image by five standard deviations.
         """
         t = self.tables

@@ -1,9 +1,9 @@
-"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter lies.
+"""Frame timing: acquire on the sweep, coast on the sample counter, notice when the counter is wrong.
 
-Correlating a delayed chirp with the reference peaks at the delay itself, so timing is taken only where the altitude is
-known to be zero (the programme's preamble and synchronisation sections), to a fraction of a sample, and then coasts.
-Afterwards each frame is only *checked*: the matched filter at the altitude that was transmitted has to peak at the
-assumed timing. The check never moves the timing, so it cannot pull an altitude towards the truth.
+The correlation of a delayed chirp with the reference peaks at the delay itself. So timing is taken, to a fraction of a
+sample, only where the altitude is known to be zero (the programme's preamble and synchronisation sections); after that
+it coasts. Afterwards each frame is only *checked*: the matched filter at the altitude that was transmitted has to peak
+at the assumed timing. The check never moves the timing, so it cannot pull an altitude towards the truth.
 """
 
 from __future__ import annotations
@@ -112,15 +112,15 @@ class FrameSegmenter:
     ----------
     waveform : Waveform
     programme : Programme or None
-        What was transmitted when. None (a person moves the altitude): a lost lock waits for `reacquire`, and unless
-        `follow` says what is sent, frames are only checked to hold a sweep within the altitude span.
+        What was transmitted when. None (a person sets the altitude): after a lost lock it waits for `reacquire`. Unless
+        `follow` says what is sent, frames are then only checked to hold a sweep within the altitude span.
     max_altitude_m : float
         Highest altitude, for the check without a programme.
     true_delay : bool
         Whether altitudes come as true delays (with Doppler) or as beat shifts.
     point_target : bool
-        False for an extended return, which matches no single delay: frames are then checked as without a programme,
-        which still serves to find synchronisation sections.
+        False for an extended return, which matches no single delay: frames are then checked as without a programme. The
+        programme still tells where the synchronisation sections are.
 
     `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
@@ -131,18 +131,18 @@ class FrameSegmenter:
         ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     lock_loss : str
-        What ended the last lock: sweep, altitude that was expected, altitude at which the sweep was seen; else empty.
+        What ended the last lock: sweep, expected altitude, altitude at which the sweep was seen; else empty.
     unverified_frames : int
         Frames since the last one that showed the sweep where it was sent to be. A loss without a tag is noticed in
         frames that show the sweep; under interference that hides it, and with an extended return, it is not.
 
     Notes
     -----
-    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both stay. Every
-    frame that is seen elsewhere than where it was sent names one ``s`` per ``q``; frames that name the same pair, with
-    none between them that contradicts it, end the lock. A slip by ``s`` alone names itself in ``confirm_frames``
-    consecutive frames. One by whole frames shows only where the altitude steps: such a frame is held back for good.
-    Altitudes set by hand are then counted on from the sweep that was seen.
+    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both shifts last.
+    A frame that is seen at another delay than it was sent with gives one ``s`` for every ``q``. Frames that give the
+    same pair end the lock, if no frame between them contradicts it. A slip by ``s`` alone shows in ``confirm_frames``
+    consecutive frames. A slip by whole frames shows only where the altitude steps; that frame is never released. With
+    altitudes set by hand, counting then goes on from the sweep that was seen.
     """
 
     def __init__(
@@ -241,8 +241,8 @@ class FrameSegmenter:
     def jump(self, lost_samples: int) -> list[Frame]:
         """A tagged discontinuity: ``lost_samples`` are missing before the next chunk.
 
-        Timing is known all along (the counter advances by what is missing), so only the torn frame goes. Frames that
-        were held back for the monitor are judged by what was seen of them.
+        Timing stays known (the counter advances by what is missing), so only the torn frame is discarded. Frames that
+        were held back for the monitor are judged by what it has seen so far.
         """
         if lost_samples == 0:
             return []
@@ -261,9 +261,9 @@ class FrameSegmenter:
         return released
 
     def restart(self, counter: int) -> list[Frame]:
-        """The next sample is number ``counter``, and nobody knows how many went missing before it.
+        """The next sample is number ``counter``; how many are missing before it is unknown.
 
-        A lock is lost, and taken anew where the altitude is known to be zero: elsewhere it would be read as zero.
+        The lock is lost. It is taken anew where the altitude is known to be zero: any other would be read as zero.
         """
         released = self.drain()
         if self.state != ACQUIRING:
@@ -427,7 +427,7 @@ class FrameSegmenter:
         return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
 
     def _sent_delays(self, index: int) -> np.ndarray:
-        """(q,) delays in samples of this frame and the following ones; a span of altitudes without knowledge is 0."""
+        """(q,) delays in samples of this frame and the following ones; 0 where the altitude is not known."""
         sent = [self._sent(index + q) or (0.0, 0.0) for q in range(_MOST_LOST_FRAMES + 1)]
         return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
 
@@ -451,7 +451,7 @@ class FrameSegmenter:
         return bool(agreed.any())
 
     def _count_on(self, frames: int) -> None:
-        """Whole frames were lost: the timing is right, and altitudes set by hand have no trials to be put wrong."""
+        """Whole frames were lost: timing is right, and with altitudes set by hand no trial gets a wrong number."""
         self._index += frames
         self.counters["index_corrections"] += 1
         for frame, verdict in self._held:

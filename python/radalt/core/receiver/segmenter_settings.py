@@ -16,8 +16,9 @@ class SegmenterSettings:
     acquisition_frames : int
         Frames averaged coherently for one acquisition.
     lock_threshold : float
-        Correlation peak over mean power that counts as the sweep being there. Noise alone exceeds 25 once in about
-        1e7 frames where the filter is coherent over the frame; where its halves add in power, 0.6 times this is rarer.
+        Correlation peak over mean power from which the sweep counts as present. Noise alone exceeds 25 once in about
+        1e7 frames where the filter is coherent over the frame. Where its halves add in power, 0.6 times this value is
+        the threshold, and noise exceeds it more rarely still.
     confirm_frames : int
         Consecutive frames that have to agree on another timing before lock is given up; so many frames are held back
         while the timing is in doubt.

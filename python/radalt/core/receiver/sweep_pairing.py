@@ -62,7 +62,7 @@ class PairSearch:
     cell_threshold, pair_threshold : float
         On one cell's significance, and on the sum of two.
     flank : float
-        Power half a resolution cell away over a cell's own that no peak shows.
+        Ratio of the power half a resolution cell away to a cell's own that no peak reaches.
     side_lobes : (J,) float array
         Greatest side lobe by distance in cells.
     outshining : bool
@@ -158,7 +158,7 @@ class PairSearch:
     def _on_flank(
         self, around: np.ndarray, cells: np.ndarray, noise: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 2) flags: the cell is on the flank of a peak beyond the allowed speeds; beyond the altitudes' span.
+        """(n, 2) flags of cells on the flank of a peak: one beyond the allowed speeds; one beyond the altitudes' span.
 
         From the powers (n, 2, 3) half a resolution cell below, here and half a resolution cell above.
         """
@@ -171,7 +171,7 @@ class PairSearch:
     def _outshone(
         self, power: np.ndarray, pair: np.ndarray, here: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Flags by the strongest cell of each half sweep: (n, 2) the cell is no more than its side lobe.
+        """Flags by the strongest cell of each half sweep: (n, 2) the cell may be a side lobe of it.
 
         And (n,) the strongest is the return: it lies beyond the span of altitudes in both half sweeps, 10 dB above the
         cells found.

@@ -1,12 +1,12 @@
 """Altitude tracker: beat spectra in, 25 altitudes per second out, each with a status and a bound of its error.
 
-Its parts, in the order of a block's way: the *integrator* sums frames to a block (`integrator.py`); the *initiator*
-takes the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter*
-moves altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends
-a track. A track's life: search, confirm, track, coast, lost.
+Its parts, in the order of processing: the *integrator* sums frames to a block (`integrator.py`); the *initiator* takes
+the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter* moves
+altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends a
+track. A track's life: search, confirm, track, coast, lost.
 
-A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So the altitude of a block without
-a measurement is not computed, and neither is one with a rival that could as well be the ground.
+A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So a block without a measurement
+gives no altitude, and neither does one with a rival that could as well be the ground.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ class Track:
 
 
 class AltitudeTracker:
-    """Beat spectra of frames in, outputs out; keeps its state from call to call, in whatever pieces frames come.
+    """Beat spectra of frames in, outputs out; keeps its state from call to call, however frames are split up.
 
     Parameters
     ----------
@@ -454,7 +454,7 @@ class AltitudeTracker:
         return found
 
     def _calibrated(self, found: Measurement) -> Measurement:
-        """The measurement with the timing's rest taken off its altitude, and no better than measurements are."""
+        """The measurement less the residual delay, its variances raised by what every measurement has at least."""
         return replace(
             found,
             altitude_m=found.altitude_m - self._shift_m,
@@ -568,7 +568,7 @@ class AltitudeTracker:
     def _open_cells(self, track: Track) -> tuple[int, int]:
         """Least and most cells by which a rival's halves may differ more than the track's own.
 
-        They stand for the speeds that the track's altitudes leave open; none, where its own is not among them.
+        They stand for the speeds that the track's altitudes leave open; an empty range where its own is not among them.
         """
         t, s = self.integrator, self.settings
         if not t.doppler:

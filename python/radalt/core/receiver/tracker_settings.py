@@ -1,4 +1,4 @@
-"""Settings and outputs of the altitude tracker: what it may believe, and how an altitude leaves the module."""
+"""Settings and outputs of the altitude tracker: when it trusts an altitude, and how it gives it out."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class TrackerSettings:
     output_s : float
         Time between outputs, and of the integration; 40 ms is 25 outputs per second.
     doppler : bool or None
-        Whether a range rate shows as Doppler. A synthetic altitude's does not: None stands for what a scene plays
+        Whether a range rate shows as Doppler. That of a synthetic altitude does not. None takes what a scene plays
         (`Scene.tracker_settings`), else true.
     max_vertical_speed_m_per_s : float
         Rate limit of a track, 0..1000; with ``doppler`` the altimeter's own limit holds where it is lower.
@@ -70,17 +70,17 @@ class TrackerSettings:
     confirm_outputs : int
         Consecutive blocks that must agree before an altitude is called valid, 2..25.
     coast_s : float
-        A track without measurement is deleted after so long.
+        Seconds without measurement after which a track is deleted.
     risk : float
-        Probability, per output called NORMAL, that the error exceeds the protection level, 1e-9..0.1.
+        Probability that the error exceeds the protection level, per output called NORMAL, 1e-9..0.1.
     max_protection_m : float
-        An altitude bounded no better is not given.
+        An altitude with a higher protection level is not given.
     memory_outputs : float
         Outputs over which evidence against rival altitudes is remembered, 1 or above.
     rival_db : float
-        A second return further up, no weaker than the track's by this much, leaves the altitude undecided, in decibels.
+        In decibels: a second return farther up leaves the altitude undecided, unless it is weaker by more than this.
     nearer_rival_db : float
-        The same for a return nearer than the track's: the ground is the nearest thing there is.
+        The same for a nearer return than the track's: the ground is the nearest thing there is.
     """
 
     output_s: float = 0.04

@@ -1,6 +1,6 @@
 """Every emitter that a scene can name: one file each, called as in a scene, imported when a scene names it.
 
-A new one is a file here, or a class anywhere that `register` is told of (docs/design.md, "Add an interferer").
+A new emitter is a file here, or a class anywhere that is passed to `register` (docs/design.md, "Add an interferer").
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["NamedEmitter", "emitter_class", "emitter_names", "register"]
 class NamedEmitter:
     """Base of an emitter that a scene can name: a frozen dataclass whose fields are its keys in the scene.
 
-    It adds to what placement needs (`radalt.core.interference.placement.Emitter`) what the emitter is called.
+    It adds the emitter's names to what placement needs (`radalt.core.interference.placement.Emitter`).
 
     Attributes
     ----------

@@ -155,8 +155,8 @@ def _db(power: float) -> float:
 class FaaMask(NamedEmitter):
     """Interference at the level of 14 CFR 91.220(b) Table 1: link budget and emitter (emitter protocol).
 
-    `samples` gives Gaussian noise of mean power 1, flat over the receiver's band as the table is over
-    4200-4400 MHz; place it at `report().sir_db` to stand the radar in the field of the table.
+    `samples` gives Gaussian noise of mean power 1, flat over the receiver's band as the table is over 4200-4400 MHz;
+    place it at `report().sir_db` to put the radar in the field strength of the table.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """A coherent pulsed radar.
 
-Computed at a multiple of the radar's rate that holds it whole, then filtered and decimated as a receiver does, so that
-what it sends outside the band does not fold into it. Its long-run mean power after the filter is about 1; it comes in
-short passages, so a window is by default drawn so that it meets one.
+The signal is computed at a multiple of the radar's rate that holds its whole band. It is then filtered and decimated as
+in a receiver, so that what lies outside the band does not fold into it. Its long-run mean power after the filter is
+about 1. It is heard in short passages only, so by default a window is placed to meet one.
 """
 
 from __future__ import annotations

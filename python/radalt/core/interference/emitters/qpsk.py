@@ -18,7 +18,7 @@ __all__ = ["QpskEmitter", "rrc_taps"]
 
 @lru_cache(maxsize=32)
 def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
-    """Root-raised-cosine taps at ``up`` samples a symbol, unit energy, length ``span*up + 1``, read-only.
+    """Root-raised-cosine taps at ``up`` samples per symbol, unit energy, length ``span*up + 1``, read-only.
 
     Closed form with its two removable singularities (J. G. Proakis, Digital Communications, 4th ed., 9.2-1).
     """
@@ -88,7 +88,7 @@ class QpskEmitter(NamedEmitter):
 
     @property
     def symbol_rate_hz(self) -> float:
-        """Symbols a second."""
+        """Symbols per second."""
         return self.bandwidth_hz if self.pulse == "rectangular" else self.bandwidth_hz / (1 + self.rolloff)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -132,7 +132,7 @@ class QpskEmitter(NamedEmitter):
     def _held(
         count: int, rate: float, offset: float, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols at ``rate`` a sample, and which of them each of ``count`` samples holds."""
+        """Symbols, ``rate`` per sample, and which of them each of ``count`` samples holds."""
         # times are not negative: the conversion is the floor
         index = (_ramp(count, rate) + offset).astype(np.intp)
         return _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index

@@ -77,7 +77,7 @@ class Grid:
     phase : (L, K) complex64
         The factor that did so, of modulus 1.
     channel : (K,) complex64
-        To within a quarter turn per subcarrier.
+        Known up to a quarter turn per subcarrier.
     used : (K,) bool
         Subcarriers worth demodulating.
     angles : (L,) float
@@ -105,12 +105,12 @@ def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of: object) -> Grid:
-    """Symbols, long prefix and phases of a frame whose carrier is taken out.
+    """Symbols, long prefix and phases of a frame whose carrier offset is removed.
 
-    ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power takes the data out of QPSK
-    and QAM; symbols are alike in what is left when, and only when, they are taken at the right times. All places of
-    the long prefix are tried: the one is kept where the symbols agree best, by the largest eigenvalue of their Gram
-    matrix, whose vector is the symbols' phases.
+    ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power removes the data from QPSK
+    and QAM. What is left is alike in all symbols only if they are taken at the right times. All places of the long
+    prefix are tried, and the one where the symbols agree best is kept, by the largest eigenvalue of their Gram matrix;
+    its eigenvector holds the symbols' phases.
     """
     middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
         -1, frame.size // numerology.useful + 1
@@ -168,9 +168,9 @@ def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of:
 def course(agreement: np.ndarray) -> np.ndarray:
     """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
 
-    A carrier turns them evenly, and the common course is better known than any one symbol: its own angle is the
-    data's noise, or an eighth of a turn off where its points stand on the axes (the primary synchronisation signal).
-    Where most are out of step (the turns of TS 38.211 clause 5.4) each has its own.
+    A carrier offset turns them evenly, and this common course is known better than the angle of one symbol. That angle
+    has the data's noise, or is an eighth of a turn off where the points stand on the axes (the primary synchronisation
+    signal). Where most symbols are out of step (the turns of TS 38.211 clause 5.4) each keeps its own angle.
     """
     spectrum = np.fft.fft(agreement, _COURSES)
     best = int(np.abs(spectrum).argmax())
@@ -180,7 +180,7 @@ def course(agreement: np.ndarray) -> np.ndarray:
 
 
 def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
-    """Carrier in subcarriers that makes symbols turn as they do.
+    """Carrier offset, in subcarriers, from the turning of the symbols.
 
     A straight line through (L,) angles, modulo a quarter turn, weighted by (L,) ``weight``.
     """

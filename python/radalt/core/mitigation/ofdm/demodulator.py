@@ -29,7 +29,7 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 @dataclass
 class Received:
-    """What was made of the symbols of a frame.
+    """A frame's symbols, demodulated.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Received:
     points : (L, K) complex64
         Decided points.
     few : (L, K) bool
-        Of an alphabet of few points.
+        Elements whose alphabet has few points.
     error : (L, K) float32
         Squared distance from the model.
     dense : int
@@ -49,7 +49,7 @@ class Received:
     angles : (L,) float
         As in `Grid`, finer.
     weight : (L,) float
-        What each of them is worth; 0 for a symbol that fits no alphabet.
+        Weight of each symbol's angle; 0 for a symbol that fits no alphabet.
     late : float
         Samples by which the symbols came late.
     """
@@ -108,7 +108,7 @@ def constellation(values: np.ndarray, clear: np.ndarray) -> int:
 def gain(values: np.ndarray, dense: int) -> np.float32:
     """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best.
 
-    Received power goes with what is sent, so a channel of an earlier frame fits to within this.
+    The received power varies with what is sent, so the channel of an earlier frame is right only up to this factor.
     """
     level = power(values)
 
@@ -206,7 +206,7 @@ def demodulate(
 def _best_order(
     agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, energy: float, elements: int
 ) -> np.ndarray:
-    """Coefficients of the order that leaves least per degree of freedom: the next is tried while it helps."""
+    """Coefficients of the order with the least error per degree of freedom; orders rise while that helps."""
     best, least = None, np.inf
     for order in range(_ORDERS):
         right, left = sums(agreement, weight, times, order)
@@ -226,7 +226,7 @@ def _best_order(
 def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) -> np.ndarray:
     """Numbers of the symbols that fit their alphabets better turned by an eighth.
 
-    The fourth power takes one mostly of points on the axes (the primary synchronisation signal) for one turned so.
+    To the fourth power a symbol with most points on the axes (the primary synchronisation signal) looks turned so.
     ``off`` (L,) is the mean error of each as it stands, in cells.
     """
     doubtful = np.flatnonzero(off > _DOUBTFUL)

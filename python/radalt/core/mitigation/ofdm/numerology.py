@@ -61,8 +61,8 @@ class Numerology:
         """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,)
         int.
 
-        A transform starts in the middle of the prefix, where neither an early nor a late echo brings the next symbol
-        in; at the frame's ends up to a third of the prefix off.
+        A transform starts in the middle of the prefix, where neither an early nor a late echo brings in another symbol.
+        At the frame's ends it may be up to a third of the prefix off.
         """
         slack = int(self.prefix / 3)
         starts = np.rint(times).astype(int)

@@ -1,4 +1,4 @@
-"""Elements that hold the return as well: where they are, and what of them is return."""
+"""Elements that hold the return as well: where they are, and which part of them is the return."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ def expected_return(
 ) -> tuple[np.ndarray, float] | None:
     """Mean of the return, given what was received, in the elements of ``ridge`` (L, K): (elements,) complex64.
 
-    Where the return is wider than half a cell of the lattice, the nearest point is any point, and what is left of an
-    element is the return folded into a cell. Its modulus is known to be alike in all elements, so points at that
-    distance from what was received are the likely ones: the mean over them is taken, with the modulus that makes all
-    that was received most likely. With it comes that SIR in dB; ``near_db``, that of the frame before, spares the
-    search. None where the nearest points will do.
+    Where the return is larger than half a cell of the lattice, the nearest point may be any point, and subtracting it
+    leaves the return folded into a cell. The return's modulus is the same in all elements, so points at that distance
+    from what was received are the likely ones. The mean over them is taken, with the modulus that makes all received
+    elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
+    saves the search. None where the nearest points suffice.
     """
     dense = received.dense
     cell = np.where(received.few, np.float32(0.06), CELL[dense])
