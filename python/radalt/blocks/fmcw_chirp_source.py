@@ -17,7 +17,7 @@ class fmcw_chirp_source(gr.sync_block):
     """Triangular FMCW sweep, unit amplitude, its beat shifted to a synthetic altitude.
 
     ``s(u) = exp(j 2 pi (phi(u) -+ k tau u))``: up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``, with
-    ``tau = 2 R / c``; the phase is continuous at the seams and the altitude changes on sweep boundaries only.
+    ``tau = 2 R / c``. The phase is continuous at the seams, and the altitude changes on sweep boundaries only.
 
     Category: [RadAlt]/Sources. Ports: ``out: complex``.
 

@@ -15,8 +15,8 @@ __all__ = ["range_profile"]
 class range_profile(gr.basic_block):
     """Power over altitude, and the power from which the altimeter declares a detection; see `RangeProfile`.
 
-    ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10((r_up + r_down) / r_T)`` with ``r``
-    the power over noise and ``r_T`` the value that both half sweeps need for a detection if they are alike.
+    ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10(r / r_T)``. ``r`` is the power over
+    noise of two half sweeps that are alike and have the joint significance found; ``r_T`` is what a detection needs.
 
     Category: [RadAlt]/Displays. Ports: ``frames: complex vector of N > profile: float vector of points``,
     ``threshold: float vector of points`` (both in dB over a return of unit amplitude).

@@ -16,7 +16,7 @@ def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.nd
     """Run x(n+31) = sum x(n+tap) mod 2 from `state` (rows, 31) to (rows, length), in O(log length) steps.
 
     Squaring a polynomial over GF(2) doubles its exponents (Frobenius), so the sequence also obeys
-    x(n + 31 q) = sum x(n + tap q) for q = 1, 2, 4, ...: the longer the known part, the longer the next block.
+    x(n + 31 q) = sum x(n + tap q) for q = 1, 2, 4 and so on. The longer the known part, the longer the next block.
     """
     known = state
     longest_reach = GOLD_DEGREE - max(taps)

@@ -1,8 +1,8 @@
 """Placement of an emitter's waveform in the frame, at exact overlap and window SIR.
 
-An *emitter* makes a waveform of about unit mean power; *placement* gates it to a fraction ``rho`` of the frame
-and scales it so that the power averaged over the whole window meets the SIR exactly. The two are separate so that
-every emitter, new ones too, obeys the same definition of SIR and overlap.
+An *emitter* makes a waveform of about unit mean power. *Placement* gates it to a fraction ``rho`` of the frame and
+scales it so that the power averaged over the whole window meets the SIR exactly. The two are separate so that every
+emitter, new ones too, obeys the same definition of SIR and overlap.
 """
 
 from __future__ import annotations

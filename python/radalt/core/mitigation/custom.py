@@ -24,9 +24,9 @@ _CONTRACT = "it needs a function mitigate(frames, waveform) or one subclass of M
 class Custom(Mitigation):
     """The method of a Python file, checked on one frame when it is loaded.
 
-    The file holds either a function ``mitigate(frames, waveform)``, which gets ``(n, N)`` complex64 frames aligned
-    with the sweep and the `Waveform` and returns cleaned frames of the same shape, or one subclass of `Mitigation`,
-    which may keep state from frame to frame. The file is executed: use it as you would any program.
+    The file holds either a function ``mitigate(frames, waveform)`` or one subclass of `Mitigation`. The function gets
+    ``(n, N)`` complex64 frames aligned with the sweep and the `Waveform`, and returns cleaned frames of the same shape.
+    The subclass may keep state from frame to frame. The file is executed: use it as you would any program.
 
     Parameters
     ----------

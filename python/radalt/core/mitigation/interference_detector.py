@@ -2,9 +2,10 @@
 
 Dechirped, a return is one tone in each half sweep; noise and every interferer that does not sweep along are spread over
 all cells. The statistic is the power that is not in the tone over the power that is,
-``r = (E_total - E_tone) / E_tone`` over both half sweeps, with ``E_tone`` each one's peak cell and 24 on either side.
-Without interference ``r = 1 / SNR``; interference at window SIR ``s`` adds ``1 / s``. A dechirped frame has some 36 dB
-of compression, so what stays below the threshold cannot reach the altitude; what is above it goes to the network.
+``r = (E_total - E_tone) / E_tone`` over both half sweeps. ``E_tone`` is the power of each one's peak cell and 24 cells
+on either side. Without interference ``r = 1 / SNR``; interference at window SIR ``s`` adds ``1 / s``. A dechirped frame
+has some 36 dB of compression, so interference below the threshold cannot affect the altitude. A frame above the
+threshold goes to the network.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ class InterferenceDetector:
     waveform : Waveform
     threshold_db : float
         Residual over return, -15..10 dB, from which a frame counts as interfered. Frames whose SNR is below
-        ``-threshold_db`` always do. Default -8 dB: at an SNR of 10 dB a frame with interference at a window SIR of
-        10 dB or below is missed in less than one of 10^3 (measured for QPSK, tones, NR and radar pulses down to an
-        overlap of 0.05, ``tests/test_detector.py``), and less than one clean frame in 10^3 is taken for interfered.
+        ``-threshold_db`` always do. With the default of -8 dB and an SNR of 10 dB, less than one in 10^3 frames with
+        interference at a window SIR of 10 dB or below is missed. Less than one clean frame in 10^3 is taken for
+        interfered. That was measured for QPSK, tones, NR and radar pulses down to an overlap of 0.05
+        (``tests/test_detector.py``).
 
     Notes
     -----

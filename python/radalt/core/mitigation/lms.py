@@ -1,8 +1,8 @@
 """Block LMS as the paper sets it, both wirings, and normalised LMS beside it.
 
-Block LMS is explicit Euler on a stiff gradient flow: it is stable only for about ``mu L block P < 2`` with ``P`` the
-input power, so in the paper's setting it diverges for an input power above about 6. That is reported as
-divergence, not repaired; `Nlms` is the repaired method.
+Block LMS is explicit Euler on a stiff gradient flow. It is stable only for about ``mu L block P < 2`` with ``P`` the
+input power, so in the paper's setting it diverges for an input power above about 6. That is reported as divergence, not
+repaired; `Nlms` is the repaired method.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class BlockLmsReferenceInput(BlockLms):
     """`BlockLms` in its other wiring: 96 taps for delays up to 1900 m, a fresh start with every frame.
 
     It declares 3 to 9 % of frames of noise, and 2 to 5 % of those of interference alone (allowed speeds 150 to 0 m/s;
-    ``detection.py --methods lms_reference_input --frames 0 --null-frames 40 --noise-frames 1000 --seed 909``): the
+    ``detection.py --methods lms_reference_input --frames 0 --null-frames 40 --noise-frames 1000 --seed 909``). The
     weights keep a remnant of either, which gives both half sweeps the same delay. `Nlms` checks it against the received
     frame; this class keeps the paper's setting.
     """

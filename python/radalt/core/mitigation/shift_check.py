@@ -31,10 +31,10 @@ class ShiftCheck:
 
     Notes
     -----
-    Altitudes are looked for over the altimeter's default span (1500 m, or the sweep's limit where that is lower), with
-    half sweeps that agree to a cell and with those that differ by a Doppler of 150 m/s. They have to agree within a
-    quarter of a resolution cell (5 m). A frame without a declared altitude passes. What a network makes of noise alone
-    may move with the noise: such false alarms stay.
+    Altitudes are searched over the altimeter's default span (1500 m, or the sweep's limit where that is lower). The
+    search is made twice: for half sweeps that agree to a cell, and for those that differ by a Doppler of up to 150 m/s.
+    The altitudes have to agree within a quarter of a resolution cell (5 m). A frame without a declared altitude passes.
+    What a network makes of noise alone may move with the noise: such false alarms stay.
 
     Costs a second run of the network in frames that show interference, a transform, and two calls of an altimeter.
     """

@@ -92,7 +92,7 @@ class Tcae(Mitigation):
     Notes
     -----
     A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
-    ``flat_frames``: networks read interference from the modulus, and would take the whole frame for interference.
+    ``flat_frames``. Networks read interference from the modulus, and would take the whole frame for interference.
 
     Raises
     ------

@@ -7,8 +7,9 @@ moves the middle of the beat band to zero, so mixing costs one complex multiplic
 A half sweep begins with the return still on the other slope, for as long as its delay. Every cell leaves that part out,
 for exactly the delay that the cell stands for (`Altimeter._head_table`).
 
-Forced and declared decisions share one joint statistic: the sum over both half sweeps of ``-log`` of the probability
-that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`, `PairSearch`).
+Forced and declared decisions share one joint statistic. It is the sum over both half sweeps of ``-log P``, with ``P``
+the probability that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`,
+`PairSearch`).
 
 Both half sweeps are turned so that an altitude shows as a *positive* beat: cells of the up sweep lie at
 ``k tau + f_D``, cells of the down sweep at ``k tau - f_D``.
@@ -273,8 +274,9 @@ class Altimeter:
     def _lobe_limits(self, window: np.ndarray, step: float) -> tuple[float, np.ndarray]:
         """Power half a resolution cell away that no peak shows; greatest side lobe by distance in cells, 6 dB to spare.
 
-        Both from the window's own transform: the flank ratio of a peak 0.35 resolution cells away, the side lobes as a
-        falling envelope from a quarter of one inside (a peak may lie between cells); the flank sees to the main lobe.
+        Both come from the window's own transform. The flank ratio is that of a peak 0.35 resolution cells away. The
+        side lobes are a falling envelope, begun a quarter of a resolution cell farther in, since a peak may lie between
+        cells. The flank ratio covers the main lobe.
         """
         size = self.beat_hz.size
         fine, per = 8, round(self._per_resolution)  # points a cell, cells a resolution cell
@@ -373,7 +375,7 @@ class Altimeter:
         -------
         (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
         ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond the
-        main lobe in at least one half sweep: in white noise a rival is ``10^(ambiguity_db/10)`` times less likely.
+        main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less likely.
 
         Raises
         ------
@@ -430,9 +432,9 @@ class Altimeter:
         """(n,) bool: what is found in cleaned frames stands out in the received frames too, or nothing is found.
 
         In both half sweeps the received spectrum has to exceed twice its own noise there, and to be within 9 dB of its
-        own strongest cell: more than a first side lobe, less than the loss by interference. A peak beyond the span of
-        altitudes is not confirmed, and neither is one that is no return (`Reason`): an altimeter with another span or
-        other cells would find something else.
+        own strongest cell. That is more than a first side lobe and less than the loss by interference. A peak beyond
+        the span of altitudes is not confirmed, and neither is one that is no return (`Reason`): an altimeter with
+        another span or other cells would find something else.
 
         With a ``pfa`` below 1 the probability that noise alone shows both received cells as strong must not exceed it,
         and whatever an altimeter of any allowed speed could declare counts as found. The altimeter's own threshold
@@ -487,8 +489,8 @@ class Altimeter:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
         They are moved together where one alone is no peak, weighted by their signal over noise. Two peaks are each
-        measured where they are, even if they lie farther apart than the allowed speeds permit: their mean is the
-        altitude at any speed, while a weighted sum would follow the clearer one and be wrong by the unexpected speed.
+        measured where they are, even if they lie farther apart than the allowed speeds permit. Their mean is the
+        altitude at any speed; a weighted sum would follow the clearer one and be wrong by the unexpected speed.
         """
         pair, around = found.pair, found.around
         own = self._offsets(around)

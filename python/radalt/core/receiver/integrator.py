@@ -1,7 +1,7 @@
 """Non-coherent integration: frames' beat spectra in, one joint spectrum of altitude and vertical speed per block out.
 
 Each half sweep's power is divided by its noise level and compressed to ``log(1 + x)`` before it is summed. In
-exponential noise that costs 0.3 dB of sensitivity against the plain sum; in return no single frame decides a block,
+exponential noise that costs 0.3 dB of sensitivity against the plain sum. In return no single frame decides a block,
 however strong its peak: what a method invents in one frame of forty is outvoted.
 """
 

@@ -1,9 +1,9 @@
 """Altitude tracker: beat spectra in, 25 altitudes per second out, each with a status and a bound of its error.
 
-Its parts, in the order of processing: the *integrator* sums frames to a block (`integrator.py`); the *initiator* takes
-the best return of the whole span; the *gate* says which returns a track may be continued by; the *Kalman filter* moves
-altitude and vertical speed; *evidence* remembers how well every rival altitude is ruled out; the *deleter* ends a
-track. A track's life: search, confirm, track, coast, lost.
+These are its parts, in the order of processing. The *integrator* sums frames to a block (`integrator.py`). The
+*initiator* takes the best return of the whole span. The *gate* says which returns may continue a track. The *Kalman
+filter* updates altitude and vertical speed. *Evidence* remembers how well every rival altitude is ruled out. The
+*deleter* ends a track. A track's life: search, confirm, track, coast, lost.
 
 A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So a block without a measurement
 gives no altitude, and neither does one with a rival that could as well be the ground.
@@ -208,9 +208,10 @@ class AltitudeTracker:
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
 
-    It does not bound what cannot be told from the ground: a false return on the ground's own cells, one that was there
-    before the ground was first seen and hides it, or another radar of the same sweep that drifts as slowly as an
-    aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of a block shows in the next.
+    It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
+    own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
+    that drifts as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of
+    a block shows in the next.
 
     Examples
     --------

@@ -36,10 +36,10 @@ def by_hand(scene: Scene) -> Scene:
 class RangeProfile:
     """Beat spectrum and CFAR threshold of frames in decibels, over altitude.
 
-    The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. With the two ratios to
-    the noise ``r_up`` and ``r_down`` and the altimeter's joint threshold ``T``, the threshold drawn is
-    ``profile - 10 log10((r_up + r_down) / T)``: at every cell the profile exceeds it exactly where the altimeter's sum
-    of ratios exceeds ``T`` (a target without Doppler).
+    The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. The threshold drawn is
+    ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise of two half sweeps that are alike and have the joint
+    significance found; ``r_T`` is the same for the altimeter's joint threshold. So the profile exceeds the threshold
+    exactly where the joint significance exceeds the altimeter's threshold (a target without Doppler).
 
     Parameters
     ----------

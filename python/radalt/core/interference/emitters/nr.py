@@ -1,7 +1,7 @@
 """5G NR downlink as an interferer: OFDM (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
 
-The carrier is built at 7.68 or 15.36 MHz (or a multiple, where its offset demands it), moved to its offset,
-filtered like a receiver would, resampled by polyphase filters and cached; windows are cut from the cache.
+The carrier is built at 7.68 or 15.36 MHz (or a multiple, where its offset demands it), and moved to its offset. It is
+then filtered as in a receiver, resampled by polyphase filters and cached. Windows are cut from the cache.
 """
 
 from __future__ import annotations
