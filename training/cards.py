@@ -135,7 +135,7 @@ def card(stem: str, models: Path, rows: list[dict[str, Any]]) -> str:
 
 - file `{path.name}`, {len(content):,} bytes, SHA-256 `{hashlib.sha256(content).hexdigest()}`
 - {int(info["radalt_parameters"]):,} trainable parameters, {info.get("radalt_precision", "float32")} weights
-- {milliseconds(path):.2f} ms a frame on one thread (x86-64 with AVX-512, ONNX Runtime {onnxruntime.__version__})
+- {milliseconds(path):.2f} ms per frame on one thread (x86-64 with AVX-512, ONNX Runtime {onnxruntime.__version__})
 - contract: `{info["radalt_layout"]}`, {info["radalt_frame_samples"]} samples, {info["radalt_rate_hz"]} S/s, centred
   sweep, normalisation `{info["radalt_normalisation"]}`
 
