@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import binom
 
 from ...core.mitigation import Mitigation, MitigationError
+from ...core.mitigation.tcae import default_model_path
 from ...core.receiver.altimeter import Altimeter, Reason
 from ...core.returns.point import point_return
 from ..results.chain import Chain, altimeter_of
@@ -49,9 +50,8 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
     try:
         method = chain.build(case.waveform)
     except MitigationError as error:  # a contract that refuses the waveform, in one line, is a right answer
-        note = str(error)
-        if chain.model:
-            note = note.replace(str(chain.model), chain.model.name)
+        model = chain.model or default_model_path()  # where it lies says nothing about the case
+        note = str(error).replace(str(model), model.name)
         return row | _empty(f"refused: {note}") | {"verdict": "refused"}
     row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", chain.precision)
     altimeter = altimeter_of(case.waveform, case.settings)
