@@ -336,7 +336,8 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     _, error = process.communicate(timeout=60)
     if "Traceback" in error:  # before the first line of ours, Python itself was being imported
         assert "flowgraphs" not in error or "import _startup" in error
-    else:
+    elif not (after_s < 0.1 and process.returncode == 1 and "flowgraphs" not in error):
+        # 1 comes from Python's own start: a module of `site` was being imported, and it says so in its words
         assert process.returncode in (0, 130, -signal.SIGINT)
 
 
