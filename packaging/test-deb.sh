@@ -39,13 +39,13 @@ files() { # everything of the module, wherever it lies
     (cd "$bare" && find usr etc var/lib/gr-radalt \( -path '*radalt*' -o -path '*gr-radalt*' \) 2>/dev/null || true)
 }
 
-cp "$DEB" "$bare/tmp/gr-radalt.deb"
+cp "$DEB" "$bare/srv/gr-radalt.deb"
 apt update
-apt install --reinstall --no-install-recommends /tmp/gr-radalt.deb bash-completion man-db
+apt install --reinstall --no-install-recommends /srv/gr-radalt.deb bash-completion man-db
 inside radalt --version
-inside sh -c 'cd /tmp && radalt eval --sim --overlap 0.5 --altitudes 100 --frames 5 --methods none,whitening,tcae --out /tmp/run'
-test -s "$bare/tmp/run/report.md"
-inside sh -c 'cd /tmp && grcc -o /tmp /usr/share/gr-radalt/flowgraphs/ota_sim.grc && test -s /tmp/ota_sim.py'
+inside sh -c 'cd /srv && radalt eval --sim --overlap 0.5 --altitudes 100 --frames 5 --methods none,whitening,tcae --out /srv/run'
+test -s "$bare/srv/run/report.md"
+inside sh -c 'cd /srv && grcc -o /srv /usr/share/gr-radalt/flowgraphs/ota_sim.grc && test -s /srv/ota_sim.py'
 inside bash -c '. /usr/share/bash-completion/bash_completion; . /usr/share/bash-completion/completions/radalt
     COMP_WORDS=(radalt eval --sce) COMP_CWORD=2; _radalt; test "${COMPREPLY[*]}" = --scene
     COMP_WORDS=(radalt eval --scene nr1) COMP_CWORD=3; _radalt; test "${COMPREPLY[*]}" = nr10'

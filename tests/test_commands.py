@@ -204,6 +204,7 @@ def test_modules_that_are_run_are_there(line):
 
 def test_a_shell_runs_the_first_line_of_the_readme(desk):
     line = next(line for line in PRINTED if "README.md" in PRINTED[line] and "ota_eval" in line)
+    # the printed line names .venv; `make test` makes it, ctest with the system's Python does not
     if not (ROOT / ".venv").exists():
         pytest.skip("no .venv here: the module is tested where `make setup` was not run")
     done = subprocess.run(
@@ -219,6 +220,7 @@ def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "argv", [str(program), "--help"])
     monkeypatch.syspath_prepend(str(ROOT / "flowgraphs"))
     module = importlib.import_module(program.stem)
+    # own_method.py is given to --method-file; without a main it has no --help that could act
     if not hasattr(module, "main"):
         pytest.skip("an example that programs read, no program")
     for name in ("write_text", "write_bytes", "mkdir", "open"):

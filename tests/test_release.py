@@ -24,6 +24,7 @@ def test_a_tag_on_this_commit_is_the_version(root):
         ["git", "tag", "--points-at", "HEAD"], cwd=root, capture_output=True, text=True, check=False
     ).stdout.split()
     tags = [tag for tag in tags if re.fullmatch(r"v\d+\.\d+\.\d+", tag)]
+    # only a release is tagged; that all files state one version is the test above, on every commit
     if not tags:
         pytest.skip("this commit is no release: no tag vX.Y.Z is on it")
     assert tags == [f"v{__version__}"]

@@ -45,7 +45,7 @@ class CancellationStudy(Study):
     methods: tuple[str, ...] = METHODS
     cases: tuple[str, ...] = tuple(CASES)
     frames: int = 60
-    seed: int = 61_803
+    seed: int = 271_828
 
     tables: ClassVar[Mapping[str, Columns]] = {
         "rows": Columns(
