@@ -36,7 +36,7 @@ def test_tdl_tables_have_the_delay_spread_they_are_scaled_to(name):
     assert rms_delay_s(channel) == pytest.approx(300e-9, rel=0.01)
 
 
-@pytest.mark.parametrize(("name", "rms_s"), [("EPA", 43e-9), ("EVA", 357e-9), ("ETU", 991e-9)])
+@pytest.mark.parametrize(("name", "rms_s"), [("EPA", 43e-9), ("EVA", 357e-9), ("ETU", 991e-9), ("PA", 46e-9)])
 def test_lte_profiles_have_their_published_delay_spread(name, rms_s):
     assert rms_delay_s(FadingChannel(profile=name)) == pytest.approx(rms_s, rel=0.01)
 

@@ -201,6 +201,38 @@ def test_constellations(name, bits, energy):
     assert np.unique(np.round(sent, 9)).size == points.size
 
 
+@pytest.mark.parametrize("bandwidth_hz", [5e6, 10e6])
+def test_mixed_users_have_an_alphabet_each(bandwidth_hz):
+    config = nr.NrConfig(channel_bandwidth_hz=bandwidth_hz, modulation="mixed")
+    grid = nr.resource_grid(config, np.random.default_rng(1))
+    group = 12 * {5e6: 2, 10e6: 4}[bandwidth_hz]
+    seen = []
+    for first in range(0, config.subcarriers, group):
+        for slot in range(10):
+            part = slice(first, first + group), slice(14 * slot, 14 * slot + 14)
+            sent = np.round(grid.values[part][grid.elements[part] == Element.PDSCH], 9)
+            if sent.size < 200:
+                continue
+            sizes = [
+                size
+                for name, size in (("qpsk", 4), ("16qam", 16), ("64qam", 64), ("256qam", 256))
+                if np.isin(sent, np.round(nr_sequences.constellation(name), 9)).all()
+            ]
+            assert len(sizes) == 1
+            seen.append(sizes[0])
+    assert set(seen) == {4, 16, 64, 256}
+
+
+def test_users_powers_differ_by_the_spread():
+    config = nr.NrConfig(channel_bandwidth_hz=10e6, modulation="qpsk", power_spread_db=10.0, ssb_indices=())
+    grid = nr.resource_grid(config, np.random.default_rng(2))
+    users = np.where(grid.elements == Element.PDSCH, np.abs(grid.values) ** 2, np.nan)
+    users = 10 * np.log10(np.nanmax(users.reshape(13, 48, 10, 14), axis=(1, 3)))
+    assert -10 <= users.min() < -8 and -2 < users.max() <= 1e-9
+    pilots = grid.values[grid.elements == Element.PDSCH_DMRS]
+    assert np.abs(pilots).min() == pytest.approx(10 ** ((users.min() + 3) / 20), rel=1e-6)
+
+
 def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None)):
     """Correlate with every subcarrier over one symbol length, timing in units of T_c (clauses 4.1, 5.3.1)."""
     kappa_tc = 64 / (480e3 * 4096)
@@ -355,6 +387,7 @@ def test_received_fraction_counts_what_the_filter_leaves():
         ("cell_id", -1),
         ("cell_id", 1.5),
         ("modulation", "8psk"),
+        ("power_spread_db", 31.0),
         ("load", 1.01),
         ("pdcch_load", -0.1),
         ("coreset_symbols", 4),

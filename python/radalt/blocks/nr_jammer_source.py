@@ -28,7 +28,7 @@ class nr_jammer_source(JammerSource):
     cell_id : int
         Physical cell identity, 0..1007.
     modulation : str
-        ``"qpsk"``, ``"16qam"``, ``"64qam"`` or ``"256qam"`` of the data.
+        ``"qpsk"``, ``"16qam"``, ``"64qam"``, ``"256qam"`` or ``"mixed"`` (per user) of the data.
     load : float
         Fraction of resource blocks with data, 0..1.
     overlap, sir_db, start, free_running, frames

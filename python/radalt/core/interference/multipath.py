@@ -1,8 +1,9 @@
 """Multipath: tapped-delay-line channels by name, for interference and for the radar's return.
 
-Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread) and EPA, EVA,
-ETU of 3GPP TS 36.104 Annex B.2 (delays fixed). Delays are applied in the frequency domain, so they need not
-be whole samples. Mean channel power is 1 over the ensemble of draws.
+Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread); EPA, EVA, ETU
+of 3GPP TS 36.104 Annex B.2, PA (Pedestrian A) of ITU-R M.1225 Table 3 and RA4 (rural area, four paths, here all of
+them Rayleigh) of 3GPP TS 45.005 Annex C.3.1, whose delays are fixed. Delays are applied in the frequency domain, so
+they need not be whole samples. Mean channel power is 1 over the ensemble of draws.
 """
 
 from __future__ import annotations
@@ -87,6 +88,8 @@ PROFILES = MappingProxyType(
         "ETU": _lte(
             (0, 50, 120, 200, 230, 500, 1600, 2300, 5000), (-1.0, -1.0, -1.0, 0.0, 0.0, 0.0, -3.0, -5.0, -7.0)
         ),
+        "PA": _lte((0, 110, 190, 410), (0.0, -9.7, -19.2, -22.8)),
+        "RA4": _lte((0, 200, 400, 600), (0.0, -2.0, -10.0, -20.0)),
     }
 )
 
@@ -120,9 +123,9 @@ class FadingChannel:
 
     Parameters
     ----------
-    profile : 'TDL-A' .. 'TDL-E', 'EPA', 'EVA' or 'ETU'
+    profile : 'TDL-A' .. 'TDL-E', 'EPA', 'EVA', 'ETU', 'PA' or 'RA4'
     delay_spread_s : RMS delay spread that scales TDL profiles, 0..1e-5 (TR 38.901 Table 7.7.3-1: 10 ns very
-        short, 30 short, 100 nominal, 300 long, 1000 very long); not used by EPA, EVA, ETU
+        short, 30 short, 100 nominal, 300 long, 1000 very long); not used by the others
     doppler_hz : maximum Doppler f_D >= 0; 0 keeps a channel fixed within a frame
 
     Raises

@@ -18,6 +18,9 @@ from . import nr_sequences as seq
 SUBCARRIER_SPACING_HZ = 15e3
 RESOURCE_BLOCKS = {5e6: 25, 10e6: 52}  # TS 38.101-1 Table 5.3.2-1, 15 kHz
 FFT_LENGTHS = {5e6: 512, 10e6: 1024}  # 7.68 and 15.36 MHz
+GROUP_BLOCKS = {5e6: 2, 10e6: 4}  # resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1
+MIXED = "mixed"
+MODULATIONS = (*seq.BITS_PER_SYMBOL, MIXED)
 SYMBOLS_PER_SLOT = 14
 SLOTS_PER_FRAME = 10
 SSB_SUBCARRIERS = 240
@@ -51,7 +54,10 @@ class NrConfig:
     channel_bandwidth_hz : 5e6 (25 resource blocks) or 10e6 (52)
     subcarrier_spacing_hz : only 15e3
     cell_id : physical cell identity, 0..1007
-    modulation : PDSCH alphabet, 'qpsk', '16qam', '64qam' or '256qam'
+    modulation : PDSCH alphabet, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed': users of their own alphabets, one per
+        resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) and slot
+    power_spread_db : users' powers are drawn evenly between this many dB below the strongest and 0, 0..30; a user is a
+        resource block group in a slot
     load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
         random place (type 1, not interleaved)
     pdcch_load : fraction of the CORESET's control channel elements in use, 0..1
@@ -76,6 +82,7 @@ class NrConfig:
     subcarrier_spacing_hz: float = SUBCARRIER_SPACING_HZ
     cell_id: int = 0
     modulation: str = "64qam"
+    power_spread_db: float = 0.0
     load: float = 1.0
     pdcch_load: float = 0.5
     coreset_symbols: int = 2
@@ -100,7 +107,12 @@ class NrConfig:
                 f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported; choose 5e6 or 10e6"
             )
         seq.check_cell_id(self.cell_id)
-        seq.constellation(self.modulation)
+        if self.modulation not in MODULATIONS:
+            raise ValueError(
+                f"modulation {self.modulation!r} is unknown; choose one of {', '.join(MODULATIONS)}"
+            )
+        if not 0.0 <= self.power_spread_db <= 30.0:
+            raise ValueError(f"power_spread_db {self.power_spread_db:g} is outside 0..30; give dB below 30")
         for name in ("load", "pdcch_load"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(
@@ -312,8 +324,32 @@ def _place_pdsch(
             rows = allotted & even
             grid.values[rows, columns.start + symbol] = pilots[slot, number][rows[even]]
             grid.elements[rows, columns.start + symbol] = Element.PDSCH_DMRS
-        grid.values[:, columns][data] = _random_symbols(config.modulation, int(data.sum()), rng)
+        grid.values[:, columns][data] = _payload(config, data, rng)
         grid.elements[:, columns][data] = Element.PDSCH
+        if config.power_spread_db:
+            own = _of_groups(config, rng.uniform(-config.power_spread_db, 0.0, _groups(config)))
+            sent = np.isin(grid.elements[:, columns], (Element.PDSCH, Element.PDSCH_DMRS))
+            grid.values[:, columns] *= np.where(sent, 10.0 ** (own[:, None] / 20.0), 1.0)
+
+
+def _groups(config: NrConfig) -> int:
+    """Resource block groups of the carrier, the last one perhaps smaller."""
+    return -(-config.resource_blocks // GROUP_BLOCKS[config.channel_bandwidth_hz])
+
+
+def _of_groups(config: NrConfig, values: np.ndarray) -> np.ndarray:
+    """(subcarriers,) each group's value."""
+    return np.repeat(values, 12 * GROUP_BLOCKS[config.channel_bandwidth_hz])[: config.subcarriers]
+
+
+def _payload(config: NrConfig, data: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Points of the elements in which ``data`` (subcarriers, symbols of a slot) is True, of their users' alphabets."""
+    if config.modulation != MIXED:
+        return _random_symbols(config.modulation, int(data.sum()), rng)
+    names = list(seq.BITS_PER_SYMBOL)
+    user = _of_groups(config, rng.integers(0, len(names), _groups(config)))
+    drawn = np.stack([_random_symbols(name, int(data.sum()), rng) for name in names])
+    return np.take_along_axis(drawn, user[np.nonzero(data)[0]][None], axis=0)[0]
 
 
 def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
