@@ -12,7 +12,7 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
 from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain
-from .ofdm.lattice import CELL, power
+from .ofdm.lattice import power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 
@@ -47,16 +47,10 @@ class _Lock:
     carrier: float
     channel: np.ndarray
     used: np.ndarray
-    dense: int
     level: float = 1.0
+    misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
-
-
-def _misread(received: Received, trusted: np.ndarray) -> np.ndarray:
-    """(L,) mean error of each symbol's ``trusted`` elements in cells, each at most 1; 0 for a symbol of silence."""
-    cells = power(received.channel) * (trusted * CELL[received.dense])
-    return np.minimum(received.error * trusted, cells).sum(axis=1) / np.maximum(cells.sum(axis=1), 1e-30)
 
 
 class OfdmCancel(Mitigation):
@@ -176,8 +170,8 @@ class OfdmCancel(Mitigation):
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
         clear = ridge.clear(grid.starts, carrier)
-        received = demodulate(grid, clear, numerology, None, FIRST)
-        lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used, received.dense)
+        received = demodulate(grid, clear, numerology, FIRST)
+        lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
 
     def _follow(self, frame: np.ndarray) -> np.ndarray | None:
@@ -203,10 +197,11 @@ class OfdmCancel(Mitigation):
         symbols *= own
         asked = np.flatnonzero(clear & lock.used)[::_ASKED]
         values = symbols.ravel()[asked] / lock.channel[asked % lock.channel.size]
-        channel = lock.channel / gain(values, lock.dense)
+        factor, lock.misfit = gain(values, lock.misfit)
+        channel = lock.channel / factor
         grid = Grid(starts, lock.first_long, symbols, ramp * own, channel, lock.used, angle / 4)
-        received = demodulate(grid, clear, numerology, lock.dense, AGAIN)
-        misread = _misread(received, clear & lock.used)
+        received = demodulate(grid, clear, numerology, AGAIN)
+        misread = received.misread
         usual = np.median(misread)
         if (
             usual > min(_READABLE, 3 * lock.usual + 0.03)
@@ -221,7 +216,7 @@ class OfdmCancel(Mitigation):
             times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
             held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
             late = (starts - times[held]).astype(np.float32)
-            self._phases = lock.first_long, starts, np.exp(-1j * late[:, None] * lock.numerology.turn)
+            self._phases = lock.first_long, starts, unit(-late[:, None] * lock.numerology.turn)
         return self._phases[1:]
 
     @staticmethod
@@ -232,7 +227,7 @@ class OfdmCancel(Mitigation):
         if abs(carrier) < _STRAIGHT:
             return None, frame
         cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
-        turn = np.exp(2j * np.pi * cycles.astype(np.float32))
+        turn = unit(np.float32(2 * np.pi) * cycles.astype(np.float32))
         return turn, frame * turn
 
     def _subtract(
@@ -246,17 +241,18 @@ class OfdmCancel(Mitigation):
     ) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
         trusted = clear & grid.used
-        misread = _misread(received, trusted)
+        misread = received.misread
         # between bursts there is nothing to take away, and a return that is strong would be read as data
         sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
-        heard = power(received.symbols).sum(axis=1)
+        own = power(received.symbols)
+        heard = own.sum(axis=1)
         sending = (sent > _SILENT) & (heard > _IDLE * heard.max())
         readable = sending & (misread <= _READABLE)
         if not readable.any() or readable.sum() < _FEWEST * sending.sum():
             return None
         self.busy = float(sending.mean())
-        own = power(received.symbols) * clear
-        useful = grid.used & ((received.error * clear).sum(axis=0) < _SKIRT * own.sum(axis=0))
+        astray = received.error * received.cells * power(received.channel)
+        useful = grid.used & ((astray * clear).sum(axis=0) < _SKIRT * (own * clear).sum(axis=0))
         both = ~clear & useful
         # where no return can be, all of an element goes
         model = np.where(both, received.channel * received.points, received.symbols)

@@ -9,10 +9,10 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit, sums
-from .lattice import BLOCK, CELL, DENSE, SPARSE_ERROR, box, nearest, power, sparse
+from .lattice import CELL, DENSE, FEW_CELL, decide, nearest, power, sparse, unit
 from .numerology import Numerology
 
-__all__ = ["Received", "constellation", "demodulate", "gain"]
+__all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain"]
 
 # subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier
 # for itself
@@ -21,10 +21,13 @@ AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.95  # of the error left, for a higher order to be taken
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_SURE = 1.5  # error in cells, up to half a neighbour's distance
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
+_NO_WORSE = 1.2
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
+_CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
 @dataclass
@@ -42,10 +45,14 @@ class Received:
         Decided points.
     few : (L, K) bool
         Elements whose alphabet has few points.
+    kinds : (L, K) int
+        Which of `DENSE` the others have.
     error : (L, K) float32
-        Squared distance from the model.
-    dense : int
-        Points of the square QAM: 16, 64 or 256.
+        Squared distance from the model in cells of the alphabet.
+    misread : (L,) float32
+        Mean error of each symbol's elements without a return in cells, each at most 1; a random one has 0.75.
+    noise : float
+        Mean squared distance of the sure elements from the model.
     angles : (L,) float
         As in `Grid`, finer.
     weight : (L,) float
@@ -60,119 +67,95 @@ class Received:
     drift: np.ndarray | None
     points: np.ndarray
     few: np.ndarray
+    kinds: np.ndarray
     error: np.ndarray
-    dense: int
+    misread: np.ndarray
+    noise: float
     angles: np.ndarray
     weight: np.ndarray
     late: float
 
-
-def _decide(
-    values: np.ndarray, dense: int, few: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, squared errors in units of the lattice and which blocks are of few points, of (L, K) elements.
-
-    With ``few`` given the blocks' alphabets are not judged again.
-    """
-    level = power(values)
-    points = nearest(values, dense)
-    error = power(values - points)
-    scanty = sparse(values, level)
-    scanty_error = power(values - scanty)
-    if few is None:
-        few = box(scanty_error, BLOCK) < SPARSE_ERROR
-        error = np.where(few, scanty_error, error)
-        # the primary synchronisation signal stands on the axes
-        odd = np.flatnonzero(np.minimum(error, CELL[dense]).mean(axis=1) > _DOUBTFUL * CELL[dense])
-        if odd.size:
-            turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
-            turned_error = power(values[odd] - turned)
-            axes = (box(turned_error, BLOCK) < SPARSE_ERROR) & ~few[odd]
-            scanty[odd] = np.where(axes, turned, scanty[odd])
-            error[odd] = np.where(axes, turned_error, error[odd])
-            few[odd] |= axes
-        return np.where(few, scanty, points), error, few
-    return np.where(few, scanty, points), np.where(few, scanty_error, error), few
+    @property
+    def cells(self) -> np.ndarray:
+        """(L, K) float32 squared error of a number anywhere in a cell of each element's alphabet."""
+        return np.where(self.few, FEW_CELL, _CELLS[self.kinds])
 
 
-def constellation(values: np.ndarray, clear: np.ndarray) -> int:
-    """Points of the square QAM that most of the elements (L, K) agree with."""
-    level = power(values)
-    crowded = clear & (box(power(values - sparse(values, level)), BLOCK) > 1.5 * SPARSE_ERROR) & (level < 0.8)
-    chosen = values[crowded]
-    if chosen.size < 100:
-        return DENSE[-1]
-    return min(DENSE, key=lambda m: float(np.mean(power(chosen - nearest(chosen, m))) / CELL[m]))
-
-
-def gain(values: np.ndarray, dense: int) -> np.float32:
-    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best.
+def gain(values: np.ndarray, before: float) -> tuple[np.float32, float]:
+    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best, and the misfit that is left, in cells.
 
     The received power varies with what is sent, so the channel of an earlier frame is right only up to this factor.
+    With a misfit no worse than ``before`` it is taken as right.
     """
     level = power(values)
 
     def misfit(factor: np.float32) -> float:
         scaled = values * factor
-        error = power(scaled - nearest(scaled, dense))
-        few = power(scaled - sparse(scaled, level * factor * factor))
-        return float(np.minimum(np.minimum(error, few), CELL[dense]).mean() / (factor * factor))
+        least = power(scaled - sparse(scaled, level * factor * factor)) * (1 / FEW_CELL)
+        for dense in DENSE:
+            np.minimum(least, power(scaled - nearest(scaled, dense)) * (1 / CELL[dense]), out=least)
+        return float(np.minimum(least, 1).mean())
 
-    if misfit(np.float32(1)) < _FITS * CELL[dense]:
-        return np.float32(1)
-    return min(_GAINS, key=misfit)
+    left = misfit(np.float32(1))
+    if left < max(_FITS, _NO_WORSE * before):
+        return np.float32(1), left
+    factor = min(_GAINS, key=misfit)
+    return factor, misfit(factor)
 
 
 def _true_up(
     grid: Grid, agreement: np.ndarray, numerology: Numerology
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
-    angle = np.angle(agreement.sum(axis=1) + 1e-30)
-    straight = agreement * np.exp(-1j * angle).astype(np.complex64)[:, None]
-    weight = np.einsum("lk,k->l", straight.real, numerology.turn**2)
-    slope = np.einsum("lk,k->l", straight.imag, numerology.turn) / np.maximum(weight, 1e-30)
+    moments = np.stack([numerology.turn**n for n in range(3)], axis=1).astype(np.complex64)
+    mean, first, second = (agreement @ moments).T
+    angle = np.angle(mean + 1e-30)
+    back = np.exp(-1j * angle)
+    slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
     if np.abs(slope).max() < _STRAIGHT:
-        return np.exp(-1j * angle).astype(np.complex64)[:, None], angle, slope
+        return back.astype(np.complex64)[:, None], angle, slope
     turn = angle[:, None].astype(np.float32) + slope[:, None].astype(np.float32) * numerology.turn
-    return np.exp(-1j * turn), angle, slope
+    return unit(-turn), angle, slope
 
 
 def demodulate(
-    grid: Grid, clear: np.ndarray, numerology: Numerology, dense: int | None, turns: Sequence[tuple[int, int]]
+    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int]]
 ) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     """
-    symbols, phase, angles = grid.symbols.copy(), grid.phase.copy(), grid.angles.copy()
+    symbols, phase, angles = grid.symbols, grid.phase, grid.angles
     count = len(symbols)
     channel = grid.channel
     clear = clear & grid.used
+    ridge = ~clear & grid.used
+    halves = numerology.halves(grid.starts, grid.first_long)
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
-    per_symbol = np.maximum(clear.sum(axis=1), 1)
-    first = dense is None
-    dense = dense or constellation(symbols * (1 / channel), clear)
-    cell = CELL[dense]
+    first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    few, late = None, 0.0
+    late = 0.0
     for number, (width, order) in enumerate((*turns, (1, -1))):
         values = symbols * (1 / channel)
         last = order < 0
-        points, error, few = _decide(values, dense, few if 1 < number and not last else None)
-        if number or not first:
-            off = np.einsum("lk,lk->l", np.minimum(error, cell), clear) / per_symbol / cell
+        rough = first and not number
+        # while the gain is rough, the outer points are the uncertain ones
+        trusted = clear & (power(values) < 1) if rough else clear
+        found = decide(values, trusted, halves)
+        off = _misread(found.error, clear, channel)
+        if not rough:
             heard = (off < max(_DOUBTFUL, 1.5 * np.median(off)))[:, None]
             if number == 1 or not first:
                 # set upright for the next turn; what this one decided of them is wrong
-                odd = _turned(values, off, dense, clear)
-                symbols[odd] *= _EIGHTH
-                phase[odd] *= _EIGHTH
-                angles[odd] -= np.pi / 4
-                heard[odd] = False
-        sure = clear & heard & (error < (1.0 if number else 0.9) * 1.5 * cell)
-        if first and not number:
-            sure &= power(values) < 1.0  # while the gain is rough, the outer points are the uncertain ones
-        model = channel * points
+                odd = _turned(values, off, clear, channel, halves, found.kinds)
+                if odd.size:
+                    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
+                    symbols[odd] *= _EIGHTH
+                    phase[odd] *= _EIGHTH
+                    angles[odd] -= np.pi / 4
+                    heard[odd] = False
+        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
+        model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
         if not last or not number:
@@ -182,7 +165,7 @@ def demodulate(
             angles = angles + angle
         weight = power(model) * sure
         if last:
-            factor = _best_order(
+            factor, noise = _best_order(
                 agreement, weight, times, float((power(symbols) * sure).sum()), int(sure.sum())
             )
         else:
@@ -194,19 +177,46 @@ def demodulate(
             for power_of_time, part in enumerate(factor[1:], 1):
                 course = course + times[:, None] ** power_of_time * part
         channel = channel * course
-    values = symbols * (1 / channel)
-    points, error, few = _decide(values, dense)
-    error = error * power(channel)
     channel = np.broadcast_to(channel, symbols.shape)
+    kinds = found.kinds[halves]
+    _again(found.points, found.error, symbols, channel, ridge, found.few, kinds)
     return Received(
-        symbols, phase, channel, drift, points, few, error, dense, angles, weight.sum(axis=1), late
-    )
+        symbols, phase, channel, drift, found.points, found.few, kinds, found.error, off, noise, angles,
+        weight.sum(axis=1), late,
+    )  # fmt: skip
+
+
+def _misread(error: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
+    """(L,) mean error of each symbol's ``clear`` elements in cells, each at most 1, by their power."""
+    level = power(channel)
+    level = level if level.ndim == 1 else level.mean(axis=0)
+    return (np.minimum(error, 1) * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))
+
+
+def _again(
+    points: np.ndarray,
+    error: np.ndarray,
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    ridge: np.ndarray,
+    few: np.ndarray,
+    kinds: np.ndarray,
+) -> None:
+    """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``points``, ``error`` are set."""
+    values = symbols[ridge] / channel[ridge]
+    kinds, few = kinds[ridge], few[ridge]
+    chosen = sparse(values, power(values))
+    cells = np.where(few, FEW_CELL, _CELLS[kinds])
+    for kind in np.unique(kinds):
+        chosen = np.where(~few & (kinds == kind), nearest(values, DENSE[kind]), chosen)
+    points[ridge] = chosen
+    error[ridge] = power(values - chosen) / cells
 
 
 def _best_order(
     agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, energy: float, elements: int
-) -> np.ndarray:
-    """Coefficients of the order with the least error per degree of freedom; orders rise while that helps."""
+) -> tuple[np.ndarray, float]:
+    """Coefficients of the order with the least error per degree of freedom, and that; orders rise while that helps."""
     best, least = None, np.inf
     for order in range(_ORDERS):
         right, left = sums(agreement, weight, times, order)
@@ -220,10 +230,17 @@ def _best_order(
         if rest > _HELPS * least:
             break
         best, least = factor, rest
-    return best
+    return best, least
 
 
-def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) -> np.ndarray:
+def _turned(
+    values: np.ndarray,
+    off: np.ndarray,
+    clear: np.ndarray,
+    channel: np.ndarray,
+    halves: np.ndarray,
+    kinds: np.ndarray,
+) -> np.ndarray:
     """Numbers of the symbols that fit their alphabets better turned by an eighth.
 
     To the fourth power a symbol with most points on the axes (the primary synchronisation signal) looks turned so.
@@ -232,7 +249,7 @@ def _turned(values: np.ndarray, off: np.ndarray, dense: int, clear: np.ndarray) 
     doubtful = np.flatnonzero(off > _DOUBTFUL)
     if not doubtful.size:
         return doubtful
-    error = np.minimum(_decide(values[doubtful] * _EIGHTH, dense)[1], CELL[dense])
-    count = np.maximum(clear[doubtful].sum(axis=1), 1)
-    turned = np.einsum("lk,lk->l", error, clear[doubtful]) / count / CELL[dense]
-    return doubtful[turned < 0.8 * off[doubtful]]
+    clear = clear[doubtful]
+    error = decide(values[doubtful] * _EIGHTH, clear, halves[doubtful], kinds).error
+    channel = channel if channel.ndim == 1 else channel[doubtful]
+    return doubtful[_misread(error, clear, channel) < 0.8 * off[doubtful]]

@@ -1,18 +1,33 @@
-"""Points of QPSK and square QAM at unit mean power: the nearest, and which alphabet a block of elements has."""
+"""Points of QPSK and square QAM at unit mean power: the nearest, and which alphabet each element has."""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import ndimage
+from dataclasses import dataclass
 
-__all__ = ["BLOCK", "CELL", "DENSE", "SPARSE_ERROR", "SPARSE_POINTS", "box", "nearest", "power", "sparse"]
+import numpy as np
+
+__all__ = [
+    "BLOCK",
+    "CELL",
+    "DENSE",
+    "FEW_CELL",
+    "SCALE",
+    "SPARSE_POINTS",
+    "Decisions",
+    "box",
+    "decide",
+    "nearest",
+    "power",
+    "sparse",
+    "unit",
+]
 
 DENSE = (16, 64, 256)
 BLOCK = 12  # subcarriers of a resource block, of one user and one kind
-SPARSE_ERROR = 0.04  # mean squared error below which a block is one of few points; 64QAM has 0.1 from these
-_SCALE = {m: np.float32(np.sqrt(1.5 / (m - 1))) for m in (4, *DENSE)}  # half the distance of two neighbours
-# squared error of a number anywhere in a cell; for the few points the error that 64QAM has from them
-CELL = {m: np.float32(2 * (2 * _SCALE[m]) ** 2 / 12) for m in DENSE}
+_SPARSE_ERROR = 0.04  # mean squared error below which a block is one of few points; 64QAM has 0.1 from these
+SCALE = {m: np.float32(np.sqrt(1.5 / (m - 1))) for m in (4, *DENSE)}  # half the distance of two neighbours
+CELL = {m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE}  # squared error of a number anywhere in a cell
+FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 _ROOT2 = np.float32(np.sqrt(2))
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
 _BOOSTED = np.float32(
@@ -21,26 +36,59 @@ _BOOSTED = np.float32(
 _QPSK = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 # silence, QPSK, QPSK 3 dB up
 SPARSE_POINTS = np.concatenate([[0], _QPSK, _ROOT2 * _QPSK]).astype(np.complex64)
+_EIGHTH = np.complex64(np.exp(0.25j * np.pi))
+_DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_ONE_USER = 3  # subcarriers judged together; a user has at least 24
+_FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
+_SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
 
 
 def power(values: np.ndarray) -> np.ndarray:
     """Squared modulus, float32 for complex64."""
-    return values.real * values.real + values.imag * values.imag
+    return np.square(np.abs(values))
+
+
+def unit(angle: np.ndarray) -> np.ndarray:
+    """exp(j angle) of float32 angles in radians, as complex64; an exponential of complex numbers costs ten times that."""
+    out = np.empty(angle.shape, dtype=np.complex64)
+    np.cos(angle, out=out.real)
+    np.sin(angle, out=out.imag)
+    return out
 
 
 def box(values: np.ndarray, width: int) -> np.ndarray:
-    """Running mean over the last axis."""
-    return ndimage.uniform_filter1d(values, width, axis=-1, mode="nearest") if width > 1 else values
+    """Running mean of (..., K) float32 over ``width`` of the last axis, its ends repeated."""
+    if width < 2:
+        return values
+    before = width // 2
+    padded = np.concatenate(
+        [
+            np.repeat(values[..., :1], before, axis=-1),
+            values,
+            np.repeat(values[..., -1:], width - 1 - before, axis=-1),
+        ],
+        axis=-1,
+    )
+    # sums of 1, 2, 4 ... neighbours; those in the binary form of the width are put one after the other
+    out, done, ahead, count = 0.0, 0, padded, 1
+    size = values.shape[-1]
+    while True:
+        if width & count:
+            out = out + ahead[..., done : done + size]
+            done += count
+        count *= 2
+        if count > width:
+            return out * np.float32(1 / width)
+        ahead = ahead[..., : -count // 2] + ahead[..., count // 2 :]
 
 
 def nearest(values: np.ndarray, points: int) -> np.ndarray:
     """Nearest of 4, 16, 64 or 256 points to each complex64 value, as complex64."""
-    half = _SCALE[points]
+    half = SCALE[points]
     top = np.float32(np.sqrt(points) / 2 - 1)
     rails = np.ascontiguousarray(values).view(np.float32) * (np.float32(0.5) / half)
     np.floor(rails, out=rails)
-    np.maximum(rails, -top - 1, out=rails)
-    np.minimum(rails, top, out=rails)
+    np.clip(rails, -top - 1, top, out=rails)
     rails += np.float32(0.5)
     rails *= 2 * half
     return rails.view(np.complex64)
@@ -49,6 +97,75 @@ def nearest(values: np.ndarray, points: int) -> np.ndarray:
 def sparse(values: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Nearest of `SPARSE_POINTS`; ``level`` is the power of ``values``."""
     rails = np.copysign(np.float32(np.sqrt(0.5)), np.ascontiguousarray(values).view(np.float32))
-    scale = np.where(level > _BOOSTED, _ROOT2, np.float32(1))
-    scale[level < _EMPTY] = 0
+    scale = (level > _BOOSTED) * (_ROOT2 - np.float32(1)) + np.float32(1)
+    scale *= level > _EMPTY
     return rails.view(np.complex64) * scale
+
+
+@dataclass
+class Decisions:
+    """What was sent, as far as single elements tell.
+
+    Attributes
+    ----------
+    points : (L, K) complex64
+    error : (L, K) float32
+        Squared distance from the point in cells of its alphabet; a random number has 1 in the mean.
+    few : (L, K) bool
+        Silence or QPSK.
+    kinds : (halves, K) int
+        Which of `DENSE` the elements of a half slot have that are not few.
+    """
+
+    points: np.ndarray
+    error: np.ndarray
+    few: np.ndarray
+    kinds: np.ndarray
+
+
+def decide(
+    values: np.ndarray, trusted: np.ndarray, halves: np.ndarray, kinds: np.ndarray | None = None
+) -> Decisions:
+    """Points of (L, K) elements; their alphabets are judged from the ``trusted`` (L, K) ones.
+
+    A block of twelve subcarriers of a symbol is of few points (control, pilots, QPSK, silence) where these fit. All
+    others have a square QAM, which a user keeps for a slot. It is the one from which the elements of one subcarrier and
+    its neighbours, over the symbols of the same half slot ``halves`` (L,), are the smallest part of a cell away.
+    ``kinds`` given is not judged again.
+    """
+    level = power(values)
+    scanty = sparse(values, level)
+    scanty_error = power(values - scanty)
+    few = box(scanty_error, BLOCK) < _SPARSE_ERROR
+    asked = (trusted & ~few).astype(np.float32)
+    members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
+    points, errors, scores = [], [], []
+    for dense in DENSE:
+        points.append(nearest(values, dense))
+        errors.append(power(values - points[-1]))
+        errors[-1] *= 1 / CELL[dense]
+        if kinds is None:
+            scores.append(members @ (np.minimum(errors[-1], 1) * asked))
+    if kinds is None:
+        score = np.stack(scores)
+        common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)
+        score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
+        score += _SUBCARRIER * score.sum(axis=1, keepdims=True)
+        kinds = (score + _FRAME * common[:, None, None]).argmin(axis=0)
+    chosen, error = points[kinds[0, 0]], errors[kinds[0, 0]]
+    for kind in np.unique(kinds):
+        if kind != kinds[0, 0]:
+            here = (kinds == kind)[halves]
+            chosen, error = np.where(here, points[kind], chosen), np.where(here, errors[kind], error)
+    scanty_error *= 1 / FEW_CELL
+    error = np.where(few, scanty_error, error)
+    # the primary synchronisation signal stands on the axes
+    odd = np.flatnonzero((np.minimum(error, 1)).mean(axis=1) > _DOUBTFUL)
+    if odd.size:
+        turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
+        turned_error = power(values[odd] - turned)
+        axes = (box(turned_error, BLOCK) < _SPARSE_ERROR) & ~few[odd]
+        scanty[odd] = np.where(axes, turned, scanty[odd])
+        error[odd] = np.where(axes, turned_error * (1 / FEW_CELL), error[odd])
+        few[odd] |= axes
+    return Decisions(np.where(few, scanty, chosen), error, few, kinds)

@@ -57,6 +57,11 @@ class Numerology:
         within = np.arange(self.per_cycle) * (self.useful + self.prefix)
         return (first_long + cycles[:, None] * self.cycle + within).ravel()
 
+    def halves(self, starts: np.ndarray, first_long: float) -> np.ndarray:
+        """Which half slot (from one long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""
+        number = np.floor((starts - first_long + self.prefix / 2) / self.cycle).astype(int)
+        return number - number[0]
+
     def windows(self, times: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,)
         int.

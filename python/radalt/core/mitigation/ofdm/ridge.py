@@ -6,7 +6,7 @@ import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
 from .demodulator import Received
-from .lattice import BLOCK, CELL, SPARSE_POINTS, box, nearest, power
+from .lattice import BLOCK, DENSE, SCALE, SPARSE_POINTS, box, nearest, power
 from .numerology import Numerology
 
 __all__ = ["Ridge", "expected_return"]
@@ -77,22 +77,21 @@ def expected_return(
     elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
     saves the search. None where the nearest points suffice.
     """
-    dense = received.dense
-    cell = np.where(received.few, np.float32(0.06), CELL[dense])
-    gain = power(received.channel)
-    error = received.error / gain / cell
-    if not ridge.any() or not clear.any() or float(error[ridge].mean()) < _FOLD:
+    if not ridge.any() or not clear.any() or float(received.error[ridge].mean()) < _FOLD:
         return None
-    noise = float(np.mean(np.minimum(error, 1)[clear] * (cell * gain)[clear]))
+    noise = received.noise
     level = float(np.sqrt(np.mean(power(received.symbols[clear]))))
     channel = received.channel[ridge]
     values = received.symbols[ridge] / channel
     modulus = np.abs(channel)
-    root = np.sqrt(1.5 / (dense - 1))
-    steps = np.arange(-2, 3) * 2 * root
-    near = nearest(values, dense)[:, None] + (steps[:, None] + 1j * steps).ravel().astype(np.complex64)
-    top = np.float32(1.001 * (np.sqrt(dense) - 1) * root)
-    inside = ((np.abs(near.real) <= top) & (np.abs(near.imag) <= top)) * np.float32(1 / dense)
+    kinds = received.kinds[ridge]
+    dense = np.array(DENSE, dtype=np.float32)[kinds][:, None]
+    root = np.array([SCALE[m] for m in DENSE])[kinds][:, None]
+    steps = np.arange(-4, 5, 2, dtype=np.float32)
+    around = (steps[:, None] + 1j * steps).ravel().astype(np.complex64)
+    near = np.choose(kinds, [nearest(values, m) for m in DENSE])[:, None] + root * around
+    top = np.float32(1.001) * (np.sqrt(dense) - 1) * root
+    inside = ((np.abs(near.real) <= top) & (np.abs(near.imag) <= top)) / dense
     rests = np.concatenate([values[:, None] - near, values[:, None] - SPARSE_POINTS], axis=1)
     prior = np.concatenate(
         [inside, np.broadcast_to(_SPARSE_PRIOR, (len(values), _SPARSE_PRIOR.size))], axis=1
