@@ -5,6 +5,7 @@ import re
 import threading
 import time
 
+import make_recording
 import numpy as np
 import pmt
 import pytest
@@ -137,6 +138,24 @@ def test_source_is_the_same_in_any_chunks(name):
     assert outputs[0].size == 22 * N
     for other in outputs[1:]:
         assert other.tobytes() == outputs[0].tobytes()
+
+
+def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
+    scene, meta = scene_of(), tmp_path / "air.sigmf-meta"
+    steps = np.random.default_rng(1).uniform(-0.3, 0.3, 60_000)
+    make_recording.write(meta, np.exp(2j * np.pi * np.cumsum(steps)), "noise in frequency")
+
+    def make():
+        return radalt.recording_jammer_source(scene, str(meta), offset_hz=0.3e6, sir_db=-13.0, frames=22)
+
+    outputs = [source_output(make, chunk) for chunk in CHUNKS]
+    assert len({played.tobytes() for played in outputs}) == 1
+    frames = outputs[0].reshape(22, N).astype(np.complex128)
+    trial = scene.altitude.programme.is_trial(np.arange(22))
+    assert not frames[~trial].any()
+    np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames[trial]) ** 2, axis=1)), 13.0, atol=0.01)
+    with pytest.raises(ValueError, match="nothing.sigmf-meta: cannot be read .*make_recording.py"):
+        radalt.recording_jammer_source(scene, "nothing.sigmf-meta")
 
 
 def test_chirp_source_plays_the_programme_sweep_by_sweep():

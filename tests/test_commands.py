@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import make_recording
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -105,6 +106,7 @@ def desk(tmp_path_factory):
     for file in landing.iterdir():  # what the study names is beside it
         if file.name != "study.yaml":
             shutil.copy(file, folder)
+    make_recording.main(["--out", str(folder / "results" / "recorded.sigmf-meta")])
     (folder / "my.yaml").write_text("name: my\n")
     reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
     (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])

@@ -17,6 +17,7 @@ import landing_eval
 import leaving_out
 import make_flowgraphs
 import make_landing_data
+import make_recording
 import numpy as np
 import ota_eval
 import ota_remote
@@ -240,6 +241,7 @@ COMMANDS = [
     (ota_remote, ["--keep-alive-s"]),
     (screenshot, ["--sir-db", "--overlap", "--frames", "--time-limit-s"]),
     (make_landing_data, ["--glide-deg", "--start-height-m", "--speed-m-per-s", "--step-s", "--level"]),
+    (make_recording, ["--antennas", "--load", "--snr-db", "--seed"]),
     (control_client, ["--altitude", "--seconds", "--count"]),
 ]
 
@@ -300,6 +302,8 @@ OTHERS = [
     (screenshot, "--scene=nothing"),
     (screenshot, "--method=x';import"),
     (make_landing_data, "--out=/dev/null/x"),
+    (make_recording, "--out=/dev/null/x.sigmf-meta"),
+    (make_recording, "--out=x.bin"),
     (make_flowgraphs, "--nonsense"),
     (control_client, "descend --altitudes abc"),
     (control_client, "descend --altitudes nan"),

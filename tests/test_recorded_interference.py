@@ -1,14 +1,20 @@
 """A recording as interferer: at its frequency, at its power, from SigMF and raw files alike."""
 
 import json
+import re
 
+import make_recording
 import numpy as np
 import pytest
 
 from gnuradio.radalt.core.interference import Interferer, interference_frame
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.emitters.qpsk import QpskEmitter
 from gnuradio.radalt.core.interference.emitters.recording import RecordingEmitter
-from gnuradio.radalt.core.scene import SceneError, parse_scene, scene_to_mapping
+from gnuradio.radalt.core.interference.emitters.tones import ToneEmitter
+from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from gnuradio.radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
+from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 
 RATE_HZ = 7.5e6
 
@@ -66,7 +72,9 @@ def test_a_scene_names_it_and_its_origin_is_noted(tmp_path):
     meta = write(tmp_path, np.ones(30_000), 7.5e6, **{"core:license": "CC0", "core:author": "Somebody"})
     scene = parse_scene({"interference": {"recording": {"file": str(meta), "sir_db": -30.0}}})
     emitter = scene.interference[0].emitter
-    assert emitter.label == "recording_air" and any("CC0" in note for note in emitter.notes)
+    assert emitter.label == "recording_air"
+    notes = emitter.notes(RATE_HZ)
+    assert any("CC0" in note for note in notes) and "no OFDM found" in notes[-1]
     assert parse_scene(scene_to_mapping(scene)).interference[0].emitter == emitter
     with pytest.raises(SceneError, match="recording.seconds is 5"):
         parse_scene({"interference": {"recording": {"file": str(meta), "seconds": 5.0}}})
@@ -108,3 +116,54 @@ def test_not_finite_samples_are_named(tmp_path):
     emitter = RecordingEmitter(file=str(write(tmp_path, samples, 7.5e6)))
     with pytest.raises(ValueError, match="not finite"):
         emitter.samples(100, RATE_HZ, np.random.default_rng(7))
+
+
+def noisy(samples, snr_db, rng):
+    """Mean power 1, and white noise over the whole rate."""
+    noise = rng.standard_normal((samples.size, 2)).view(np.complex128)[:, 0]
+    return samples / np.sqrt(np.mean(np.abs(samples) ** 2)) + np.sqrt(0.5 * 10 ** (-snr_db / 10)) * noise
+
+
+@pytest.mark.parametrize("snr_db", [0.0, 8.0, 15.0])
+@pytest.mark.parametrize("load", [0.2, 1.0])
+@pytest.mark.parametrize("profile", [None, "EVA"])
+def test_the_prefix_tells_a_recordings_own_noise(snr_db, load, profile):
+    rng = np.random.default_rng(11)
+    emitter = NrEmitter(channel_bandwidth_hz=10e6, load=load, cell_id=7, frame_count=4)
+    if profile:
+        emitter = FadedEmitter(emitter=emitter, channel=FadingChannel(profile=profile))
+    heard = noisy(emitter.samples(300_000, RATE_HZ, rng), snr_db, rng)
+    assert prefix_snr_db(heard, RATE_HZ) == pytest.approx(snr_db, abs=1.5)
+
+
+def test_the_prefix_is_found_at_any_rate_and_two_antennas_are_one_signal():
+    rng = np.random.default_rng(12)
+    heard = noisy(NrEmitter().samples(200_000, 5.5e6, rng), 8.0, rng)
+    assert prefix_snr_db(heard, 5.5e6) == pytest.approx(8.0, abs=1.0)
+    # 8 dB over 15.36 MHz; the carrier has 9.36 MHz of it
+    pair = make_recording.heard(2, 0.5, 8.0, seed=3)
+    assert prefix_snr_db(pair, make_recording.RATE_HZ) == pytest.approx(8.0, abs=1.0)
+    assert prefix_snr_db(noisy(pair, 60.0, rng)[:600_000], make_recording.RATE_HZ) < MOST_DB
+
+
+@pytest.mark.parametrize("emitter", [QpskEmitter(), QpskEmitter(pulse="rrc"), ToneEmitter(3)])
+def test_what_has_no_prefix_has_no_estimate(emitter):
+    rng = np.random.default_rng(13)
+    assert prefix_snr_db(noisy(emitter.samples(300_000, RATE_HZ, rng), 10.0, rng), RATE_HZ) is None
+    assert prefix_snr_db(noisy(np.ones(300_000), -90.0, rng), RATE_HZ) is None
+
+
+def test_the_command_makes_what_the_scene_names(tmp_path, monkeypatch, root, capsys):
+    monkeypatch.chdir(tmp_path)
+    scene = load_scene("recorded")
+    with pytest.raises(ValueError, match="make_recording.py"):
+        scene.interference[0].emitter.samples(7500, RATE_HZ, np.random.default_rng(14))
+    assert make_recording.main([]) == 0
+    assert capsys.readouterr().out.strip() == scene.interference[0].emitter.file
+    frame = interference_frame(scene.interference[0], 7500, RATE_HZ, np.random.default_rng(14))
+    assert np.mean(np.abs(frame) ** 2) == pytest.approx(100.0)
+    notes = scene.interference[0].emitter.notes(RATE_HZ)
+    # 8 dB over 15.36 MHz are 10.1 over the carrier's 9.36 MHz
+    bound = re.search(r"OFDM ([\d.]+) dB above .* at most ([\d.]+) dB", notes[-1])
+    assert float(bound[1]) == pytest.approx(10.1, abs=1.0) and 0 < float(bound[2]) - float(bound[1]) < 1
+    assert any("SYNTHETIC" in note for note in notes)

@@ -71,7 +71,7 @@ def test_faa_mask_states_interference_to_noise_and_sir():
     scene = parse_scene({"interference": {"faa_91_220": {"altitude_ft": 200}}})
     report = scene.interference[0].emitter.report()
     assert scene.interference[0].sir_db == pytest.approx(report.sir_db)
-    (note,) = scene.interference[0].emitter.notes
+    (note,) = scene.interference[0].emitter.notes(7.5e6)
     assert f"I/N {report.i_over_n_db:+.1f} dB" in note
     assert f"SIR {report.sir_db:+.1f} dB" in note
 

@@ -33,6 +33,7 @@ PROGRAMS = {
     "gallery": "gallery",
     "screenshot": "screenshot",
     "make-landing-data": "make_landing_data",
+    "make-recording": "make_recording",
     "make-flowgraphs": "make_flowgraphs",
 }
 

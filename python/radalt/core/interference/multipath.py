@@ -263,10 +263,9 @@ class FadedEmitter(NamedEmitter):
         """The level that a standard gives the emitter itself; paths change none of it."""
         return self.emitter.stated_sir_db
 
-    @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self, rate_hz: float) -> tuple[str, ...]:
         """Notes of the emitter itself."""
-        return self.emitter.notes
+        return self.emitter.notes(rate_hz)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`; see `Emitter`."""

@@ -125,7 +125,9 @@ def build_report(
         "seed": scene.seed,
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "title": interference_title(scene),
-        "interference_notes": [note for i in scene.interference for note in i.emitter.notes],
+        "interference_notes": [
+            note for i in scene.interference for note in i.emitter.notes(scene.waveform.rate_hz)
+        ],
         "trials_per_point": scene.altitude.programme.trial_frames if run.precision is None else spread(rows),
         "left_out": study.left_out(),
         "rows": list(rows),

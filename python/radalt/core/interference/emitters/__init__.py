@@ -41,9 +41,8 @@ class NamedEmitter:
         """SIR by a link budget of the emitter's own, in decibels; None leaves it to the scene."""
         return None
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Lines for the report."""
+    def notes(self, rate_hz: float) -> tuple[str, ...]:
+        """Lines for the report; ``rate_hz`` is the radar's sample rate."""
         return ()
 
 

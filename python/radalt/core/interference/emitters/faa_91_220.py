@@ -223,8 +223,7 @@ class FaaMask(NamedEmitter):
         """SIR by the link budget, in decibels: the table states its level."""
         return float(self.report().sir_db)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self, rate_hz: float) -> tuple[str, ...]:
         """The link budget in one line: powers, I/N and SIR."""
         r = self.report()
         return (

@@ -14,6 +14,7 @@ from scipy import signal
 
 from ...parsing import InputError, check_file, shown
 from ...paths import remedy
+from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import check_count, check_receiver, rate_ratio, resample_periodic
 from . import NamedEmitter, register
 
@@ -22,6 +23,7 @@ __all__ = ["RecordingEmitter"]
 _MOST_S = 1.0
 _MOST_BYTES = 1 << 40
 _MOST_UP = 16
+_REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
 _FOLDED = 1e-7  # of the power: what the filter's stop band lets through
 
 
@@ -53,8 +55,8 @@ class RecordingEmitter(NamedEmitter):
 
     Notes
     -----
-    A recording has its own noise, which no demodulation takes away. The file is read when samples are first asked for.
-    Licence, author and description in its metadata become notes of the report.
+    A recording has its own noise, which no demodulation takes away. An estimate of it becomes a note of the report,
+    with licence, author and description in its metadata. The file is read when samples are first asked for.
     """
 
     scene_name: ClassVar[str] = "recording"
@@ -92,22 +94,34 @@ class RecordingEmitter(NamedEmitter):
         """See `NamedEmitter.title`."""
         return f"recording {Path(self.file).stem}"
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the metadata say of origin and licence."""
-        if self.datatype:
-            return ()
+    def notes(self, rate_hz: float) -> tuple[str, ...]:
+        """What the metadata say of origin and licence, and the recording's own noise (`prefix_snr_db`)."""
+        name = Path(self.file).name
         try:
-            head = _open(self).get_global_info()
+            head = {} if self.datatype else _open(self).get_global_info()
+            snr_db = prefix_snr_db(self.load(rate_hz), rate_hz)
         except ValueError:  # said where samples are asked for
             return ()
         said = ((word, head.get(f"core:{word}")) for word in ("license", "author", "description"))
-        return tuple(f"{Path(self.file).name}: {word} {shown(text)}" for word, text in said if text)
+        if snr_db is None:
+            noise = f"{name}: no OFDM found, so its own noise is not known"
+        elif snr_db == MOST_DB:
+            noise = f"{name}: OFDM {snr_db:.0f} dB or more above the recording's own noise (coherence of its prefix)"
+        else:
+            noise = (
+                f"{name}: OFDM {snr_db:.1f} dB above the recording's own noise (coherence of its prefix); "
+                f"demodulation gains at most {10 * np.log10(1 + 10 ** (snr_db / 10)):.1f} dB"
+            )
+        return (*(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
+
+    def load(self, rate_hz: float) -> np.ndarray:
+        """The part in use as the radar hears it, at ``rate_hz``: (n,) complex128, mean power 1, read-only, kept."""
+        return _heard(self, float(rate_hz))
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
         count = check_count(count)
-        heard = _heard(self, float(rate_hz))
+        heard = self.load(rate_hz)
         start = rng.integers(0, heard.size)
         turn = np.exp(2j * np.pi * rng.random())
         return turn * heard.take(np.arange(start, start + count), mode="wrap")
@@ -121,7 +135,7 @@ def _open(emitter: RecordingEmitter) -> Any:
         raise ValueError(f"recording.file needs the package sigmf; {remedy('sigmf')}") from None
     path = Path(emitter.file)
     try:
-        check_file(path, most_bytes=_MOST_BYTES, what="recording.file")
+        check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             if emitter.datatype:

@@ -1,0 +1,82 @@
+"""Noise that a recording brings along, from the coherence of its OFDM's cyclic prefix."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage, signal
+
+__all__ = ["MOST_DB", "prefix_snr_db"]
+
+_CYCLE_S = 0.5e-3  # the long prefix comes that often in LTE and NR of any spacing
+_SPACINGS_HZ = (15e3, 30e3)
+_LONGEST_S = 40e-3  # two clocks 10 ppm apart slip by 0.4 us meanwhile, less than the rest of a prefix
+_WINDOW = 0.25  # of the prefix: echoes of the symbol before and the receiver's filter disturb its ends
+_CONTRAST = 6.0  # of the peak over its scatter; noise stays below 5, and so do tones and QPSK
+MOST_DB = 20.0  # beyond it the scatter of the data hides the noise
+
+
+def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
+    """Power of the OFDM over the power of everything else, in decibels; None where no OFDM is found.
+
+    In the prefix ``x[n] = s[n] + v[n]`` and ``x[n + N] = s[n] exp(j phi) + v[n + N]``. N samples are the inverse of
+    the subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then
+    S / (S + V), and the ratio is gamma / (1 - gamma) (J.-J. van de Beek et al., "ML estimation of time and frequency
+    offset in OFDM systems", IEEE Trans. Signal Process. 45(7), 1997).
+
+    Parameters
+    ----------
+    samples : np.ndarray
+        (n,) complex, at least 3 ms; the first 40 ms are used.
+    rate_hz : float
+        Complex sample rate.
+
+    Returns
+    -------
+    float or None
+        At most 20 dB, which stands for anything more. OFDM of 15 and 30 kHz spacing with the normal prefix is found
+        (LTE and 5G NR). What changes within a symbol (fading, phase noise) counts as noise, as for a demodulator.
+    """
+    step_hz = _SPACINGS_HZ[-1]
+    even_hz = max(step_hz, round(rate_hz / step_hz) * step_hz)  # whole samples in a symbol and in a cycle
+    samples = samples[: round(_LONGEST_S * rate_hz)]
+    if even_hz != rate_hz:
+        samples = signal.resample(samples, round(samples.size * even_hz / rate_hz))
+    cycle = round(_CYCLE_S * even_hz)
+    found = (_contrast_and_coherence(samples, even_hz, cycle, spacing_hz) for spacing_hz in _SPACINGS_HZ)
+    contrast, coherence = max(found)
+    if contrast < _CONTRAST:
+        return None
+    return float(min(10 * np.log10(coherence / max(1 - coherence, 1e-9)), MOST_DB))
+
+
+def _contrast_and_coherence(
+    samples: np.ndarray, rate_hz: float, cycle: int, spacing_hz: float
+) -> tuple[float, float]:
+    """Peak of the folded correlation over its scatter, and the coherence there; zeros where samples are too few."""
+    useful = round(rate_hz / spacing_hz)
+    cycles = (samples.size - useful) // cycle
+    if cycles < 4:
+        return 0.0, 0.0
+    early, late = samples[: cycles * cycle], samples[useful : useful + cycles * cycle]
+    product = (early * late.conj()).reshape(cycles, cycle).sum(axis=0)
+    power = (0.5 * (np.abs(early) ** 2 + np.abs(late) ** 2)).reshape(cycles, cycle).sum(axis=0)
+    prefix_s = 144 / 2048 / spacing_hz
+    width = max(1, round(_WINDOW * prefix_s * rate_hz))
+    # a cycle begins with the long prefix; its other symbols follow evenly
+    even = (1 / spacing_hz + prefix_s) * rate_hz
+    starts = np.rint(np.arange(cycle // int(even)) * even).astype(int)
+    summed, energy = (
+        ndimage.uniform_filter1d(sum(np.roll(row, -start) for start in starts), width, mode="wrap")
+        for row in (product, power)
+    )
+    peak = int(np.abs(summed - summed.mean()).argmax())
+    symbol = int(even)
+    # a whole number of symbols off, most prefixes still meet
+    distance = np.abs((np.arange(cycle) - peak + symbol // 2) % symbol - symbol // 2)
+    elsewhere = summed[distance > 1.5 * prefix_s * rate_hz]
+    # a tone correlates everywhere
+    size = abs(summed[peak] - elsewhere.mean())
+    scatter = elsewhere.std()
+    if not (scatter > 0 and energy[peak] > 0):
+        return 0.0, 0.0
+    return float(size / scatter), float(min(size / energy[peak], 1.0))
