@@ -4,6 +4,7 @@
     .venv/bin/python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
     .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
     .venv/bin/python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
+    .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 20 --out results/realtime  # and a report
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count.
@@ -13,12 +14,12 @@ from __future__ import annotations
 
 import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
-import json
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, number, path
+from gnuradio.radalt.evaluation.engine.options import Parser, command, command_of, number, path
 
 PROGRAM = "realtime_benchmark"
 
@@ -39,15 +40,17 @@ def _parser() -> Parser:
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
     add("--free-only", action="store_true", help="leave out the run held to real time")
-    add("--json", type=path, metavar="FILE", help="write the numbers, too")
+    add("--out", type=path, help="result folder for report.md, report.html and report.json (default: none)")
     return parser
 
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
-    args = _parser().parse_args(argv)
+    parser = _parser()
+    args = parser.parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
+    from gnuradio.radalt.evaluation.realtime.report import Benchmark
     from gnuradio.radalt.evaluation.realtime.study import (
         fft_seconds,
         fly_benchmark,
@@ -55,27 +58,51 @@ def main(argv: Sequence[str] | None = None) -> int:
         prepare_benchmark,
     )
 
+    begin = time.monotonic()
     methods = tuple(m.strip() for m in args.methods.split(","))
-    numbers = {}
+    found = {}
     scene = load_scene(args.scene)
     scene = scene.at(overlap=args.overlap) if scene.interference else scene
     scene = long_scene(scene, args.seconds)
-    with tempfile.TemporaryDirectory(prefix="radalt_") as folder:
+    options = {"batch": args.batch, "skip_clean": args.skip_clean, "own_process": not args.one_process}
+    folder = _folder(args.out, scene, methods, options, command_of(args, parser)) if args.out else None
+    with tempfile.TemporaryDirectory(prefix="radalt_") as build:
         for realtime in (False,) if args.free_only else (False, True):
-            options = {"realtime": realtime, "batch": args.batch, "skip_clean": args.skip_clean}
-            options["own_process"] = not args.one_process
-            prepared = prepare_benchmark(scene, methods, Path(folder), **options)
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options)
             limit = 20.0 * args.seconds + 60.0
             unit_s = [fft_seconds(scene.waveform.samples_per_frame)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
             unit_s.append(fft_seconds(scene.waveform.samples_per_frame))
-            numbers["held to real time" if realtime else "as fast as it goes"] = result
+            found["held to real time" if realtime else "as fast as it goes"] = Benchmark(
+                result, sum(unit_s) / 2
+            )
             before, after = (1e6 * u for u in unit_s)
             print(f"one FFT of a frame: {before:.1f} us before the run, {after:.1f} after")
             _print(result, realtime, scene.waveform.sweep_s, sum(unit_s) / 2)
-    if args.json:
-        args.json.write_text(json.dumps({k: _numbers(r) for k, r in numbers.items()}, indent=1))
-    return 0 if numbers["as fast as it goes"].real_time_factor >= 1.0 else 1
+    if folder is not None:
+        print(_report(folder, found, scene.waveform.sweep_s, time.monotonic() - begin))
+    return 0 if found["as fast as it goes"].measured.real_time_factor >= 1.0 else 1
+
+
+def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
+    """The result folder, made before anything is measured: what does not fit there is told at once."""
+    from gnuradio.radalt.core.scene import scene_to_mapping
+    from gnuradio.radalt.evaluation.results.folder import RunFolder, versions
+
+    head = {"study": "realtime", "command": typed, "scene": scene_to_mapping(scene), "methods": list(methods)}
+    return RunFolder(out, head | options | {"versions": versions("tcae" in methods)}, replace=True)
+
+
+def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN001 - imported late
+    from gnuradio.radalt.evaluation.engine.run import peak_memory_bytes
+    from gnuradio.radalt.evaluation.engine.study import Run
+    from gnuradio.radalt.evaluation.realtime.report import write_report
+
+    command = folder.head["command"]
+    run = Run(1, len(found), 0, round(wall_s, 3), peak_memory_bytes(), command)
+    page = write_report(folder, found, sweep_s, run)
+    folder.close()
+    return page
 
 
 def _print(result, realtime: bool, sweep_s: float, fft_s: float) -> None:  # noqa: ANN001 - imported late
@@ -109,28 +136,6 @@ def _percentiles(values):  # noqa: ANN001, ANN202
     import numpy as np
 
     return np.percentile(values, [50, 99])
-
-
-def _numbers(result) -> dict:  # noqa: ANN001
-    latency = {
-        m: dict(zip(("median", "p99"), map(float, _percentiles(v)), strict=True))
-        for m, v in result.latency_ms.items()
-        if v.size
-    }
-    return {
-        "signal_s": result.signal_s,
-        "wall_s": result.wall_s,
-        "real_time_factor": result.real_time_factor,
-        "process_cpu_s": result.process_cpu_s,
-        "cpu_s": result.cpu_s,
-        "frames": result.frames,
-        "latency_ms": latency,
-        "dropped_frames": result.dropped_frames,
-        "lost_samples": result.lost_samples,
-        "skipped_frames": result.skipped_frames,
-        "memory_bytes": result.memory_bytes,
-        "memory_growth_bytes": result.memory_growth_bytes,
-    }
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """What every test stands on: the module importable in-tree, one thread a library, and GNU Radio present."""
 
 import os
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -35,3 +36,12 @@ def pytest_sessionstart() -> None:
 def root() -> Path:
     """The root of the source tree."""
     return ROOT
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> list[str] | None:
+    """Command of a headless Chromium with a profile of its own; None without one: 300 MB are no part of the set-up."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next(filter(None, map(shutil.which, names)), None)
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    return program and [program, *flags]

@@ -58,11 +58,11 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
 def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
     import json
 
-    file = tmp_path / "numbers.json"
-    arguments = ["--seconds", "1", "--methods", "none", "--free-only", "--json", str(file)]
+    arguments = ["--seconds", "1", "--methods", "none", "--free-only", "--out", str(tmp_path / "run")]
     code = realtime_benchmark.main(arguments)
     printed = capsys.readouterr().out
-    numbers = json.loads(file.read_text())["as fast as it goes"]
+    assert printed.splitlines()[-1] == str(tmp_path / "run" / "report.md")
+    numbers = json.loads((tmp_path / "run" / "report.json").read_text())["runs"]["as fast as it goes"]
     assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
     for word in ("real-time factor", "frame_segmenter", "dropped frames", "memory"):
         assert word in printed

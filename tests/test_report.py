@@ -4,7 +4,6 @@ import dataclasses
 import json
 import os
 import re
-import shutil
 import subprocess
 
 import numpy as np
@@ -484,10 +483,8 @@ def test_names_from_a_scene_stay_text(tmp_path):
     assert "<b>&case" not in page.read_text() and "&lt;b&gt;&amp;case" in page.read_text()
 
 
-def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path):
-    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    # a browser of 300 MB is no part of the set-up; what is in the page is tested above without one
-    if browser is None:
+def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
+    if browser is None:  # what is in the page is tested above without one
         pytest.skip("no Chromium here: apt install chromium")
     # what a click on "Pd" does, twice, and what the browser complains about
     probe = """<script>
@@ -499,15 +496,8 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path):
     </script></body>"""
     page = tmp_path / "page.html"
     page.write_text((whole / "report.html").read_text().replace("</body>", probe))
-    command = [
-        browser,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        f"--user-data-dir={tmp_path / 'profile'}",
-    ]
     done = subprocess.run(
-        [*command, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
+        [*browser, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=120, check=False
     )
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     assert found.keys() == {"up", "down", "drawn"}, done.stderr

@@ -51,8 +51,6 @@ class Mitigation(ABC):
     ----------
     name : str
         Registry name.
-    title : str
-        Name in figures and tables; empty takes ``name``.
     style : PlotStyle or None
         Style in figures; None takes the next unused one.
     batch : int
@@ -69,7 +67,6 @@ class Mitigation(ABC):
     """
 
     name = "mitigation"
-    title: ClassVar[str] = ""
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
     runs_network: ClassVar[bool] = False

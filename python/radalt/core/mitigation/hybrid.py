@@ -43,7 +43,6 @@ class Hybrid(Mitigation):
     """
 
     name = "hybrid"
-    title = "OFDM cancellation or network"
     style = PlotStyle("#000000", "X", (0, (8, 1)))
     batch = 1  # the network's last bits depend on the batch
     runs_network = True

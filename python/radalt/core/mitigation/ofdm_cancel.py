@@ -88,7 +88,6 @@ class OfdmCancel(Mitigation):
     """
 
     name = "ofdm_cancel"
-    title = "OFDM cancellation"
     style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
 
     def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:

@@ -19,8 +19,9 @@ from ...core.receiver.altimeter import Altimeter, AltimeterSettings
 from ..engine.study import Run
 from ..overlap.figures import series_style
 from ..results.break_point import break_point
+from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.score import pool
 from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
@@ -50,9 +51,7 @@ def write_report(
         "costs": _costs(study.seed),
         "frame_samples": f"{WAVEFORM.samples_per_frame:,}",
     }
-    page = folder.write_text(
-        "report.md", render(Path(__file__).with_name("report.md.j2"), **report, **tables)
-    )
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
     folder.write_report(report | {"rows": list(found)})
     return page
 
@@ -118,21 +117,12 @@ def _costs(seed: int) -> str:
     return table(["frame", "transforms"], lines)
 
 
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=120)
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
     """Pd over SIR, a panel per case."""
     cases = _cases(rows)
     across = min(3, len(cases))
     down = -(-len(cases) // across)
-    figure = _figure(3.3 * across, 1.9 * down + 0.5)
+    figure = new_figure(3.3 * across, 1.9 * down + 0.5, dpi=120)
     axes = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
     for axis, case in zip(axes, cases, strict=False):
         for method in methods:
@@ -152,7 +142,7 @@ def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
     figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=8)
     figure.supxlabel("SIR / dB", fontsize=9)
     figure.supylabel("Pd within 5 m", fontsize=9)
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    save_figure(figure, path)
 
 
 def draw_frame(path: Path, seed: int) -> None:
@@ -160,7 +150,7 @@ def draw_frame(path: Path, seed: int) -> None:
     case, sir_db = _FRAME
     frames, altitude_m = received(CASES[case], sir_db, 1, np.random.default_rng([seed, 7]))
     cleaned = create("ofdm_cancel", WAVEFORM).process(frames)
-    figure = _figure(9.5, 5.6)
+    figure = new_figure(9.5, 5.6, dpi=120)
     grid = figure.subplots(2, 3)
     for axis, frame, title in zip(grid[:, 0], (frames[0], cleaned[0]), ("received", "cleaned"), strict=True):
         image = _spectrogram(frame)
@@ -173,7 +163,7 @@ def draw_frame(path: Path, seed: int) -> None:
     for axis, points, title in zip(
         grid[:, 1],
         _constellation(frames[0]),
-        ("elements without a return", "elements that hold it, too"),
+        ("elements without the return", "elements with the return"),
         strict=True,
     ):
         axis.plot(points.real, points.imag, "k.", markersize=1)
@@ -188,7 +178,7 @@ def draw_frame(path: Path, seed: int) -> None:
             WAVEFORM.slope_hz_per_s * 2 * altitude_m[0] / 299_792_458.0 / 1e3, color="#D55E00", lw=0.8
         )
         axis.set(title=f"beat spectra, {title}", xlabel="beat / kHz", ylabel="dB of the peak", ylim=(-60, 3))
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    save_figure(figure, path)
 
 
 def _spectrogram(frame: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.study import Run
 from ..results.folder import RunFolder
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.table import number, table
 
 if TYPE_CHECKING:
@@ -23,9 +23,7 @@ def write_report(
     """Write ``report.md`` and ``report.json``; returns the page."""
     report = folder.head | {"run": run.as_dict()}
     tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
-    page = folder.write_text(
-        "report.md", render(Path(__file__).with_name("report.md.j2"), **report, **tables)
-    )
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
     folder.write_report(report | {name: list(values) for name, values in rows.items()})
     return page
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..overlap.figures import series_style
+from ..results.figure import new_figure, save_figure
 from ..results.integrity import Integrity
 from ..results.score import Score
 from .study import EDGES
@@ -16,20 +17,6 @@ from .study import EDGES
 __all__ = ["draw_sir", "draw_stanford"]
 
 Row = Mapping[str, Any]
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=160)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _save(figure: Any, path: Path) -> None:
-    path.parent.mkdir(exist_ok=True)
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
 
 
 def stanford_counts(rows: Sequence[Row]) -> np.ndarray:
@@ -50,7 +37,7 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
     counts = stanford_counts(rows)
     edges = EDGES.copy()
     edges[0] = edges[1] ** 2 / edges[2]  # errors below the first edge: a bin like the others
-    figure = _figure(5.2, 4.3)
+    figure = new_figure(5.2, 4.3)
     axis = figure.subplots()
     top = max(2, int(counts.max(initial=0)))
     image = axis.pcolormesh(
@@ -84,14 +71,14 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
         ylabel="protection level / alert limit",
     )
     figure.colorbar(image, label="outputs")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_sir(rows: Sequence[Row], path: Path) -> None:
     """Pd and availability, and the rate of wrong altitudes, against SIR: all scenes, overlaps and SNR of `jammed`."""
     rows = [r for r in rows if r["kind"] == "jammed"]
     methods = list(dict.fromkeys(r["method"] for r in rows))
-    figure = _figure(7.6, 3.6)
+    figure = new_figure(7.6, 3.6)
     left, right = figure.subplots(1, 2)
     for method in methods:
         mine = [r for r in rows if r["method"] == method]
@@ -125,7 +112,7 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
     if methods:
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _rates(
@@ -139,7 +126,7 @@ def _rates(
     axis.errorbar(
         sirs,
         shown,
-        yerr=[np.where(none, 0.4 * bound, 0.0), np.where(none, 0.0, bound - rate)],
+        yerr=np.array([np.where(none, 0.4 * bound, 0.0), np.where(none, 0.0, bound - rate)]),
         uplims=none,
         fmt="none",
         ecolor=style["color"],

@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.study import Run
 from ..results.folder import RunFolder
 from ..results.integrity import Integrity
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.score import Score, clopper_pearson_bound
 from ..results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
@@ -108,7 +108,7 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
         "flights_with_events": len({(e["replay"], e["method"], e["cause"]) for e in events}),
         "times": _times(rows),
     }
-    page = folder.write_text("report.md", render(Path(__file__).with_name("report.md.j2"), **values))
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
     folder.write_report(report | {"events": events})
     return page
 

@@ -11,6 +11,7 @@ import numpy as np
 from ...core.mitigation import create
 from ...core.receiver.altimeter import Altimeter
 from ..overlap.figures import series_style
+from ..results.figure import new_figure, save_figure
 from ..results.score import CORRECT_LIMIT_M, accuracy_limit_m
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
@@ -18,6 +19,7 @@ from .points import approach_frames, impaired, rng_of
 __all__ = ["condition", "curve_of", "draw_figures"]
 
 IMAGE_FRAMES = 300
+_DPI, _ACROSS = 130, 4
 FEWEST_DETECTIONS = 5
 
 
@@ -36,9 +38,6 @@ def draw_figures(
     config: LandingConfig, rows: Mapping[str, Sequence[dict[str, Any]]], folder: Path
 ) -> list[str]:
     """Draw what the tables have material for; returns the file names, in report order."""
-    import matplotlib
-
-    matplotlib.use("Agg")
     names = []
     if rows["approach"]:
         names.append(_approach(config, rows["approach"], folder))
@@ -49,44 +48,56 @@ def draw_figures(
 
 
 def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Altitude and error over time, a column a condition."""
-    from matplotlib import pyplot
-
+    """Altitude over time and below it the error, per condition; at most four conditions side by side."""
     labels = list(dict.fromkeys(condition(r) for r in rows))
-    figure, axes = pyplot.subplots(
-        2, len(labels), figsize=(2.6 * len(labels) + 1, 6), sharex=True, sharey="row", squeeze=False
+    across = min(len(labels), _ACROSS)
+    down = -(-len(labels) // across)
+    figure = new_figure(2.6 * across + 1, 4.6 * down + 0.7, dpi=_DPI)
+    parts = np.atleast_1d(figure.subfigures(down, 1))
+    for part, first in zip(parts, range(0, len(labels), across), strict=True):
+        axes = part.subplots(2, across, sharex=True, sharey="row", squeeze=False)
+        for axis in axes[:, len(labels) - first :].ravel():
+            axis.set_axis_off()
+        for (top, bottom), label in zip(axes.T, labels[first : first + across], strict=False):
+            _approach_of(config, [r for r in rows if condition(r) == label], top, bottom)
+            top.set_title(label, fontsize=10)
+        axes[0, 0].set_ylabel("altitude / m")
+        axes[1, 0].set_ylabel("error / m (linear to 10 m)")
+    handles = [pair for axis in axes[:, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
+    parts[-1].legend(
+        *zip(*handles, strict=True), loc="outside lower center", ncols=4, fontsize=8, frameon=False
     )
-    for column, label in enumerate(labels):
-        mine = sorted((r for r in rows if condition(r) == label), key=lambda r: r["time_s"])
-        t = np.array([r["time_s"] for r in mine])
-        height = np.array([r["height_m"] for r in mine])
-        measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
-        top, bottom = axes[0, column], axes[1, column]
-        style = series_style(mine[0]["method"], config.methods)
-        top.plot(t, height, color="#999999", lw=2, label="height above ground")
-        top.plot(t, measured, ".", ms=2.5, color=style["color"], label="measured")
-        top.set_title(label)
-        limit = accuracy_limit_m(height)
-        bottom.fill_between(t, -limit, limit, color="#56B4E9", alpha=0.3, label="accuracy band")
-        for sign in (-1, 1):
-            bottom.axhline(sign * CORRECT_LIMIT_M, color="#999999", lw=0.8, ls="--")
-        bottom.plot(t, measured - height, ".", ms=2.5, color=style["color"])
-        bottom.set_yscale("symlog", linthresh=10.0)
-        bottom.set_xlabel("time / s")
-    axes[0, 0].set_ylabel("altitude / m")
-    axes[1, 0].set_ylabel("error / m (linear to 10 m)")
-    axes[0, 0].legend(fontsize=7)
-    axes[1, 0].legend(fontsize=7)
-    figure.suptitle(
+    parts[0].suptitle(
         f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}; dots: declared altitudes"
     )
     return _save(figure, folder, "figure_1_approach.png")
 
 
+def _approach_of(config: LandingConfig, rows: Sequence[dict[str, Any]], top: Any, bottom: Any) -> None:
+    mine = sorted(rows, key=lambda r: r["time_s"])
+    t = np.array([r["time_s"] for r in mine])
+    height = np.array([r["height_m"] for r in mine])
+    measured = np.array([np.nan if r["altitude_m"] is None else r["altitude_m"] for r in mine])
+    colour = series_style(mine[0]["method"], config.methods)["color"]
+    top.plot(t, height, color="#999999", lw=2, label="height above ground")
+    top.plot(t, measured, ".", ms=2.5, color=colour, label="measured")
+    limit = accuracy_limit_m(height)
+    bottom.fill_between(t, -limit, limit, color="#56B4E9", alpha=0.3, label="accuracy band")
+    for sign in (-1, 1):
+        bottom.axhline(
+            sign * CORRECT_LIMIT_M,
+            color="#999999",
+            lw=0.8,
+            ls="--",
+            label=f"{CORRECT_LIMIT_M:g} m, limit of Pd" if sign > 0 else None,
+        )
+    bottom.plot(t, measured - height, ".", ms=2.5, color=colour)
+    bottom.set_yscale("symlog", linthresh=10.0)
+    bottom.set_xlabel("time / s")
+
+
 def _range_time(config: LandingConfig, folder: Path) -> str:
     """Beat power over range and time: without interference, with it, after whitening or the last method."""
-    from matplotlib import pyplot
-
     step = max(1, config.approach.frames // IMAGE_FRAMES)
     times = config.approach_times_s()[::step]
     after = "whitening" if "whitening" in config.methods else config.methods[-1]
@@ -109,7 +120,8 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
     starts = range(0, config.approach.frames, step)
     heights = np.array([approach_frames(config, k, 1).height_m[0] for k in starts])
     shown = (metres >= 0) & (metres <= min(1.3 * heights.max() + 50, metres.max()))
-    figure, axes = pyplot.subplots(1, 3, figsize=(13, 4.2), sharey=True, layout="constrained")
+    figure = new_figure(13, 4.2, dpi=_DPI)
+    axes = figure.subplots(1, 3, sharey=True)
     for axis, (name, lines) in zip(axes, panels.items(), strict=True):
         with np.errstate(divide="ignore"):
             image = 10.0 * np.log10(np.maximum(np.array(lines)[:, shown].T, 1e-9))
@@ -120,17 +132,14 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
         axis.set(title=name, xlabel="time / s")
     axes[0].set_ylabel("range / m")
     figure.colorbar(picture, ax=axes, label="power of both half sweeps / dB of the frame's peak")
-    return _save(figure, folder, "figure_1_range_time.png", tight=False)
+    return _save(figure, folder, "figure_1_range_time.png")
 
 
 def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
     """Error over all frames, error over detections and Pd against SINR, a column an overlap."""
-    from matplotlib import pyplot
-
     overlaps = config.curve.overlap
-    figure, axes = pyplot.subplots(
-        3, len(overlaps), figsize=(3.2 * len(overlaps) + 1, 9), sharex=True, sharey="row", squeeze=False
-    )
+    figure = new_figure(3.2 * len(overlaps) + 1, 9, dpi=_DPI)
+    axes = figure.subplots(3, len(overlaps), sharex=True, sharey="row", squeeze=False)
     panels = (
         ("rmse_forced_m", "rmse_forced_low_m", "rmse_forced_high_m", "RMSE, all frames / m"),
         ("rmse_detected_m", "rmse_detected_low_m", "rmse_detected_high_m", "RMSE, detections / m"),
@@ -162,16 +171,12 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], f
             axis.grid(alpha=0.3)
         axes[0, column].set_title(f"overlap {overlap:g}" + (" (noise alone)" if overlap == 0 else ""))
         axes[2, column].set_xlabel("SINR / dB")
-    axes[0, 0].legend(fontsize=7)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=8, fontsize=9, frameon=False)
     figure.suptitle("grey: no interference, no mitigation; bands: 95 % intervals")
     return _save(figure, folder, "figure_2_error_against_sinr.png")
 
 
-def _save(figure: Any, folder: Path, name: str, tight: bool = True) -> str:
-    from matplotlib import pyplot
-
-    if tight:
-        figure.tight_layout()
-    figure.savefig(folder / name, dpi=130, metadata={"Software": None})
-    pyplot.close(figure)
+def _save(figure: Any, folder: Path, name: str) -> str:
+    save_figure(figure, folder / name)
     return name

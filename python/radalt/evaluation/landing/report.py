@@ -15,7 +15,7 @@ from ...core.receiver.cramer_rao import altitude_crb_m
 from ..engine.study import Run
 from ..results.break_point import BREAK_PD, BreakPoint, break_point
 from ..results.folder import RunFolder
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.score import score_frames
 from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .assumptions import ASSUMPTIONS
@@ -185,12 +185,14 @@ def write_report(
         "figures": draw_figures(config, rows, folder.path),
         "run": run.as_dict(),
     }
-    page = folder.write_text("report.md", _markdown(config, report))
+    page = write_pages(
+        folder, Path(__file__).with_name("report.md.j2"), report | _page_values(config, report)
+    )
     folder.write_report(report)
     return page
 
 
-def _markdown(config: LandingConfig, report: Row) -> str:
+def _page_values(config: LandingConfig, report: Row) -> Row:
     tables = {
         "approach_table": _approach_lines(report["approach"]),
         "ceiling_table": _ceiling_lines(report["ceiling"]),
@@ -202,7 +204,7 @@ def _markdown(config: LandingConfig, report: Row) -> str:
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]
     more = {"config": config, "over": over, "paper_rmse_m": PAPER_RMSE_M}
     page = {"precision": None} | report["run"]
-    return render(Path(__file__).with_name("report.md.j2"), **report | tables | more | {"run": page})
+    return tables | more | {"run": page}
 
 
 def _errors(row: Row, over: str) -> str:

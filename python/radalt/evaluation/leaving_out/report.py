@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.study import Run
 from ..flowgraph.plan import make_plan
 from ..results.folder import RunFolder
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.table import number, table
 from .study import scene_of
 
@@ -61,7 +61,7 @@ def write_report(folder: RunFolder, study: LeavingOutStudy, rows: Sequence[dict[
     """Write ``report.md`` and ``report.json``; returns the page."""
     report = folder.head | {"run": run.as_dict(), "summary": summarise(rows, study.frames)}
     values = report | {"main_table": _main_table(report["summary"])}
-    page = folder.write_text("report.md", render(Path(__file__).with_name("report.md.j2"), **values))
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
     folder.write_report(report | {"rows": list(rows)})
     return page
 

@@ -7,16 +7,14 @@ mouse is over it.
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...core.mitigation import METHODS, PlotStyle
+from ..results.figure import new_figure, save_figure, say
 from ..results.score import CORRECT_LIMIT_M
 from .altitudes import ERRORS_M, groups
 
@@ -59,7 +57,7 @@ def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
     if style is None:
         plain = [name for name in dict.fromkeys(o.split(",")[0] for o in order) if _style(name) is None]
         style = _RESERVE[plain.index(method) % len(_RESERVE)]
-    colour, title = style.colour, METHODS[method].title if method in METHODS else ""
+    colour = style.colour
     solid = series != method
     return {
         "color": colour,
@@ -67,7 +65,7 @@ def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
         "linestyle": style.line,
         "markerfacecolor": colour if solid else "white",
         "markeredgecolor": colour,
-        "label": (title or method) + series[len(method) :],
+        "label": series,
     }
 
 
@@ -149,7 +147,7 @@ def draw_pd(
     label = f"Pd: altitude within {CORRECT_LIMIT_M:g} m"
     trials = sorted({r["trials"] for r in rows})
     count = f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}\N{EN DASH}{trials[-1]}"
-    note = f"{count} trials a point, bars: 95 % Wilson intervals; series set side by side at each value"
+    note = f"{count} trials per point, bars: 95 % Wilson intervals; series set side by side at each value"
     return _finish(figure, axes, path, f"{title}\n{note}", label)
 
 
@@ -294,11 +292,9 @@ def _say(
     against: str,
     words: Any,
 ) -> None:
-    """Keep for `_finish` what a point says in the SVG."""
+    """What each point says in the SVG."""
     name, unit = _NAMES[against]
-    texts = [f"{style['label']}\n{name} {r[against]:g}{unit}: {words(r)}" for r in rows]
-    said = getattr(axis.figure, "radalt_said", [])
-    axis.figure.radalt_said = said + list(zip([axis] * len(texts), x, y, texts, strict=True))
+    say(axis, x, y, [f"{style['label']}\n{name} {r[against]:g}{unit}: {words(r)}" for r in rows])
 
 
 def _series(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -342,16 +338,9 @@ def _plot(axis: Any, x: np.ndarray, y: np.ndarray, error: Any, k: int, style: di
 
 def _grid(count: int, against: str) -> tuple[Any, list[Any]]:
     """An Agg figure with that many panels, at most three in a row."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = min(count, 3)
     lines = -(-count // columns)
-    # the figure is made without pyplot: no window system is asked for, and no state is kept
-    figure = Figure(
-        figsize=(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5), layout="constrained", dpi=200
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200)
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axis in axes[count:]:
         axis.set_visible(False)
@@ -382,29 +371,5 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str, ylabel: st
         handlelength=3.4,
     )
     figure.suptitle(title, fontsize=9)
-    _save(figure, path)
+    save_figure(figure, path)
     return path
-
-
-def _save(figure: Any, path: Path) -> None:
-    """PNG and PDF, then the SVG with what its points say: without dates, the same bytes for the same rows."""
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6}):
-        figure.savefig(path, metadata={"Software": "gr-radalt"})
-        figure.set_layout_engine("none")  # it is laid out now
-        figure.savefig(path.with_suffix(".pdf"), metadata={"Creator": "gr-radalt", "CreationDate": None})
-        texts = []
-        for axis, x, y, text in getattr(figure, "radalt_said", []):
-            if np.isfinite(x) and np.isfinite(y):
-                # seen by the mouse alone
-                axis.plot([x], [y], "o", ms=9, alpha=0.0, gid=f"say{len(texts)}", scalex=False, scaley=False)
-                texts.append(text)
-        svg = io.StringIO()
-        figure.savefig(svg, format="svg", metadata={"Creator": "gr-radalt", "Date": None})
-    drawn = re.sub(
-        r'<g id="say(\d+)">',
-        lambda found: f"{found[0]}<title>{escape(texts[int(found[1])])}</title>",
-        svg.getvalue(),
-    )
-    path.with_suffix(".svg").write_text(drawn, encoding="utf-8")

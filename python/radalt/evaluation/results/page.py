@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import base64
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from . import table as tables
+from .folder import RunFolder
+from .markdown import to_html
 
-__all__ = ["render"]
+__all__ = ["render", "write_pages"]
+
+_FRAME = Path(__file__).parent  # of every HTML page: page.html.j2
 
 
 def render(template: Path, **values: Any) -> str:
@@ -18,7 +25,7 @@ def render(template: Path, **values: Any) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(template.parent),
+        loader=FileSystemLoader([template.parent, _FRAME]),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -27,3 +34,51 @@ def render(template: Path, **values: Any) -> str:
     )
     functions = {name: getattr(tables, name) for name in tables.__all__}
     return environment.get_template(template.name).render(**functions, **values)
+
+
+def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) -> Path:
+    """Write ``report.md`` from a template, and ``report.html``, which needs nothing beside it and no network.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Holds the figures that the page shows; each is taken from its SVG where there is one.
+    template : Path
+        ``.md.j2``.
+    values : mapping
+        For the template; with ``run``, a `Run` as a dict.
+
+    Returns
+    -------
+    Path
+        ``report.md``.
+    """
+    text = render(template, **values)
+    page = folder.write_text("report.md", text)
+    html = render(
+        _FRAME / "report.html.j2",
+        title=text.splitlines()[0].lstrip("# "),
+        content=to_html(text, lambda file: _inline(folder.path / file)),
+        settings=_settings(folder.head),
+        created=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        run={"command": ""} | values["run"],
+        **{name: folder.head[name] for name in ("versions", "schema")},
+    )
+    folder.write_text("report.html", html)
+    return page
+
+
+def _inline(figure: Path) -> str:
+    drawn = figure.with_suffix(".svg")
+    if drawn.is_file():
+        svg = drawn.read_text(encoding="utf-8")
+        return svg[svg.index("<svg") :]
+    return f'<img src="data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}" alt="">'
+
+
+def _settings(head: Mapping[str, Any]) -> str:
+    """Scene, points, methods, seed: everything that a row depends on but the versions."""
+    import yaml
+
+    shown = {k: v for k, v in head.items() if k not in ("schema", "journal", "versions")}
+    return yaml.safe_dump(shown, sort_keys=False, allow_unicode=True)

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..results.figure import new_figure, save_figure
+
 __all__ = ["draw", "pareto", "place_labels"]
 
 REAL_TIME_MS = 1.0  # a frame lasts so long
@@ -26,11 +28,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     path : Path
         PNG file.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.6, 4.9), layout="constrained", dpi=180)
-    FigureCanvasAgg(figure)
+    figure = new_figure(12.6, 4.9, dpi=180)
     left, right, key = figure.subplots(1, 3, width_ratios=(1, 1, 0.42))
     summary = report["summary"]
     clean = next(s for s in summary if s["chain"] == "none")["clean"]
@@ -56,7 +54,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     figure.draw_without_rendering()  # the places of points are known after the layout
     for axis, values, _ in panels:
         _number(axis, summary, values, figure.dpi)
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    save_figure(figure, path)
 
 
 def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:

@@ -14,7 +14,7 @@ from ...core.waveform import Waveform
 from ..engine.study import Run
 from ..results.break_point import BreakPoint, break_point, mean_gain, protection_gain
 from ..results.folder import RunFolder, plain_json
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.score import pool
 from ..results.table import metres, number, table
 from .figure import draw, pareto
@@ -36,10 +36,9 @@ def write_report(
         **summarise(rows, study.interferers),
     }
     figure = folder.path / "figures" / "error_vs_runtime.png"
-    figure.parent.mkdir(exist_ok=True)
     draw(report, figure)
     tables = {"main_table": _main_table(report), "break_table": _break_table(report)}
-    page = folder.write_text("report.md", render(Path(__file__).with_name("report.md.j2"), **report | tables))
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
     folder.write_report(report | {"rows": rows["rows"]})
     return page
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.study import Run
+from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
-from ..results.page import render
+from ..results.page import write_pages
 from ..results.table import metres, table
 
 __all__ = ["failures", "write_report"]
@@ -45,7 +46,6 @@ def write_report(folder: RunFolder, tables: Mapping[str, Sequence[dict[str, Any]
     """Write figure, ``report.md`` and ``report.json`` from the tables; returns the page."""
     rows = tables["rows"]
     figure = folder.path / "figures" / "stability.png"
-    figure.parent.mkdir(exist_ok=True)
     _draw(rows, figure)
     report = folder.head | {"run": run.as_dict(), **tables, "failures": failures(tables)}
     values = report | {
@@ -55,7 +55,7 @@ def write_report(folder: RunFolder, tables: Mapping[str, Sequence[dict[str, Any]
         "step_table": _step_table(tables["step_limits"]),
         "check_table": _check_table(tables["checks"]),
     }
-    page = folder.write_text("report.md", render(Path(__file__).with_name("report.md.j2"), **values))
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
     folder.write_report(report)
     return page
 
@@ -134,16 +134,11 @@ def _brief(value: float | None) -> str:
 
 def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """A tile for every case and chain, in the colour of its verdict and with a letter where it is not a pass."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch, Rectangle
 
     cases = list(dict.fromkeys(r["case"] for r in rows))
     chains = list(dict.fromkeys(r["chain"] for r in rows))
-    figure = Figure(
-        figsize=(4.6 + 0.42 * len(chains), 1.8 + 0.165 * len(cases)), layout="constrained", dpi=160
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(4.6 + 0.42 * len(chains), 1.8 + 0.165 * len(cases))
     axis = figure.subplots()
     for r in rows:
         x, y = chains.index(r["chain"]), cases.index(r["case"])
@@ -160,4 +155,4 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     names = [v for v in _COLOURS if any(r["verdict"] == v for r in rows)]
     handles = [Patch(color=_COLOURS[v], label=v + (f" ({_SIGNS[v]})" if _SIGNS[v] else "")) for v in names]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(names), fontsize=7, frameon=False)
-    figure.savefig(path, metadata={"Software": "gr-radalt"})
+    save_figure(figure, path)
