@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""How fast the live path runs: real-time factor, CPU by block, latency, drops, memory.
+"""How fast the live path runs: CPU by block in FFTs, real-time factor, latency, drops, memory.
 
     .venv/bin/python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
     .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
     .venv/bin/python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
+    .venv/bin/python flowgraphs/realtime_benchmark.py --rate-hz 30e6 --methods none,whitening --seconds 10
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
-drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count.
+drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
+in FFTs: CPU time per frame over that of one complex64 transform of a frame, timed in the same run. Beside each block's
+cost stands that of its function alone in a loop, and how often the block was called per frame.
 """
 
 from __future__ import annotations
@@ -29,6 +32,11 @@ def _parser() -> Parser:
     add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
     add("--methods", default="none,tcae", help="with commas (%(default)s)")
     add("--seconds", type=number(float, 0.01, 86_400), default=60.0, help="of signal, each run (%(default)g)")
+    add(
+        "--rate-hz",
+        type=number(float, 1e3, 1e9),
+        help="sample rate and swept bandwidth, in place of the scene's (the network takes 7.5e6 alone)",
+    )
     add("--overlap", type=number(float, 0, 1), default=1.0, help="of the interference (%(default)g)")
     add(
         "--batch",
@@ -48,7 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; returns 0 where real time is kept, 1 where not, 2 after one line on what is wrong."""
     args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
+    from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
     from gnuradio.radalt.evaluation.realtime.study import (
+        at_rate,
         fft_seconds,
         fly_benchmark,
         long_scene,
@@ -59,42 +69,55 @@ def main(argv: Sequence[str] | None = None) -> int:
     numbers = {}
     scene = load_scene(args.scene)
     scene = scene.at(overlap=args.overlap) if scene.interference else scene
+    scene = scene if args.rate_hz is None else at_rate(scene, args.rate_hz)
     scene = long_scene(scene, args.seconds)
+    samples = scene.waveform.samples_per_frame
     with tempfile.TemporaryDirectory(prefix="radalt_") as folder:
         for realtime in (False,) if args.free_only else (False, True):
             options = {"realtime": realtime, "batch": args.batch, "skip_clean": args.skip_clean}
             options["own_process"] = not args.one_process
             prepared = prepare_benchmark(scene, methods, Path(folder), **options)
-            limit = 20.0 * args.seconds + 60.0
-            unit_s = [fft_seconds(scene.waveform.samples_per_frame)]
+            limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
+            unit_s = [fft_seconds(samples)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
-            unit_s.append(fft_seconds(scene.waveform.samples_per_frame))
+            unit_s.append(fft_seconds(samples))
             numbers["held to real time" if realtime else "as fast as it goes"] = result
-            before, after = (1e6 * u for u in unit_s)
-            print(f"one FFT of a frame: {before:.1f} us before the run, {after:.1f} after")
-            _print(result, realtime, scene.waveform.sweep_s, sum(unit_s) / 2)
+            alone = {}
+            if not realtime:
+                options["own_process"] = False
+                single = prepare_benchmark(scene, methods, Path(folder) / "alone", **options)
+                alone = alone_seconds(single, scene, batch=args.batch)
+                unit_s.append(fft_seconds(samples))
+            print(f"one FFT of {samples} points, us: " + ", ".join(f"{1e6 * u:.1f}" for u in unit_s))
+            _print(result, realtime, scene.waveform.sweep_s, sorted(unit_s)[len(unit_s) // 2], alone)
     if args.json:
         args.json.write_text(json.dumps({k: _numbers(r) for k, r in numbers.items()}, indent=1))
     return 0 if numbers["as fast as it goes"].real_time_factor >= 1.0 else 1
 
 
-def _print(result, realtime: bool, sweep_s: float, fft_s: float) -> None:  # noqa: ANN001 - imported late
+def _print(result, realtime: bool, sweep_s: float, fft_s: float, alone: dict) -> None:  # noqa: ANN001 - imported late
     title = "held to real time" if realtime else "as fast as it goes"
     print(f"{title}: {result.signal_s:.1f} s of signal in {result.wall_s:.1f} s", flush=True)
-    if not realtime:
-        print(f"  real-time factor  {result.real_time_factor:.2f}")
-    per_s, per_frame = 1e3 / result.signal_s, sweep_s / result.signal_s / fft_s
+    frames = result.signal_s / sweep_s
+    per_frame = 1 / (frames * fft_s)
     print(
         f"  CPU               {per_frame * result.process_cpu_s:.1f} FFTs per frame "
-        f"({per_s * result.process_cpu_s:.0f} ms per second of signal), of which"
+        f"({1e3 / result.signal_s * result.process_cpu_s:.0f} ms per second of signal), of which"
     )
-    for name, seconds in sorted(result.cpu_s.items(), key=lambda item: -item[1]):
-        print(f"    {name:24} {per_frame * seconds:7.2f} {per_s * seconds:9.1f}")
+    print(f"    {'':24} {'FFTs':>7} {'alone':>7} {'calls per frame':>16}")
+    names = dict.fromkeys(sorted(result.cpu_s, key=lambda name: -result.cpu_s[name])) | dict.fromkeys(alone)
+    for name in names:
+        cost = f"{per_frame * result.cpu_s[name]:.2f}" if name in result.cpu_s else ""
+        bare = f"{alone[name] / fft_s:.2f}" if name in alone else ""
+        calls = f"{result.calls[name] / frames:.2f}" if name in result.calls else ""
+        print(f"    {name:24} {cost:>7} {bare:>7} {calls:>16}")
+    if not realtime:
+        print(f"  real-time factor  {result.real_time_factor:.2f}")
     for method, latency in result.latency_ms.items():
         if latency.size:
             middle, high = (float(v) for v in _percentiles(latency))
             print(f"  latency {method:12} median {middle:.1f} ms, p99 {high:.1f} ms")
-    print(f"  results           {result.frames}")
+    print(f"  results           {result.frames}, {_share(result, frames)} of the frames sent")
     print(f"  dropped frames    {result.dropped_frames}, lost samples {result.lost_samples}")
     if result.skipped_frames:
         print(f"  network spared    {result.skipped_frames} frames")
@@ -103,6 +126,11 @@ def _print(result, realtime: bool, sweep_s: float, fft_s: float) -> None:  # noq
         f"  memory            {mega * result.memory_bytes:.0f} MiB, "
         f"grown by {mega * result.memory_growth_bytes:.1f} MiB"
     )
+
+
+def _share(result, frames: float) -> str:  # noqa: ANN001
+    share = min(result.frames.values()) / max(1.0, frames)
+    return f"{100 * min(1.0, share):.1f} %"
 
 
 def _percentiles(values):  # noqa: ANN001, ANN202
@@ -123,6 +151,7 @@ def _numbers(result) -> dict:  # noqa: ANN001
         "real_time_factor": result.real_time_factor,
         "process_cpu_s": result.process_cpu_s,
         "cpu_s": result.cpu_s,
+        "calls": result.calls,
         "frames": result.frames,
         "latency_ms": latency,
         "dropped_frames": result.dropped_frames,
