@@ -57,6 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
     from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
+    from gnuradio.radalt.evaluation.realtime.gateway import gateway_seconds
     from gnuradio.radalt.evaluation.realtime.study import (
         at_rate,
         fft_seconds,
@@ -87,6 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 options["own_process"] = False
                 single = prepare_benchmark(scene, methods, Path(folder) / "alone", **options)
                 alone = alone_seconds(single, scene, batch=args.batch)
+                alone |= {"(six blocks that copy)": gateway_seconds(samples)}
                 unit_s.append(fft_seconds(samples))
             print(f"one FFT of {samples} points, us: " + ", ".join(f"{1e6 * u:.1f}" for u in unit_s))
             _print(result, realtime, scene.waveform.sweep_s, sorted(unit_s)[len(unit_s) // 2], alone)

@@ -87,8 +87,8 @@ _FEWEST = 32  # vectors of a ring, however long they are
 def frame_ring(block, samples: int) -> int:  # noqa: ANN001
     """Ask for an output ring of whole pages for vectors of this size, and return how many it holds.
 
-    GNU Radio warns where a ring is no whole number of pages. It would then make the smallest that is, which is 8 vectors
-    of 56,000 samples, too few to have some free at all times.
+    GNU Radio warns where a ring is no whole number of pages. Left alone it makes the smallest that is, which is 8
+    vectors of 56,000 samples, too few to have some free at all times.
     """
     size = 8 * samples
     whole = 4096 // int(np.gcd(size, 4096))
