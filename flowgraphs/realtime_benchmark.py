@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
-"""How fast the live path runs: real-time factor, CPU by block, latency, drops, memory.
+"""How fast the live path runs: CPU by block in FFTs, real-time factor, latency, drops, memory.
 
     .venv/bin/python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
     .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
     .venv/bin/python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
+    .venv/bin/python flowgraphs/realtime_benchmark.py --rate-hz 30e6 --methods none,whitening --seconds 10
     .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 20 --out results/realtime  # and a report
 
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
-drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count.
+drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
+in FFTs: CPU time per frame over that of one complex64 transform of a frame, timed in the same run. Beside each block's
+cost stands that of its function alone in a loop, and how often the block was called per frame.
 """
 
 from __future__ import annotations
@@ -30,6 +33,11 @@ def _parser() -> Parser:
     add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
     add("--methods", default="none,tcae", help="with commas (%(default)s)")
     add("--seconds", type=number(float, 0.01, 86_400), default=60.0, help="of signal, each run (%(default)g)")
+    add(
+        "--rate-hz",
+        type=number(float, 1e3, 1e9),
+        help="sample rate and swept bandwidth, in place of the scene's (the network takes 7.5e6 alone)",
+    )
     add("--overlap", type=number(float, 0, 1), default=1.0, help="of the interference (%(default)g)")
     add(
         "--batch",
@@ -50,8 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     from gnuradio.radalt.core.scene import load_scene
+    from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
+    from gnuradio.radalt.evaluation.realtime.gateway import gateway_seconds
     from gnuradio.radalt.evaluation.realtime.report import Benchmark
     from gnuradio.radalt.evaluation.realtime.study import (
+        at_rate,
         fft_seconds,
         fly_benchmark,
         long_scene,
@@ -63,22 +74,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     found = {}
     scene = load_scene(args.scene)
     scene = scene.at(overlap=args.overlap) if scene.interference else scene
+    scene = scene if args.rate_hz is None else at_rate(scene, args.rate_hz)
     scene = long_scene(scene, args.seconds)
-    options = {"batch": args.batch, "skip_clean": args.skip_clean, "own_process": not args.one_process}
-    folder = _folder(args.out, scene, methods, options, command_of(args, parser)) if args.out else None
+    samples = scene.waveform.samples_per_frame
+    options = {"batch": args.batch, "skip_clean": args.skip_clean}
+    beside = {"own_process": not args.one_process}
+    folder = (
+        _folder(args.out, scene, methods, options | beside, command_of(args, parser)) if args.out else None
+    )
     with tempfile.TemporaryDirectory(prefix="radalt_") as build:
         for realtime in (False,) if args.free_only else (False, True):
-            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options)
-            limit = 20.0 * args.seconds + 60.0
-            unit_s = [fft_seconds(scene.waveform.samples_per_frame)]
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **beside)
+            limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
+            unit_s = [fft_seconds(samples)]
             result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
-            unit_s.append(fft_seconds(scene.waveform.samples_per_frame))
-            found["held to real time" if realtime else "as fast as it goes"] = Benchmark(
-                result, sum(unit_s) / 2
-            )
-            before, after = (1e6 * u for u in unit_s)
-            print(f"one FFT of a frame: {before:.1f} us before the run, {after:.1f} after")
-            _print(result, realtime, scene.waveform.sweep_s, sum(unit_s) / 2)
+            unit_s.append(fft_seconds(samples))
+            alone_s = {}
+            if not realtime:
+                in_turn = prepare_benchmark(
+                    scene, methods, Path(build) / "alone", realtime=False, own_process=False, **options
+                )
+                alone_s = alone_seconds(in_turn, scene, batch=args.batch)
+                alone_s["(six blocks that copy)"] = gateway_seconds(samples)
+                unit_s.append(fft_seconds(samples))
+            print(f"one FFT of {samples} points, us: " + ", ".join(f"{1e6 * u:.1f}" for u in unit_s))
+            title = "held to real time" if realtime else "as fast as it goes"
+            found[title] = Benchmark(result, sorted(unit_s)[len(unit_s) // 2], alone_s)
+            _print(title, found[title].numbers(scene.waveform.sweep_s))
     if folder is not None:
         print(_report(folder, found, scene.waveform.sweep_s, time.monotonic() - begin))
     return 0 if found["as fast as it goes"].measured.real_time_factor >= 1.0 else 1
@@ -105,37 +127,30 @@ def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN0
     return page
 
 
-def _print(result, realtime: bool, sweep_s: float, fft_s: float) -> None:  # noqa: ANN001 - imported late
-    title = "held to real time" if realtime else "as fast as it goes"
-    print(f"{title}: {result.signal_s:.1f} s of signal in {result.wall_s:.1f} s", flush=True)
-    if not realtime:
-        print(f"  real-time factor  {result.real_time_factor:.2f}")
-    per_s, per_frame = 1e3 / result.signal_s, sweep_s / result.signal_s / fft_s
+def _print(title: str, numbers: dict) -> None:
+    print(f"{title}: {numbers['signal_s']:.1f} s of signal in {numbers['wall_s']:.1f} s", flush=True)
+    print(f"  CPU               {numbers['ffts_per_frame']:.1f} FFTs per frame, of which")
+    print(f"    {'':24} {'FFTs':>7} {'alone':>7} {'calls per frame':>16}")
+    columns = [numbers[f"{what}_by_block"] for what in ("ffts_per_frame", "ffts_alone", "calls_per_frame")]
+    first = columns[0]
+    for name in dict.fromkeys([*sorted(first, key=lambda name: -first[name]), *columns[1]]):
+        cost, bare, calls = (f"{column[name]:.2f}" if name in column else "" for column in columns)
+        print(f"    {name:24} {cost:>7} {bare:>7} {calls:>16}")
+    if title == "as fast as it goes":
+        print(f"  real-time factor  {numbers['real_time_factor']:.2f}")
+    for method, latency in numbers["latency_ms"].items():
+        print(f"  latency {method:12} median {latency['median']:.1f} ms, p99 {latency['p99']:.1f} ms")
     print(
-        f"  CPU               {per_frame * result.process_cpu_s:.1f} FFTs per frame "
-        f"({per_s * result.process_cpu_s:.0f} ms per second of signal), of which"
+        f"  results           {numbers['frames']}, {100 * numbers['measured_share']:.1f} % of the frames sent"
     )
-    for name, seconds in sorted(result.cpu_s.items(), key=lambda item: -item[1]):
-        print(f"    {name:24} {per_frame * seconds:7.2f} {per_s * seconds:9.1f}")
-    for method, latency in result.latency_ms.items():
-        if latency.size:
-            middle, high = (float(v) for v in _percentiles(latency))
-            print(f"  latency {method:12} median {middle:.1f} ms, p99 {high:.1f} ms")
-    print(f"  results           {result.frames}")
-    print(f"  dropped frames    {result.dropped_frames}, lost samples {result.lost_samples}")
-    if result.skipped_frames:
-        print(f"  network spared    {result.skipped_frames} frames")
+    print(f"  dropped frames    {numbers['dropped_frames']}, lost samples {numbers['lost_samples']}")
+    if numbers["skipped_frames"]:
+        print(f"  network spared    {numbers['skipped_frames']} frames")
     mega = 1 / 1024**2
     print(
-        f"  memory            {mega * result.memory_bytes:.0f} MiB, "
-        f"grown by {mega * result.memory_growth_bytes:.1f} MiB"
+        f"  memory            {mega * numbers['memory_bytes']:.0f} MiB, "
+        f"grown by {mega * numbers['memory_growth_bytes']:.1f} MiB"
     )
-
-
-def _percentiles(values):  # noqa: ANN001, ANN202
-    import numpy as np
-
-    return np.percentile(values, [50, 99])
 
 
 if __name__ == "__main__":

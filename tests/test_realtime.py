@@ -10,7 +10,12 @@ from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.realtime.study import fly_benchmark, long_scene, prepare_benchmark
+from gnuradio.radalt.evaluation.realtime.study import (
+    at_rate,
+    fly_benchmark,
+    long_scene,
+    prepare_benchmark,
+)
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -55,6 +60,18 @@ def test_every_frame_is_measured_or_counted_as_dropped(tmp_path, realtime):
         assert not any(latency.size for latency in result.latency_ms.values())
 
 
+@pytest.mark.parametrize("rate_hz", [15e6, 56e6])
+def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path, rate_hz):
+    """Rings of long frames were once so short that none was ever free: every frame was dropped."""
+    scene = long_scene(at_rate(load_scene("clear"), rate_hz), 0.2)
+    options = {"batch": 1, "skip_clean": False, "own_process": False}
+    prepared = prepare_benchmark(scene, ("none",), tmp_path, realtime=True, **options)
+    result = fly_benchmark(prepared, scene, realtime=True, time_limit_s=50)
+    total = scene.altitude.programme.total_frames
+    assert result.frames["none"] > 10
+    assert total <= result.frames["none"] + result.dropped_frames <= total + 3
+
+
 def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
     import json
 
@@ -64,7 +81,15 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
     assert printed.splitlines()[-1] == str(tmp_path / "run" / "report.md")
     numbers = json.loads((tmp_path / "run" / "report.json").read_text())["runs"]["as fast as it goes"]
     assert code == (0 if numbers["real_time_factor"] >= 1.0 else 1)
-    for word in ("real-time factor", "frame_segmenter", "dropped frames", "memory"):
+    assert numbers["calls"]["frame_segmenter"] > 0
+    for word in (
+        "real-time factor",
+        "frame_segmenter",
+        "calls per frame",
+        "blocks that copy",
+        "dropped",
+        "memory",
+    ):
         assert word in printed
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -12,9 +12,9 @@ __all__ = [
     "FRAME_KEY",
     "RX_TIME_KEY",
     "SENT_KEY",
+    "frame_ring",
     "frame_tag",
     "gather_frames",
-    "quiet_buffer",
     "read_frame_tags",
     "read_sent_tag",
     "sent_tag",
@@ -80,7 +80,19 @@ def gather_frames(block, samples: int) -> None:  # noqa: ANN001
     block.set_min_output_buffer(2 * _GATHER * samples)
 
 
-def quiet_buffer(block, samples: int) -> None:  # noqa: ANN001
-    """Ask for a buffer in the granularity GNU Radio can allocate for vectors of this size; it warns otherwise."""
+_RING_BYTES = 1 << 23
+_FEWEST = 32  # vectors of a ring, however long they are
+
+
+def frame_ring(block, samples: int) -> int:  # noqa: ANN001
+    """Ask for an output ring of whole pages for vectors of this size, and return how many it holds.
+
+    GNU Radio warns where a ring is no whole number of pages. Left alone it makes the smallest that is, which is 8
+    vectors of 56,000 samples, too few to have some free at all times.
+    """
     size = 8 * samples
-    block.set_min_output_buffer(4096 // int(np.gcd(size, 4096)))
+    whole = 4096 // int(np.gcd(size, 4096))
+    wanted = max(_FEWEST, min(128, _RING_BYTES // size))
+    vectors = whole * -(-wanted // whole)
+    block.set_min_output_buffer(vectors)
+    return vectors

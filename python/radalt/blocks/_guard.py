@@ -39,7 +39,9 @@ def guarded(work: Callable) -> Callable:
     def wrapper(self, input_items, output_items):  # noqa: ANN001, ANN202 - GNU Radio's signature
         if getattr(self, "thread_id", None) != threading.get_native_id():
             self.thread_id = threading.get_native_id()  # for CPU time by block
+            self.calls = 0
             join_home()
+        self.calls += 1
         try:
             return work(self, input_items, output_items)
         except Exception as error:

@@ -9,7 +9,7 @@ import numpy as np
 from gnuradio import gr
 
 from ..core.mitigation import Mitigation, OwnProcess
-from ._frames import quiet_buffer
+from ._frames import frame_ring
 from ._guard import guarded
 
 __all__ = ["MitigationBlock"]
@@ -29,7 +29,7 @@ class MitigationBlock(gr.sync_block):
         self._batch = int(batch)
         self.active = True
         self._milliseconds: deque[float] = deque(maxlen=_TIMES)
-        quiet_buffer(self, n)
+        frame_ring(self, n)
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001

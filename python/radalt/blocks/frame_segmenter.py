@@ -18,8 +18,8 @@ from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
     SENT_KEY,
+    frame_ring,
     frame_tag,
-    quiet_buffer,
     read_sent_tag,
     time_counter,
 )
@@ -28,9 +28,9 @@ from ._guard import guarded
 __all__ = ["frame_segmenter"]
 
 _STATUS_EVERY = 1000  # frames between unsolicited status messages
-# Frames the scheduler offers room for, at least. Where input has run out it halves its offer down to this number and
-# asks `forecast` each time, which cost more than the calls that found something to do.
-_PLACES = 32
+# Part of the ring for which the scheduler offers room, at least. Where input has run out it halves its offer down to
+# this number and asks `forecast` each time, which cost more than the calls that found something to do.
+_PLACES = 0.25
 
 
 class frame_segmenter(gr.basic_block):
@@ -95,8 +95,8 @@ class frame_segmenter(gr.basic_block):
         self._silent_from: int | None = None  # sample counter from which there is no timing
         self._said = False
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        quiet_buffer(self, n)
-        self.set_output_multiple(_PLACES)
+        self._places = int(_PLACES * frame_ring(self, n))
+        self.set_output_multiple(self._places)
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -195,7 +195,7 @@ class frame_segmenter(gr.basic_block):
         done = 0
         while self._ready and done < len(out):
             frame = self._ready.popleft()
-            if self.drop_when_slow and len(out) - done <= _PLACES:
+            if self.drop_when_slow and len(out) - done <= self._places:
                 # keep places free: with fewer the scheduler would stop calling, and the radio would overflow
                 self.dropped_slow += 1
                 continue

@@ -59,6 +59,7 @@ class Blanking(Mitigation):
         self._hops = hops
         super().__init__(waveform)
         self._ridge = self._ridge_mask()
+        self._elsewhere = np.flatnonzero(~self._ridge)
 
     def _ridge_mask(self) -> np.ndarray:
         """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
@@ -86,11 +87,13 @@ class Blanking(Mitigation):
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
         # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median
         # of an exponential population is 2.41 times its lower quartile
-        off = _lower_quartile(power[:, ~self._ridge]) * np.float32(2.41)
+        cells = power.reshape(len(power), -1)
+        off = _lower_quartile(cells.take(self._elsewhere, axis=1)) * np.float32(2.41)
         # on it: the return is as strong as the strongest ridge cell of an undisturbed instant
         on = _lower_quartile(np.where(self._ridge, power, 0).max(axis=2))
-        limit = np.where(self._ridge, np.maximum(on, off)[:, None, None], off[:, None, None]) * factor
-        plane[power > limit] = 0
+        excised = power > (off * factor)[:, None, None]
+        excised &= ~self._ridge | (power > (on * factor)[:, None, None])
+        np.copyto(plane, 0, where=excised)
         return self._overlap_add(fft.ifft(plane, axis=-1)) * scale
 
     def _overlap_add(self, pieces: np.ndarray) -> np.ndarray:

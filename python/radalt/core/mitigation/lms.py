@@ -56,6 +56,7 @@ class BlockLms(Mitigation):
 
     name = "lms"
     style = PlotStyle("#E69F00", "v", (0, (1, 1.2)))
+    batch = 16  # frames share the calls per block
     _confirmed_pfa = 1.0  # of `Altimeter.confirms`: the paper's rows stay as they are
 
     def __init__(
@@ -98,16 +99,19 @@ class BlockLms(Mitigation):
         super().reset()
         self.unconfirmed_frames = 0
         self.weights = np.zeros(self.length, dtype=np.complex64)
-        self._line = np.zeros(self.length - 1 + self.waveform.samples_per_frame, dtype=np.complex64)
+        self._past = np.zeros(self.length - 1, dtype=np.complex64)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
-        for frame, cleaned in zip(batch, out, strict=True):
-            reference = self.waveform.reference
+        reference = self.waveform.reference[None]
+        # frames that start anew are independent of each other: one pass over the blocks adapts all of them
+        step = len(batch) if self.restart else 1
+        for first in range(0, len(batch), step):
+            frames, cleaned = batch[first : first + step], out[first : first + step]
             if self.wiring == "reference_desired":
-                self._filter(frame, reference, cleaned)
+                self._filter(frames, reference, cleaned)
             else:
-                self._filter(reference, frame, cleaned)
+                self._filter(reference, frames, cleaned)
         if self._check is not None:
             unconfirmed = ~self._check.confirms(batch, out, self._confirmed_pfa)
             self.unconfirmed_frames += int(unconfirmed.sum())
@@ -115,37 +119,36 @@ class BlockLms(Mitigation):
         return out
 
     def _filter(self, source: np.ndarray, desired: np.ndarray, out: np.ndarray) -> None:
-        """Adapt over one frame; ``out`` receives the filter's output."""
-        past = self.length - 1
-        line = self._line
-        if self.restart:
-            line[:] = 0
-            self.weights = np.zeros_like(self.weights)
-        line[:past] = line[line.size - past :]
-        line[past:] = source
-        taps = np.lib.stride_tricks.sliding_window_view(line, self.length)
+        """Adapt over frames (n or 1, N), each with weights of its own; ``out`` (n, N) receives the filters' output."""
+        past, count, samples = self.length - 1, *out.shape
+        line = np.zeros((len(source), past + samples), dtype=np.complex64)
+        weights = np.zeros((count, self.length, 1), dtype=np.complex64)
+        if not self.restart:
+            line[:, :past], weights[:, :, 0] = self._past, self.weights
+        line[:, past:] = source
+        taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
         gains = self._gains(line)
-        diverged = False
+        firsts = range(0, samples, self.block)
+        peaks = np.empty((len(firsts), count), dtype=np.float32)
         with np.errstate(over="ignore", invalid="ignore"):
-            for gain, first in zip(gains, range(0, source.size, self.block), strict=True):
-                span = slice(first, min(first + self.block, source.size))
-                x = taps[span]
-                np.matmul(x, self.weights, out=out[span])
-                error = desired[span] - out[span]
-                self.weights = self.weights + gain * (np.conj(error) @ x).conj()
-                if not np.abs(self.weights).max() < _WEIGHT_LIMIT:
-                    out[span.start :] = 0
-                    diverged = True
-                    break
-        if diverged:
+            for gain, peak, first in zip(gains.T[..., None, None], peaks, firsts, strict=True):
+                span = slice(first, first + self.block)
+                x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
+                out[:, span] = (x @ weights)[..., 0]
+                error = desired[:, span] - out[:, span]
+                weights = weights + gain * (error.conj()[:, None] @ x).conj().transpose(0, 2, 1)
+                np.abs(weights[..., 0]).max(axis=1, out=peak)
+            diverged = ~(peaks < _WEIGHT_LIMIT)
+        self._past, self.weights = line[-1, samples:], weights[-1, :, 0]
+        for row in np.flatnonzero(diverged.any(axis=0)):
+            out[row, firsts[int(diverged[:, row].argmax())] :] = 0
             self.diverged_frames += 1
-            self.weights = np.zeros_like(self.weights)
-            self._line[:] = 0
+            self._past, self.weights = np.zeros_like(self._past), np.zeros_like(self.weights)
 
     def _gains(self, line: np.ndarray) -> np.ndarray:
-        """Step size of every block, from the delay line ``(L - 1 + N,)``."""
-        blocks = -(-(line.size - self.length + 1) // self.block)
-        return np.full(blocks, self.step, dtype=np.complex64)
+        """Step size of every block, from the delay lines (m, L - 1 + N): (m, blocks)."""
+        blocks = -(-(line.shape[1] - self.length + 1) // self.block)
+        return np.full((len(line), blocks), self.step, dtype=np.complex64)
 
     @property
     def carries_altitude(self) -> bool:
@@ -225,11 +228,10 @@ class Nlms(BlockLms):
         self.name = "nlms"
 
     def _gains(self, line: np.ndarray) -> np.ndarray:
-        energy = np.concatenate(
-            [[0.0], np.cumsum(line.real.astype(float) ** 2 + line.imag.astype(float) ** 2)]
-        )
-        in_taps = energy[self.length :] - energy[: -self.length]  # of one tap vector
-        trace = np.add.reduceat(in_taps, np.arange(0, in_taps.size, self.block))
+        power = line.real.astype(float) ** 2 + line.imag.astype(float) ** 2
+        energy = np.concatenate([np.zeros((len(line), 1)), np.cumsum(power, axis=1)], axis=1)
+        in_taps = energy[:, self.length :] - energy[:, : -self.length]  # of one tap vector
+        trace = np.add.reduceat(in_taps, np.arange(0, in_taps.shape[1], self.block), axis=1)
         # differences of a running sum know no block that is far weaker than the frame
-        floor = 1e-12 * (1.0 + energy[-1])
+        floor = 1e-12 * (1.0 + energy[:, -1:])
         return (self.step / np.maximum(trace, floor)).astype(np.complex64)

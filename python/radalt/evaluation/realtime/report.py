@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +27,19 @@ class Benchmark:
     measured : Measurement
     fft_s : float
         CPU seconds of one transform of a frame, measured before and after the run.
+    alone_s : dict of name -> float
+        CPU seconds per frame of each block's function in a loop (`alone_seconds`); may be empty.
     """
 
     measured: Measurement
     fft_s: float
+    alone_s: Mapping[str, float] = field(default_factory=dict)
 
     def numbers(self, sweep_s: float) -> dict[str, Any]:
         """For ``report.json``; costs in transforms per frame as well."""
         m = self.measured
-        ffts = sweep_s / m.signal_s / self.fft_s
+        frames = m.signal_s / sweep_s
+        ffts = 1 / (frames * self.fft_s)
         latency = {
             method: dict(zip(("median", "p99"), np.percentile(ms, [50, 99]).tolist(), strict=True))
             for method, ms in m.latency_ms.items()
@@ -46,6 +50,9 @@ class Benchmark:
             "real_time_factor": m.real_time_factor,
             "ffts_per_frame": ffts * m.process_cpu_s,
             "ffts_per_frame_by_block": {name: ffts * s for name, s in m.cpu_s.items()},
+            "ffts_alone_by_block": {name: s / self.fft_s for name, s in self.alone_s.items()},
+            "calls_per_frame_by_block": {name: count / frames for name, count in m.calls.items()},
+            "measured_share": min(1.0, min(m.frames.values()) / frames),
             "latency_ms": latency,
         }
 
@@ -75,6 +82,7 @@ def _rates(runs: Mapping[str, Mapping[str, Any]]) -> str:
             number(r["real_time_factor"]),
             number(r["ffts_per_frame"], 1),
             number(1e6 * r["fft_s"], 1),
+            number(100 * r["measured_share"], 1),
             r["dropped_frames"],
             r["lost_samples"],
             number(r["memory_bytes"] / 2**20, 0),
@@ -82,15 +90,24 @@ def _rates(runs: Mapping[str, Mapping[str, Any]]) -> str:
         ]
         for name, r in runs.items()
     ]
-    header = ["run", "signal / s", "real-time factor", "FFTs per frame", "one FFT / µs"]
+    header = ["run", "signal / s", "real-time factor", "FFTs per frame", "one FFT / µs", "measured / %"]
     return table([*header, "dropped frames", "lost samples", "memory / MiB", "growth / MiB"], lines)
 
 
 def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:
     cost = {name: r["ffts_per_frame_by_block"] for name, r in runs.items()}
-    first = next(iter(cost.values()))
-    blocks = sorted(dict.fromkeys(b for of in cost.values() for b in of), key=lambda b: -first.get(b, 0.0))
-    return table(["block", *cost], [[b, *(number(of.get(b)) for of in cost.values())] for b in blocks])
+    first, r = next(iter(cost.values())), next(iter(runs.values()))
+    columns = cost | {
+        "function alone": r["ffts_alone_by_block"],
+        "calls per frame": r["calls_per_frame_by_block"],
+    }
+    blocks = dict.fromkeys(
+        [
+            *sorted((b for of in cost.values() for b in of), key=lambda b: -first.get(b, 0.0)),
+            *r["ffts_alone_by_block"],
+        ]
+    )
+    return table(["block", *columns], [[b, *(number(of.get(b)) for of in columns.values())] for b in blocks])
 
 
 def _latency(runs: Mapping[str, Mapping[str, Any]]) -> str:

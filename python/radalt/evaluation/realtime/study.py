@@ -22,7 +22,7 @@ from ..flowgraph.rewrite import load_grc, prune, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import blocks_of, run_to_end
 
-__all__ = ["Measurement", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
+__all__ = ["Measurement", "at_rate", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
 
 _POLL_S = 0.1
 _ARRIVALS = 200_000
@@ -41,6 +41,8 @@ class Measurement:
         CPU seconds of each block's thread, and of the network's process where it has one of its own.
     process_cpu_s : float
         CPU seconds of everything.
+    calls : dict of block -> int
+        How often GNU Radio called each block's ``work``.
     frames : dict of method -> int
         Altitude results.
     latency_ms : dict of method -> (frames,) float array
@@ -59,6 +61,7 @@ class Measurement:
     wall_s: float
     cpu_s: dict[str, float]
     process_cpu_s: float
+    calls: dict[str, int]
     frames: dict[str, int]
     latency_ms: dict[str, np.ndarray]
     dropped_frames: int
@@ -112,6 +115,18 @@ def prepare_benchmark(
                 "own_process": str(own_process),
             }
     return Prepared(generate(data, build_dir), name, tuple(methods), ())
+
+
+def at_rate(scene: Scene, rate_hz: float) -> Scene:
+    """The scene at another sample rate, with a sweep as wide as that rate and as long as before.
+
+    Raises
+    ------
+    ValueError
+        If a frame is then no whole even number of samples, or an interferer does not fit.
+    """
+    waveform = dataclasses.replace(scene.waveform, rate_hz=rate_hz, bandwidth_hz=rate_hz)
+    return dataclasses.replace(scene, waveform=waveform)
 
 
 def long_scene(scene: Scene, seconds: float) -> Scene:
@@ -172,6 +187,7 @@ def fly_benchmark(
         wall_s=wall,
         cpu_s=watch.cpu_s,
         process_cpu_s=cpu,
+        calls={name: getattr(block, "calls", 0) for name, block in blocks_of(top).items()},
         frames={m: sink.count for m, sink in sinks.items()},
         latency_ms={m: _latency_ms(sink.times(), segmenter.arrivals, scene) for m, sink in sinks.items()},
         dropped_frames=status["dropped_slow"],

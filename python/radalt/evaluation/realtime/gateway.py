@@ -1,0 +1,59 @@
+"""What GNU Radio and its Python gateway cost when the blocks do nothing but copy."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from gnuradio import blocks, gr
+
+from ...blocks._frames import frame_ring
+from ...blocks._guard import WORK_DONE, guarded
+
+__all__ = ["gateway_seconds"]
+
+
+class _Copy(gr.sync_block):
+    """Frames in, the same frames out."""
+
+    def __init__(self, samples: int) -> None:
+        gr.sync_block.__init__(self, "copy", [(np.complex64, samples)], [(np.complex64, samples)])
+        frame_ring(self, samples)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        output_items[0][:] = input_items[0]
+        return len(output_items[0])
+
+
+class _Source(gr.sync_block):
+    """So many frames of whatever the ring holds."""
+
+    def __init__(self, samples: int, frames: int) -> None:
+        gr.sync_block.__init__(self, "source", None, [(np.complex64, samples)])
+        self._left = frames
+        frame_ring(self, samples)
+
+    @guarded
+    def work(self, input_items, output_items) -> int:  # noqa: ANN001
+        done = min(self._left, len(output_items[0]))
+        self._left -= done
+        return done or WORK_DONE
+
+
+def gateway_seconds(samples: int, *, count: int = 6, frames: int = 2000) -> float:
+    """CPU seconds per frame of a chain of ``count`` Python blocks that copy, between a source and a null sink.
+
+    Parameters
+    ----------
+    samples : int
+        Of a frame; rings are those of this module's own blocks.
+    count, frames : int
+        Blocks in the chain, frames through it.
+    """
+    top = gr.top_block()
+    chain = [_Source(samples, frames), *(_Copy(samples) for _ in range(count)), blocks.null_sink(8 * samples)]
+    top.connect(*chain)
+    begin = time.process_time()
+    top.run()
+    return (time.process_time() - begin) / frames
