@@ -343,6 +343,24 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
         assert len(results) == len(frames) and results["valid"].all()
 
 
+def test_block_takes_the_received_frames_on_a_second_input():
+    from gnuradio import radalt
+    from test_blocks import Ragged, run
+
+    from gnuradio.radalt.core.scene import parse_scene
+
+    rng = np.random.default_rng(21)
+    cleaned = flight(rng, np.full(240, 300.0), 0.0).astype(np.complex64)
+    received = cleaned + point_return(W, np.full(240, 500.0), phase_cycles=rng.random(240))
+    scene, outputs = parse_scene({}), []
+    for beside in (cleaned, received):
+        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(beside, 2)
+        run(Ragged(cleaned, 1), block, also=(straight,), wires=((straight, (block, 1)),))
+        outputs.append(block.outputs())
+    assert outputs[0]["status"][-1] == Status.NORMAL
+    assert not np.any(outputs[1]["status"] == Status.NORMAL)  # what a method took away
+
+
 def test_block_says_failure_when_the_segmenter_loses_lock():
     import pmt
     from gnuradio import radalt
