@@ -7,6 +7,7 @@ from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.integrator import Integrator
 from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.returns.point import point_return
+from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.waveform import Waveform
 from radalt.evaluation.results.proportion import clopper_pearson
 
@@ -145,6 +146,34 @@ def test_protection_level_holds_at_its_stated_risk():
     assert trials > 200
     assert clopper_pearson(events, trials)[0] <= 0.02
     assert np.median(widths) < 5.0  # and it says something
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "land"),
+    [
+        (30.0, ("constant_gamma", "mountains")),
+        (150.0, ("constant_gamma", "mountains")),
+        (300.0, ("morchin", "urban_low_relief")),
+    ],
+)
+def test_extended_ground_stays_within_its_protection_level_and_a_point_pays_nothing(altitude_m, land):
+    """Ground off nadir pulls the peak up by several metres; only the return itself says whether there is any."""
+    radar = TerrainReturn(FlatTerrain(0.0), W, ground=reflectivity(*land))
+    rng, speed = np.random.default_rng(9), 70.0
+    east = speed * T / 82_700.0  # degrees of longitude per frame at 42 degrees north
+    over = [
+        AircraftState(k * T, 42.0, -88.0 + east * k, altitude_m, (speed, 0.0, 0.0), 90.0) for k in range(160)
+    ]
+    ground = np.stack([radar(state, frame_index=k).frame for k, state in enumerate(over)])
+    ground /= np.sqrt(np.mean(np.abs(ground) ** 2))
+    out = tracked((ground + noise(rng, 160, 0.0)).astype(np.complex64))
+    out = out[out["status"] == Status.NORMAL]
+    error = out["altitude_m"] - altitude_m
+    assert out.size
+    assert np.all(np.abs(error) < out["protection_level_m"])
+    assert altitude_m < 100.0 or np.all(error > 3.0)
+    point = tracked(flight(rng, np.full(160, altitude_m), 0.0))[-1]
+    assert point["protection_level_m"] < 2.6
 
 
 @pytest.mark.parametrize("step_m", [50.0, -150.0, 300.0])
@@ -312,6 +341,24 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
     for outputs, results in kept:
         assert outputs.tobytes() == expected.tobytes()
         assert len(results) == len(frames) and results["valid"].all()
+
+
+def test_block_takes_the_received_frames_on_a_second_input():
+    from gnuradio import radalt
+    from test_blocks import Ragged, run
+
+    from gnuradio.radalt.core.scene import parse_scene
+
+    rng = np.random.default_rng(21)
+    cleaned = flight(rng, np.full(240, 300.0), 0.0).astype(np.complex64)
+    received = cleaned + point_return(W, np.full(240, 500.0), phase_cycles=rng.random(240))
+    scene, outputs = parse_scene({}), []
+    for beside in (cleaned, received):
+        block, straight = radalt.altitude_tracker(scene, "tcae", received=True), Ragged(beside, 2)
+        run(Ragged(cleaned, 1), block, also=(straight,), wires=((straight, (block, 1)),))
+        outputs.append(block.outputs())
+    assert outputs[0]["status"][-1] == Status.NORMAL
+    assert not np.any(outputs[1]["status"] == Status.NORMAL)  # what a method took away
 
 
 def test_block_says_failure_when_the_segmenter_loses_lock():

@@ -46,6 +46,8 @@ class altimeter_sink(gr.sync_block):
         Whether the block has the output ``altitude``, one value per frame, for displays.
     network : bool
         Allow an endpoint that other machines reach.
+    inputs : int
+        Inputs of frames; those after the first are for blocks derived from this one.
 
     Raises
     ------
@@ -66,11 +68,12 @@ class altimeter_sink(gr.sync_block):
         capacity: int = 100_000,
         stream: bool = False,
         network: bool = False,
+        inputs: int = 1,
     ) -> None:
         check_endpoint("altimeter_sink.endpoint", endpoint, network=network)
         n = scene.waveform.samples_per_frame
         outputs = [np.float32] if stream else None
-        gr.sync_block.__init__(self, f"radalt_{type(self).__name__}", [(np.complex64, n)], outputs)
+        gr.sync_block.__init__(self, f"radalt_{type(self).__name__}", [(np.complex64, n)] * inputs, outputs)
         self.method = method
         self.altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._programme = scene.altitude.programme

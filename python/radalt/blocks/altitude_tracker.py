@@ -20,10 +20,11 @@ class altitude_tracker(altimeter_sink):
     """An altimeter sink that also tracks: the same spectra, summed over 40 ms; see `AltitudeTracker`.
 
     Altitude by the joint peak of both half sweeps' summed spectra over altitude and vertical speed, then a Kalman
-    filter; ``protection level = 1 m + k sigma + ambiguity``.
+    filter; ``protection level = 1 m + extent + k sigma + ambiguity``.
 
-    Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, timing: message`` (optional: the segmenter's
-    ``status``; without lock there are no frames, and the status says FAILURE at once)
+    Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, received: complex vector of N`` (with
+    ``received``), ``timing: message`` (optional: the segmenter's ``status``; without lock there are no frames, and the
+    status says FAILURE at once)
     ``> result: message, altitude: float`` (as in `altimeter_sink`), ``tracked: message`` (one dictionary per output:
     version, method, frame_index, status, state, altitude_m, vertical_speed_m_per_s, protection_level_m, age_s,
     strength, frames, timing_verified, line). Altitude, speed and protection level are NaN unless status is ``normal``;
@@ -35,6 +36,9 @@ class altitude_tracker(altimeter_sink):
         Waveform, settings of altimeter and tracker, programme.
     method, endpoint, messages, capacity, stream, network
         As in `altimeter_sink`; ``messages`` is about ``result`` alone.
+    received : bool
+        A second input for the same frames before mitigation, straight from the segmenter. A return that only they show
+        is then a rival: a method may take the weaker of two returns for interference.
 
     Example
     -------
@@ -50,8 +54,12 @@ class altitude_tracker(altimeter_sink):
         capacity: int = 100_000,
         stream: bool = False,
         network: bool = False,
+        received: bool = False,
     ) -> None:
-        altimeter_sink.__init__(self, scene, method, endpoint, messages, capacity, stream, network)
+        altimeter_sink.__init__(
+            self, scene, method, endpoint, messages, capacity, stream, network, inputs=1 + bool(received)
+        )
+        self._received: np.ndarray | None = None
         self.tracker = AltitudeTracker(self.altimeter, scene.tracker_settings)
         self._outputs = np.zeros(max(1, int(capacity) // self.tracker.frames), dtype=OUTPUT_DTYPE)
         self._output_count = 0
@@ -89,6 +97,7 @@ class altitude_tracker(altimeter_sink):
         """See `altimeter_sink.work`; after a loss of lock tracking starts anew."""
         if self._lost:
             self.tracker.reset()
+        self._received = input_items[1] if len(input_items) > 1 else None
         return altimeter_sink.work(self, input_items, output_items)
 
     def _track(self, spectra: Spectra, tags: np.ndarray) -> None:
@@ -98,6 +107,7 @@ class altitude_tracker(altimeter_sink):
             spectra,
             frame_index=index.astype(np.int64) if known else None,
             timing_offset_s=np.nan_to_num(tags[:, 2]),
+            received=None if self._received is None else self.altimeter.spectra(self._received),
         )
         at = (self._output_count + np.arange(len(outputs))) % self._outputs.size
         self._outputs[at] = outputs

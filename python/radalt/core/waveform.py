@@ -13,7 +13,14 @@ from functools import cached_property
 import numpy as np
 from scipy.constants import speed_of_light as C_M_PER_S
 
-__all__ = ["C_M_PER_S", "Waveform", "altitude_to_delay_s", "delay_to_altitude_m", "exp_cycles"]
+__all__ = [
+    "C_M_PER_S",
+    "Waveform",
+    "altitude_to_delay_s",
+    "delay_to_altitude_m",
+    "exp_cycles",
+    "sum_of_waves",
+]
 
 
 _MOST_SAMPLES = 1 << 20  # of a frame
@@ -27,6 +34,20 @@ def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarr
     out.real = np.cos(angle)
     out.imag = np.sin(angle)
     return out
+
+
+def sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> np.ndarray:
+    """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
+
+    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
+    some 2 sqrt(count) exponentials per wave instead of count.
+    """
+    block = int(np.ceil(np.sqrt(count)))
+    blocks = -(-count // block)
+    coarse = exp_cycles(step_cycles[..., None, :] * (block * np.arange(blocks)[:, None]), np.complex128)
+    fine = exp_cycles(step_cycles[..., :, None] * np.arange(block), np.complex128)
+    product = (coarse * weights[..., None, :]) @ fine
+    return product.reshape(*product.shape[:-2], -1)[..., :count]
 
 
 def altitude_to_delay_s(altitude_m: np.ndarray | float) -> np.ndarray | float:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from ..parsing import build
-from ..waveform import exp_cycles
+from ..waveform import exp_cycles, sum_of_waves
 from .emitters import NamedEmitter
 from .placement import Emitter
 
@@ -99,20 +99,6 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
     return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
 
 
-def _sum_of_waves(weights: np.ndarray, step_cycles: np.ndarray, count: int) -> np.ndarray:
-    """sum_w weights_w exp(j 2 pi step_w n), n = 0..count-1: (..., waves) twice gives (..., count).
-
-    With n = a * block + b each exponential is a product of two, so the sum is a small matrix product:
-    some 2 sqrt(count) exponentials per wave instead of count.
-    """
-    block = int(np.ceil(np.sqrt(count)))
-    blocks = -(-count // block)
-    coarse = exp_cycles(step_cycles[..., None, :] * (block * np.arange(blocks)[:, None]), np.complex128)
-    fine = exp_cycles(step_cycles[..., :, None] * np.arange(block), np.complex128)
-    product = (coarse * weights[..., None, :]) @ fine
-    return product.reshape(*product.shape[:-2], -1)[..., :count]
-
-
 @dataclass(frozen=True, kw_only=True)
 class FadingChannel:
     """Random multipath channel, one independent draw per frame.
@@ -188,7 +174,7 @@ class FadingChannel:
             weights = _gaussian((*size, _WAVES), rng) / np.sqrt(_WAVES)
             # Clarke: waves from directions that are uniform in angle (isotropic scattering in the plane).
             step_cycles = self.doppler_hz / rate_hz * np.cos(2 * np.pi * rng.random((*size, _WAVES)))
-            gains = _sum_of_waves(weights, step_cycles, count)
+            gains = sum_of_waves(weights, step_cycles, count)
         gains *= np.sqrt(self.powers)[:, None]
         if self.los_power:
             moved = _LOS_DOPPLER * self.doppler_hz / rate_hz * np.arange(count)
@@ -225,14 +211,20 @@ class FadingChannel:
         tail = int(np.ceil(self.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
         length = count if periodic else next_fast_len(count + tail)
         spectrum = np.fft.fft(frames, length, axis=-1)
-        cycles = -self.delays_s[:, None] * np.fft.fftfreq(length, 1 / rate_hz)
-        response = exp_cycles(cycles, np.complex128)
+        # of delays as waves along the frequency, from the lowest one on
+        step_cycles = -self.delays_s * (rate_hz / length)
+        lowest = exp_cycles(-(length // 2) * step_cycles, np.complex128)
+
+        def response(weights: np.ndarray, steps: np.ndarray) -> np.ndarray:
+            return np.fft.ifftshift(sum_of_waves(weights, steps, length), axes=-1)
+
         if self.doppler_hz == 0.0:
             gains = self.gains(frames.shape[:-1], 1, rate_hz, rng)[..., 0]
-            return np.fft.ifft(spectrum * (gains @ response), axis=-1)[..., :count]
+            return np.fft.ifft(spectrum * response(gains * lowest, step_cycles), axis=-1)[..., :count]
         gains = self.gains(frames.shape[:-1], count, rate_hz, rng)
         faded = np.zeros(frames.shape, dtype=np.complex128)
-        for tap, delayed in enumerate(response):
+        for tap, (first, step) in enumerate(zip(lowest, step_cycles, strict=True)):
+            delayed = response(first[None], step[None])
             faded += gains[..., tap, :] * np.fft.ifft(spectrum * delayed, axis=-1)[..., :count]
         return faded
 

@@ -11,8 +11,7 @@ gives no altitude, and neither does one with a rival that could as well be the g
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -20,6 +19,7 @@ from scipy.special import ndtri
 from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
 from .integrator import Block, Entry, Integrator, Measurement
+from .track import Evidence, Kalman, Track
 from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
@@ -32,7 +32,9 @@ _SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grat
 _LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
 # least error of one measurement; interference keeps it up from block to block, so that a mean is no better
 _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
-_FITTED = 25  # latest altitudes that say how fast the track moves
+# how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
+# ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
+_EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
@@ -47,140 +49,6 @@ def _threshold(pfa: float, trials: float) -> float:
 def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
     """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
     return other.strength > found.strength + sigmas and other.power > found.power
-
-
-@dataclass
-class Kalman:
-    """Altitude and vertical speed at the end of a block, with their covariance.
-
-    Constant speed, driven by white acceleration that lasts a block (Y. Bar-Shalom et al., Estimation with Applications
-    to Tracking and Navigation, 6.3.2). A measurement belongs to the middle of its frames, ``lead_s`` before the end.
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    nis: float = 1.0  # innovation squared over its variance, averaged over ten blocks
-
-    def predict(self, seconds: float, acceleration: float) -> None:
-        """Move on by ``seconds``."""
-        step = np.array([[1.0, seconds], [0.0, 1.0]])
-        push = np.array([0.5 * seconds**2, seconds]) * acceleration
-        self.mean = step @ self.mean
-        self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
-
-    def innovation(self, found: Measurement, lead_s: float) -> tuple[float, float]:
-        """Altitude found less altitude expected, and its variance."""
-        row = np.array([1.0, -lead_s])
-        return float(found.altitude_m - row @ self.mean), float(
-            row @ self.covariance @ row + found.altitude_variance_m2
-        )
-
-    def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
-        """Take a measurement, of altitude alone or of speed as well."""
-        rest, variance = self.innovation(found, lead_s)
-        self.nis += 0.1 * (rest**2 / variance - self.nis)
-        self._correct(np.array([1.0, -lead_s]), rest, variance)
-        if with_speed:
-            row = np.array([0.0, 1.0])
-            rest = found.speed_m_per_s - self.mean[1]
-            self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
-
-    def _correct(self, row: np.ndarray, rest: float, variance: float) -> None:
-        gain = self.covariance @ row / variance
-        self.mean = self.mean + gain * rest
-        self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
-        self.covariance = 0.5 * (self.covariance + self.covariance.T)
-
-
-@dataclass
-class Evidence:
-    """How much more a track's cells have shown than cells at other distances, over the last blocks.
-
-    A weighted mean of `Block.differences`, weights falling by ``memory / (memory + 1)`` per block, and its variance.
-    """
-
-    memory: float
-    mean: np.ndarray | None = None
-    variance: np.ndarray | None = None
-    weight: float = 0.0
-
-    def add(self, mean: np.ndarray, variance: np.ndarray) -> None:
-        """One block's differences, (2, 2 reach + 1) each."""
-        self.weight = self.weight * self.memory / (self.memory + 1.0) + 1.0
-        share = 1.0 / self.weight
-        if self.mean is None:
-            self.mean, self.variance = mean, variance
-            return
-        self.mean = (1.0 - share) * self.mean + share * mean
-        self.variance = (1.0 - share) ** 2 * self.variance + share**2 * variance
-
-    def farthest(
-        self, sigmas: float, apart: tuple[int, int], lobe: float, span: tuple[float, float]
-    ) -> tuple[float, float]:
-        """The farthest altitude, and the farthest speed, that are not ruled out: both in cells from the track's.
-
-        Parameters
-        ----------
-        sigmas : float
-            Standard deviations by which a rival has to fall short.
-        apart : (int, int)
-            Cells by which a rival's up half may lie above its down half, more than the track's: least and most.
-        lobe : float
-            Distance in cells, of both halves, that belongs to the same return.
-        span : (float, float)
-            Lowest and highest altitude there is, in cells from the track's.
-        """
-        reach = self.mean.shape[1] // 2
-        steps = np.arange(-reach, reach + 1)
-        altitude = speed = 0.0
-        for d in range(apart[0], apart[1] + 1):
-            up = slice(max(0, d), steps.size + min(0, d))
-            down = slice(max(0, -d), steps.size + min(0, -d))
-            mean = self.mean[0, up] + self.mean[1, down]
-            deviation = np.sqrt(self.variance[0, up] + self.variance[1, down])
-            middle = 0.5 * (steps[up] + steps[down])
-            other = np.maximum(np.abs(steps[up]), np.abs(steps[down])) > lobe
-            other &= (middle >= span[0]) & (middle <= span[1])
-            open_ = other & ~(mean >= sigmas * deviation)
-            if open_.any():
-                altitude = max(altitude, float(np.abs(middle)[open_].max()))
-                speed = max(speed, float(abs(d)))
-        return altitude, speed
-
-
-@dataclass
-class Track:
-    """An altitude that is followed: a candidate until it is confirmed."""
-
-    filter: Kalman
-    evidence: Evidence
-    hits: int = 1  # consecutive
-    missed: int = 0  # consecutive
-    confirmed: bool = False
-    seen: bool = True  # something that is no side lobe stands where the track is expected
-    outdone: int = 0  # consecutive blocks in which a rival near by was stronger
-    measured_at: float = 0.0  # frame index of the middle of the last measurement
-    latest: Measurement | None = field(default=None, repr=False)
-    history: deque = field(
-        default_factory=lambda: deque(maxlen=_FITTED), repr=False
-    )  # (frame index, altitude)
-
-    def take(self, found: Measurement, middle: float) -> None:
-        """Remember a measurement."""
-        self.latest, self.measured_at = found, middle
-        self.history.append((middle, found.altitude_m))
-
-    def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
-        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""
-        if len(self.history) < 3:
-            return 0.0, np.inf
-        time, altitude = np.array(self.history).T
-        time = (time - time.mean()) * sweep_s
-        slope = float(time @ altitude / (time @ time))
-        rest = altitude - altitude.mean() - slope * time
-        # few residuals may be small by chance: what the measurement claims counts as well
-        variance = max(float(rest @ rest) / (time.size - 2), self.latest.altitude_variance_m2)
-        return slope, float(np.sqrt(variance / (time @ time)))
 
 
 class AltitudeTracker:
@@ -199,7 +67,8 @@ class AltitudeTracker:
 
     Notes
     -----
-    **Protection level.** The sum of a systematic part of 1 m and two bounds, each at half the stated risk:
+    **Protection level.** The sum of a systematic part of 1 m, of the extent, and of two bounds, each at half the stated
+    risk:
 
     - *noise*: ``k sigma`` of the filtered altitude or of one measurement, whichever is greater (interference that goes
       on pulls every measurement alike), widened by the filter's innovations where they exceed what it expects (track
@@ -207,6 +76,10 @@ class AltitudeTracker:
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
+
+    The *extent* covers what ground off nadir pulls the peak up by. A return of some depth leans: more power stands
+    beyond its peak than before it. The extent grows with the root of that lean, up to 4.5 % of the altitude, the mean
+    over a beam of 40 degrees.
 
     It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
     own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
@@ -596,10 +469,13 @@ class AltitudeTracker:
         )
 
     def _protection_m(self, track: Track) -> float:
-        """See the class: noise and ambiguity, each at half the risk."""
+        """See the class: noise and ambiguity, each at half the risk, and the extent."""
         t = self.integrator
         variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2)
         variance *= max(1.0, track.filter.nis)
         noise = self._noise_sigmas * float(np.sqrt(variance))
         cells, _ = self._farthest(track)
-        return _SYSTEMATIC_M + noise + cells * t.cell_m
+        lean = max(0.0, track.evidence.lean(t.resolution_cells))
+        extent = _EXTENT_CELLS * float(np.sqrt(lean)) * t.waveform.range_resolution_m
+        extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
+        return _SYSTEMATIC_M + noise + extent + cells * t.cell_m

@@ -236,13 +236,19 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
 
 
 def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph with an altitude tracker in the place of every altimeter, told of the timing."""
+    """The same flowgraph with an altitude tracker in the place of every altimeter, told of the timing.
+
+    Behind a method it sees the received frames as well.
+    """
     data = copy.deepcopy(data)
     data["options"]["parameters"]["id"] = name
     for block in data["blocks"]:
         if block["id"] == "radalt_altimeter_sink":
             block["id"] = "radalt_altitude_tracker"
             data["connections"].append(["frame_segmenter", "status", block["name"], "timing"])
+            if block["name"] != "altimeter_none":
+                block["parameters"]["received"] = "True"
+                data["connections"].append(["frame_segmenter", "0", block["name"], "1"])
     return data
 
 

@@ -57,7 +57,7 @@ _ROWS = Columns(
     frozenset({"ms_per_frame"}),
 )
 # milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
-_SCENE_MS = {"qpsk_shaped": 6.0, "tones": 1.0, "mixture": 8.5, "fmcw": 27.0, "faa_mask": 2.3}
+_SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
 _BASE_S = 8e-4
 
 

@@ -146,9 +146,12 @@ class QpskEmitter(NamedEmitter):
         taps = rrc_taps(self.rolloff, up, 2 * side)
         lead = int(offset * up)  # symbol timing, in steps of 1/up symbol
         symbols = -(-(count * down + lead) // up) + 2 * side
-        shaped = signal.upfirdn(taps * np.sqrt(up), _qpsk_symbols(symbols, rng), up, 1)
         start = side * up + lead
-        return shaped[start : start + count * down : down]
+        pad = -start % down  # in front of the taps, so that every ``down``-th sample is one that is wanted
+        taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
+        shaped = signal.upfirdn(taps, _qpsk_symbols(symbols, rng), up, down)
+        start = (start + pad) // down
+        return shaped[start : start + count]
 
 
 _CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))

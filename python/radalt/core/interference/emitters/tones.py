@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...waveform import exp_cycles
+from ...waveform import exp_cycles, sum_of_waves
 from . import NamedEmitter, register
 
 __all__ = ["ToneEmitter"]
@@ -59,5 +59,5 @@ class ToneEmitter(NamedEmitter):
             span = self.span_hz or rate_hz
             frequencies = rng.uniform(-0.5, 0.5, self.count) * span
         phases = rng.random(frequencies.size)
-        cycles = frequencies[:, None] / rate_hz * np.arange(count) + phases[:, None]
-        return exp_cycles(cycles, np.complex128).sum(0) / np.sqrt(frequencies.size)
+        weights = exp_cycles(phases, np.complex128) / np.sqrt(frequencies.size)
+        return sum_of_waves(weights, frequencies / rate_hz, count)

@@ -1,0 +1,160 @@
+"""One track of the altitude tracker: its Kalman filter, and its evidence against every rival altitude."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .integrator import Measurement
+
+__all__ = ["Evidence", "Kalman", "Track"]
+
+_FITTED = 25  # latest altitudes that say how fast the track moves
+_LEAN = 0.625, 1.5  # resolution cells from a peak, between which an extended return shows
+
+
+@dataclass
+class Kalman:
+    """Altitude and vertical speed at the end of a block, with their covariance.
+
+    Constant speed, driven by white acceleration that lasts a block (Y. Bar-Shalom et al., Estimation with Applications
+    to Tracking and Navigation, 6.3.2). A measurement belongs to the middle of its frames, ``lead_s`` before the end.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    nis: float = 1.0  # innovation squared over its variance, averaged over ten blocks
+
+    def predict(self, seconds: float, acceleration: float) -> None:
+        """Move on by ``seconds``."""
+        step = np.array([[1.0, seconds], [0.0, 1.0]])
+        push = np.array([0.5 * seconds**2, seconds]) * acceleration
+        self.mean = step @ self.mean
+        self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
+
+    def innovation(self, found: Measurement, lead_s: float) -> tuple[float, float]:
+        """Altitude found less altitude expected, and its variance."""
+        row = np.array([1.0, -lead_s])
+        return float(found.altitude_m - row @ self.mean), float(
+            row @ self.covariance @ row + found.altitude_variance_m2
+        )
+
+    def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
+        """Take a measurement, of altitude alone or of speed as well."""
+        rest, variance = self.innovation(found, lead_s)
+        self.nis += 0.1 * (rest**2 / variance - self.nis)
+        self._correct(np.array([1.0, -lead_s]), rest, variance)
+        if with_speed:
+            row = np.array([0.0, 1.0])
+            rest = found.speed_m_per_s - self.mean[1]
+            self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
+
+    def _correct(self, row: np.ndarray, rest: float, variance: float) -> None:
+        gain = self.covariance @ row / variance
+        self.mean = self.mean + gain * rest
+        self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
+        self.covariance = 0.5 * (self.covariance + self.covariance.T)
+
+
+@dataclass
+class Evidence:
+    """How much more a track's cells have shown than cells at other distances, over the last blocks.
+
+    A weighted mean of `Block.differences`, weights falling by ``memory / (memory + 1)`` per block, and its variance.
+    """
+
+    memory: float
+    mean: np.ndarray | None = None
+    variance: np.ndarray | None = None
+    weight: float = 0.0
+
+    def add(self, mean: np.ndarray, variance: np.ndarray) -> None:
+        """One block's differences, (2, 2 reach + 1) each."""
+        self.weight = self.weight * self.memory / (self.memory + 1.0) + 1.0
+        share = 1.0 / self.weight
+        if self.mean is None:
+            self.mean, self.variance = mean, variance
+            return
+        self.mean = (1.0 - share) * self.mean + share * mean
+        self.variance = (1.0 - share) ** 2 * self.variance + share**2 * variance
+
+    def farthest(
+        self, sigmas: float, apart: tuple[int, int], lobe: float, span: tuple[float, float]
+    ) -> tuple[float, float]:
+        """The farthest altitude, and the farthest speed, that are not ruled out: both in cells from the track's.
+
+        Parameters
+        ----------
+        sigmas : float
+            Standard deviations by which a rival has to fall short.
+        apart : (int, int)
+            Cells by which a rival's up half may lie above its down half, more than the track's: least and most.
+        lobe : float
+            Distance in cells, of both halves, that belongs to the same return.
+        span : (float, float)
+            Lowest and highest altitude there is, in cells from the track's.
+        """
+        reach = self.mean.shape[1] // 2
+        steps = np.arange(-reach, reach + 1)
+        altitude = speed = 0.0
+        for d in range(apart[0], apart[1] + 1):
+            up = slice(max(0, d), steps.size + min(0, d))
+            down = slice(max(0, -d), steps.size + min(0, -d))
+            mean = self.mean[0, up] + self.mean[1, down]
+            deviation = np.sqrt(self.variance[0, up] + self.variance[1, down])
+            middle = 0.5 * (steps[up] + steps[down])
+            other = np.maximum(np.abs(steps[up]), np.abs(steps[down])) > lobe
+            other &= (middle >= span[0]) & (middle <= span[1])
+            open_ = other & ~(mean >= sigmas * deviation)
+            if open_.any():
+                altitude = max(altitude, float(np.abs(middle)[open_].max()))
+                speed = max(speed, float(abs(d)))
+        return altitude, speed
+
+    def lean(self, resolution_cells: float) -> float:
+        """How much more stands beyond the track's cells than before them, over their own power.
+
+        About one resolution cell to either side, on average of both halves. A point leans to neither side, nor do the
+        lobes that a method leaves of it, since it weights the sweep by real factors. An extended return leans up.
+        """
+        reach = self.mean.shape[1] // 2
+        d = np.arange(round(_LEAN[0] * resolution_cells), round(_LEAN[1] * resolution_cells) + 1)
+        excess = np.mean(self.mean[:, reach - d] - self.mean[:, reach + d])
+        return float(excess / np.nanmedian(self.mean))
+
+
+@dataclass
+class Track:
+    """An altitude that is followed: a candidate until it is confirmed."""
+
+    filter: Kalman
+    evidence: Evidence
+    hits: int = 1  # consecutive
+    missed: int = 0  # consecutive
+    confirmed: bool = False
+    seen: bool = True  # something that is no side lobe stands where the track is expected
+    outdone: int = 0  # consecutive blocks in which a rival near by was stronger
+    measured_at: float = 0.0  # frame index of the middle of the last measurement
+    latest: Measurement | None = field(default=None, repr=False)
+    history: deque = field(
+        default_factory=lambda: deque(maxlen=_FITTED), repr=False
+    )  # (frame index, altitude)
+
+    def take(self, found: Measurement, middle: float) -> None:
+        """Remember a measurement."""
+        self.latest, self.measured_at = found, middle
+        self.history.append((middle, found.altitude_m))
+
+    def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
+        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""
+        if len(self.history) < 3:
+            return 0.0, np.inf
+        time, altitude = np.array(self.history).T
+        time = (time - time.mean()) * sweep_s
+        slope = float(time @ altitude / (time @ time))
+        rest = altitude - altitude.mean() - slope * time
+        # few residuals may be small by chance: what the measurement claims counts as well
+        variance = max(float(rest @ rest) / (time.size - 2), self.latest.altitude_variance_m2)
+        return slope, float(np.sqrt(variance / (time @ time)))
