@@ -11,8 +11,8 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain
-from .ofdm.lattice import power, unit
+from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain, misfit
+from .ofdm.lattice import middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 
@@ -32,6 +32,8 @@ _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
 _ASKED = 7  # every so manieth element is asked for the gain
+_PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
+_SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _FEW = 5  # every so manieth sample tells the median
 _LIMIT = 6.0  # times the median power: what is left where symbols meet
 _STILL = 0.02  # samples of timing that need no new phases
@@ -181,33 +183,49 @@ class OfdmCancel(Mitigation):
         turn, straight = self._without(frame, lock.carrier, numerology)
         symbols = transforms(straight, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
-        fourth = symbols / lock.channel
+        angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
+        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
+        if misfit(symbols.ravel()[asked] / channel[asked % channel.size]) > _PREDICTED:
+            angle = self._angles(symbols, clear, lock)
+            if angle is None:
+                return None
+            own = np.exp(-1j * angle).astype(np.complex64)[:, None]
+            symbols, phase = symbols * own, ramp * own
+            factor, lock.misfit = gain(symbols.ravel()[asked] / channel[asked % channel.size], lock.misfit)
+            channel = channel / factor
+        grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
+        received = demodulate(grid, clear, numerology, AGAIN)
+        if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
+            # as far off as the channel had moved; now it is known
+            grid = Grid(
+                starts, lock.first_long, received.symbols, received.phase, received.channel, lock.used, received.angles
+            )
+            late = received.late
+            received = demodulate(grid, clear, numerology, AGAIN)
+            received.late += late
+        misread = received.misread
+        usual = middle(misread)
+        if (
+            usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
+            or (misread > max(2 * _DOUBTFUL, 2 * usual)).mean() > _LOST
+        ):
+            return None
+        return self._subtract(straight, turn, grid, clear, received, lock)
+
+    @staticmethod
+    def _angles(symbols: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
+        """(L,) angles by which symbols are ahead of the frame before, modulo a quarter turn; None if they are others."""
+        some = slice(None, None, _SOME)
+        fourth = symbols[:, some] * (1 / lock.channel[some])
         size = power(fourth)
         fourth *= fourth
         fourth *= fourth
-        fourth /= size + np.float32(0.05)
-        fourth *= clear & lock.used & (size > 0.1)
+        fourth *= (clear[:, some] & lock.used[some] & (size > 0.1)) / (size + np.float32(0.05))
         agree = fourth.sum(axis=1)
         if np.abs(agree).sum() <= _COHERENCE * np.abs(fourth).sum():
             return None
         # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-        angle = course(-agree)
-        own = np.exp(-0.25j * angle).astype(np.complex64)[:, None]
-        symbols *= own
-        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
-        values = symbols.ravel()[asked] / lock.channel[asked % lock.channel.size]
-        factor, lock.misfit = gain(values, lock.misfit)
-        channel = lock.channel / factor
-        grid = Grid(starts, lock.first_long, symbols, ramp * own, channel, lock.used, angle / 4)
-        received = demodulate(grid, clear, numerology, AGAIN)
-        misread = received.misread
-        usual = np.median(misread)
-        if (
-            usual > min(_READABLE, 3 * lock.usual + 0.03)
-            or (misread > max(_DOUBTFUL, 2 * usual)).mean() > _LOST
-        ):
-            return None
-        return self._subtract(straight, turn, grid, clear, received, lock)
+        return course(-agree) / 4
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
         """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
@@ -225,8 +243,11 @@ class OfdmCancel(Mitigation):
         """Factor that removes a carrier (in subcarriers), None if negligible, and the frame with it removed."""
         if abs(carrier) < _STRAIGHT:
             return None, frame
-        cycles = np.mod(np.arange(frame.size) * (-carrier / numerology.useful), 1.0)
-        turn = unit(np.float32(2 * np.pi) * cycles.astype(np.float32))
+        # a product of few long and few short steps
+        step = -2j * np.pi * carrier / numerology.useful
+        short = int(np.sqrt(frame.size)) + 1
+        turn = np.exp(step * short * np.arange(short))[:, None] * np.exp(step * np.arange(short))
+        turn = turn.astype(np.complex64).ravel()[: frame.size]
         return turn, frame * turn
 
     def _subtract(
@@ -250,8 +271,10 @@ class OfdmCancel(Mitigation):
         if not readable.any() or readable.sum() < _FEWEST * sending.sum():
             return None
         self.busy = float(sending.mean())
-        astray = received.error * received.cells * power(received.channel)
-        useful = grid.used & ((astray * clear).sum(axis=0) < _SKIRT * (own * clear).sum(axis=0))
+        level = power(received.channel)
+        level = level if level.ndim == 1 else level.mean(axis=0)
+        astray = (received.error * received.cells * clear).sum(axis=0) * level
+        useful = grid.used & (astray < _SKIRT * (own * clear).sum(axis=0))
         both = ~clear & useful
         # where no return can be, all of an element goes
         model = np.where(both, received.channel * received.points, received.symbols)
@@ -271,8 +294,8 @@ class OfdmCancel(Mitigation):
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out[level > np.float32(_LIMIT) * np.median(level[::_FEW])] = 0
-        self._keep(lock, grid, received, float(np.median(misread)))
+        out[level > np.float32(_LIMIT) * middle(level[::_FEW])] = 0
+        self._keep(lock, grid, received, middle(misread))
         return out
 
     @staticmethod
@@ -310,14 +333,21 @@ class OfdmCancel(Mitigation):
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
         """Keep what the next frame needs."""
-        step = carrier_step(received.angles, received.weight, lock.numerology)
-        if abs(step) < _TURNS:
-            lock.carrier += step
+        numerology, samples = lock.numerology, self.waveform.samples_per_frame
+        step = carrier_step(received.angles, received.weight, numerology)
+        step = step if abs(step) < _TURNS else 0.0
+        # angle of the carrier at the frame's end, modulo a quarter turn
+        left = 2 * np.pi / numerology.useful * (samples - grid.starts - numerology.useful / 2)
+        ahead = np.angle(received.weight @ np.exp(4j * (received.angles + step * left))) / 4
+        ahead += 2 * np.pi * lock.carrier * samples / numerology.useful
+        lock.carrier += step
         first_long = grid.first_long
         if abs(received.late) > _STILL:
             first_long -= received.late
-        lock.first_long = (first_long - self.waveform.samples_per_frame) % lock.numerology.cycle
+        lock.first_long = (first_long - samples) % numerology.cycle
         if lock is not self._lock or usual < 1.5 * lock.usual + 0.01:
             lock.usual = usual
-            lock.channel = received.channel[len(received.channel) // 2].copy()
+            channel = received.channel
+            lock.channel = channel if channel.ndim == 1 else channel[-1]
+        lock.channel = lock.channel * np.complex64(np.exp(1j * ahead))
         self._lock = lock

@@ -201,6 +201,6 @@ def _constellation(frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lambda starts: ridge.clear(starts, prefix.carrier),
     )
     clear = ridge.clear(grid.starts, prefix.carrier)
-    got = demodulate(grid, clear, numerology, None, FIRST)
+    got = demodulate(grid, clear, numerology, FIRST)
     values = got.symbols / got.channel
     return values[clear & grid.used], values[~clear & grid.used]

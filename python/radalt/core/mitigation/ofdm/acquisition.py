@@ -14,8 +14,11 @@ __all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix",
 
 _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
 _SMOOTH = 9  # subcarriers over which a first channel is averaged
+_FAR = 41  # the same for a channel without long echoes
+_AS_LARGE = 0.8  # of the sum over fewer, for those to be averaged
 _COURSES = 512  # carriers tried
 _IN_STEP = 0.8  # of the sum without regard to phase
+_NO_SLOPE = 2.5  # times its own scatter, a slope may be none
 _IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
 
 
@@ -58,7 +61,7 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
 
 def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(L, subcarriers) complex64, lowest frequency first, of the windows at ``starts``; power is kept."""
-    windows = np.lib.stride_tricks.sliding_window_view(frame, numerology.useful)[starts]
+    windows = np.stack([frame[start : start + numerology.useful] for start in starts])
     return np.fft.fftshift(fft.fft(windows, axis=1, norm="ortho"), axes=1)
 
 
@@ -146,7 +149,11 @@ def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of:
     mean = (np.exp(-1j * turned) @ fourth).astype(np.complex64)
     slope = np.angle(np.vdot(mean[:-1], mean[1:]))
     straight = mean * np.exp(-1j * slope * numerology.subcarriers)
-    angle = np.unwrap(np.angle(ndimage.uniform_filter1d(straight, _SMOOTH)))
+    # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
+    smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
+    if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
+        smooth = far
+    angle = np.unwrap(np.angle(smooth))
     # points of QPSK and QAM stand on the diagonals: their fourth power is negative
     angle = (angle + slope * numerology.subcarriers - np.pi) / 4
     phase = phase.astype(np.complex64)
@@ -174,9 +181,23 @@ def course(agreement: np.ndarray) -> np.ndarray:
     """
     spectrum = np.fft.fft(agreement, _COURSES)
     best = int(np.abs(spectrum).argmax())
-    if np.abs(spectrum[best]) < _IN_STEP * np.abs(agreement).sum():
+    weight = np.abs(agreement)
+    if np.abs(spectrum[best]) < _IN_STEP * weight.sum():
         return np.angle(agreement)
-    return np.angle(spectrum[best]) + 2 * np.pi * best / _COURSES * np.arange(len(agreement))
+    index = np.arange(len(agreement), dtype=float)
+    step = 2 * np.pi * (best - _COURSES * (best > _COURSES // 2)) / _COURSES
+    away = np.angle(agreement * np.exp(-1j * (np.angle(spectrum[best]) + step * index)))
+    weight = weight * (np.abs(away) < np.pi / 2)
+    weight /= weight.sum()
+    index -= weight @ index
+    away -= weight @ away
+    spread = weight @ index**2
+    finer = (weight * index) @ away / spread
+    scatter = np.sqrt(weight @ (away - finer * index) ** 2 / spread / len(index))
+    slope = step + finer
+    if abs(slope) < _NO_SLOPE * scatter:
+        slope = 0.0
+    return np.angle((agreement * np.exp(-1j * slope * index)).sum()) + slope * index
 
 
 def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
@@ -188,8 +209,8 @@ def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology)
     if len(heard) < 3:
         return 0.0
     course, weight = angles[heard], weight[heard]
-    if np.abs(np.diff(course)).max() > np.pi / 4:
+    if np.abs(course[1:] - course[:-1]).max() > np.pi / 4:
         course = np.unwrap(4 * course) / 4
-    index = heard - np.average(heard, weights=weight)
+    index = heard - (weight @ heard) / weight.sum()
     per_symbol = float((weight * index) @ course / ((weight * index) @ index))
     return per_symbol / (2 * np.pi) * numerology.useful / numerology.spacing

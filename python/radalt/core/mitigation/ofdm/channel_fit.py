@@ -7,11 +7,14 @@ from scipy import ndimage
 
 from .lattice import box
 
-__all__ = ["fit", "sums"]
+__all__ = ["fit", "mended", "sums"]
 
 _STEADY = np.float32(
     1e-4
 )  # of the energy, added to what would make a channel move that one symbol alone tells of
+_GAP = 5  # subcarriers: fewer are noise
+_MOST = 0.75  # of the subcarriers have to be right
+_BESIDE = 8  # subcarriers on either side that tell how the channel goes on
 
 
 def sums(
@@ -24,10 +27,8 @@ def sums(
     """
     if order == 0:
         return agreement.sum(axis=0)[None], weight.sum(axis=0)[None]
-    # einsum: a product of matrices this thin costs more in threads than in arithmetic
     basis = np.stack([times**n for n in range(2 * order + 1)])
-    right = np.einsum("nl,lk->nk", basis[: order + 1].astype(np.complex64), agreement)
-    return right, np.einsum("nl,lk->nk", basis, weight)
+    return basis[: order + 1].astype(np.complex64) @ agreement, basis @ weight
 
 
 def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarray:
@@ -57,3 +58,27 @@ def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarr
     unknown = energy <= 1e-3 * energy.mean()
     factor[0, unknown], factor[1:, unknown] = 1, 0
     return factor.astype(np.complex64)
+
+
+def mended(channel: np.ndarray, astray: np.ndarray) -> np.ndarray | None:
+    """(K,) channel whose runs of ``astray`` (K,) subcarriers are bridged from both sides; None if it has none.
+
+    The data leave the channel's phase open by a quarter turn. Where noise hid how it goes on, it may have made such a turn,
+    and is wrong over the subcarriers of the turn. Runs at the ends have one side only and stay.
+    """
+    right = np.flatnonzero(~astray)
+    gaps = np.flatnonzero(np.diff(right) > _GAP)
+    if not gaps.size or right.size < _MOST * channel.size:
+        return None
+    pairs = ~(astray[1:] | astray[:-1])
+    slope = np.angle((channel[1:] * channel[:-1].conj())[pairs].sum())
+    back = np.exp(-1j * slope * np.arange(channel.size))
+    flat = channel * back
+    for gap in gaps:
+        first, last = right[gap], right[gap + 1]
+        before = flat[right[max(0, gap - _BESIDE + 1) : gap + 1]].mean()
+        after = flat[right[gap + 1 : gap + 1 + _BESIDE]].mean()
+        turns = np.exp(-0.5j * np.pi * np.round(np.angle(after * before.conj()) / (np.pi / 2)))
+        flat[last:] *= turns
+        flat[first : last + 1] = np.linspace(before, after * turns, last - first + 1)
+    return (flat * back.conj()).astype(np.complex64)

@@ -8,24 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from .acquisition import Grid
-from .channel_fit import fit, sums
-from .lattice import CELL, DENSE, FEW_CELL, decide, nearest, power, sparse, unit
+from .channel_fit import fit, mended, sums
+from .lattice import CELL, DENSE, FEW_CELL, Decisions, box, decide, middle, nearest, power, sparse, unit
 from .numerology import Numerology
 
-__all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain"]
+__all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
 
 # subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier
 # for itself
 FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
-_HELPS = 0.95  # of the error left, for a higher order to be taken
+_HELPS = 0.9  # of the error left, for a higher order to be taken
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _SURE = 1.5  # error in cells, up to half a neighbour's distance
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
+_RUN = 9  # subcarriers over which their mean error is judged
+_ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
+_SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
@@ -38,7 +41,8 @@ class Received:
     ----------
     symbols, phase : (L, K) complex64
         As in `Grid`, with finer phases.
-    channel : (L, K) complex64
+    channel : (K,) or (L, K) complex64
+        One for all symbols where it stands still.
     drift : (L, K) complex64 or None
         Change of the channel from symbol to symbol; None where it stands still.
     points : (L, K) complex64
@@ -81,34 +85,39 @@ class Received:
         return np.where(self.few, FEW_CELL, _CELLS[self.kinds])
 
 
+def misfit(values: np.ndarray) -> float:
+    """Mean squared distance of (n,) elements from the nearest point of any alphabet, in its cells, each at most 1.
+
+    Silent ones tell nothing. Some 0.3 for elements that were not sent from these alphabets, or are not set upright.
+    """
+    level = power(values)
+    sent = level > _SENT
+    if not sent.any():
+        return 1.0
+    values = values[sent]
+    least = power(values - sparse(values, level[sent])) * (1 / FEW_CELL)
+    for dense in DENSE:
+        np.minimum(least, power(values - nearest(values, dense)) * (1 / CELL[dense]), out=least)
+    return float(np.minimum(least, 1).mean())
+
+
 def gain(values: np.ndarray, before: float) -> tuple[np.float32, float]:
-    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best, and the misfit that is left, in cells.
+    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best, and the misfit that is left.
 
     The received power varies with what is sent, so the channel of an earlier frame is right only up to this factor.
     With a misfit no worse than ``before`` it is taken as right.
     """
-    level = power(values)
-
-    def misfit(factor: np.float32) -> float:
-        scaled = values * factor
-        least = power(scaled - sparse(scaled, level * factor * factor)) * (1 / FEW_CELL)
-        for dense in DENSE:
-            np.minimum(least, power(scaled - nearest(scaled, dense)) * (1 / CELL[dense]), out=least)
-        return float(np.minimum(least, 1).mean())
-
-    left = misfit(np.float32(1))
+    left = misfit(values)
     if left < max(_FITS, _NO_WORSE * before):
         return np.float32(1), left
-    factor = min(_GAINS, key=misfit)
-    return factor, misfit(factor)
+    return min(((factor, misfit(values * factor)) for factor in _GAINS), key=lambda tried: tried[1])
 
 
 def _true_up(
     grid: Grid, agreement: np.ndarray, numerology: Numerology
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
-    moments = np.stack([numerology.turn**n for n in range(3)], axis=1).astype(np.complex64)
-    mean, first, second = (agreement @ moments).T
+    mean, first, second = (agreement @ numerology.moments).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
     slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
@@ -144,7 +153,7 @@ def demodulate(
         found = decide(values, trusted, halves)
         off = _misread(found.error, clear, channel)
         if not rough:
-            heard = (off < max(_DOUBTFUL, 1.5 * np.median(off)))[:, None]
+            heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
             if number == 1 or not first:
                 # set upright for the next turn; what this one decided of them is wrong
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
@@ -154,20 +163,27 @@ def demodulate(
                     phase[odd] *= _EIGHTH
                     angles[odd] -= np.pi / 4
                     heard[odd] = False
+            if not first:
+                astray = (np.minimum(found.error, 1) * (clear & heard)).sum(axis=0)
+                astray = box(astray / np.maximum((clear & heard).sum(axis=0), 1), _RUN) > _ASTRAY
+                bridged = mended(channel if channel.ndim == 1 else channel[count // 2], astray)
+                if bridged is not None:
+                    other = decide(symbols * (1 / bridged), trusted, halves)
+                    other_off = _misread(other.error, clear, bridged)
+                    if other_off.mean() < 0.8 * off.mean():
+                        channel, found, off = bridged, other, other_off
         sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
         if not last or not number:
             turn, angle, slope = _true_up(grid, agreement, numerology)
-            late = float(np.median(slope)) if number else late
+            late = late if rough else middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle
         weight = power(model) * sure
         if last:
-            factor, noise = _best_order(
-                agreement, weight, times, float((power(symbols) * sure).sum()), int(sure.sum())
-            )
+            factor, noise = _best_order(symbols, agreement, weight, times, sure)
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
         drift, course = None, factor[0]
@@ -177,9 +193,8 @@ def demodulate(
             for power_of_time, part in enumerate(factor[1:], 1):
                 course = course + times[:, None] ** power_of_time * part
         channel = channel * course
-    channel = np.broadcast_to(channel, symbols.shape)
     kinds = found.kinds[halves]
-    _again(found.points, found.error, symbols, channel, ridge, found.few, kinds)
+    _again(found, symbols, channel, ridge, kinds)
     return Received(
         symbols, phase, channel, drift, found.points, found.few, kinds, found.error, off, noise, angles,
         weight.sum(axis=1), late,
@@ -194,40 +209,41 @@ def _misread(error: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.nd
 
 
 def _again(
-    points: np.ndarray,
-    error: np.ndarray,
-    symbols: np.ndarray,
-    channel: np.ndarray,
-    ridge: np.ndarray,
-    few: np.ndarray,
-    kinds: np.ndarray,
+    found: Decisions, symbols: np.ndarray, channel: np.ndarray, ridge: np.ndarray, kinds: np.ndarray
 ) -> None:
-    """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``points``, ``error`` are set."""
-    values = symbols[ridge] / channel[ridge]
-    kinds, few = kinds[ridge], few[ridge]
-    chosen = sparse(values, power(values))
-    cells = np.where(few, FEW_CELL, _CELLS[kinds])
-    for kind in np.unique(kinds):
-        chosen = np.where(~few & (kinds == kind), nearest(values, DENSE[kind]), chosen)
-    points[ridge] = chosen
-    error[ridge] = power(values - chosen) / cells
+    """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``found`` is set."""
+    values = symbols[ridge] / np.broadcast_to(channel, symbols.shape)[ridge]
+    kinds, few = kinds[ridge], found.few[ridge]
+    chosen, cells = sparse(values, power(values)), np.where(few, FEW_CELL, _CELLS[kinds])
+    for kind, dense in enumerate(DENSE):
+        here = (kinds == kind) & ~few
+        if here.any():
+            chosen[here] = nearest(values[here], dense)
+    found.points[ridge] = chosen
+    found.error[ridge] = power(values - chosen) / cells
 
 
 def _best_order(
-    agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, energy: float, elements: int
+    symbols: np.ndarray, agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, sure: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Coefficients of the order with the least error per degree of freedom, and that; orders rise while that helps."""
+    """Coefficients of the order with the least error, and that error per element.
+
+    Orders rise while that helps the median subcarrier: those at the receiver's edges have echoes longer than the prefix.
+    """
+    energy = (power(symbols) * sure).sum(axis=0)
+    elements = sure.sum(axis=0)
+    known = elements > _ORDERS
     best, least = None, np.inf
     for order in range(_ORDERS):
         right, left = sums(agreement, weight, times, order)
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed: what was received, the cross term, the model's own energy
-        rest = energy - 2 * float(np.einsum("nk,nk->", factor.conj(), right).real)
+        rest = energy - 2 * (factor.conj() * right).real.sum(axis=0)
         for i, one in enumerate(factor):
             for j, other in enumerate(factor):
-                rest += float(np.einsum("k,k,k->", one.conj(), other, left[i + j]).real)
-        rest /= max(1, elements - (order + 1) * int((left[0] > 0).sum()))
-        if rest > _HELPS * least:
+                rest += (one.conj() * other).real * left[i + j]
+        rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
+        if rest >= _HELPS * least:
             break
         best, least = factor, rest
     return best, least

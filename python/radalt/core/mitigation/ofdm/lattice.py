@@ -15,6 +15,7 @@ __all__ = [
     "SPARSE_POINTS",
     "Decisions",
     "box",
+    "middle",
     "decide",
     "nearest",
     "power",
@@ -48,6 +49,11 @@ _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
 def power(values: np.ndarray) -> np.ndarray:
     """Squared modulus, float32 for complex64."""
     return np.square(np.abs(values))
+
+
+def middle(values: np.ndarray) -> float:
+    """Median of a few real numbers, the upper one of two."""
+    return float(np.partition(values, values.size // 2)[values.size // 2])
 
 
 def unit(angle: np.ndarray) -> np.ndarray:
@@ -154,10 +160,12 @@ def decide(
         score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
         score += _SUBCARRIER * score.sum(axis=1, keepdims=True)
         kinds = (score + _FRAME * common[:, None, None]).argmin(axis=0)
-    chosen, error = points[kinds[0, 0]], errors[kinds[0, 0]]
-    for kind in np.unique(kinds):
-        if kind != kinds[0, 0]:
-            here = (kinds == kind)[halves]
+    usual = int(kinds[0, kinds.shape[1] // 2])
+    chosen, error = points[usual], errors[usual]
+    for kind in range(len(DENSE)):
+        here = kinds == kind
+        if kind != usual and here.any():
+            here = here[halves]
             chosen, error = np.where(here, points[kind], chosen), np.where(here, errors[kind], error)
     scanty_error *= 1 / FEW_CELL
     error = np.where(few, scanty_error, error)

@@ -6,19 +6,20 @@ import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
 from .demodulator import Received
-from .lattice import BLOCK, DENSE, SCALE, SPARSE_POINTS, box, nearest, power
+from .lattice import BLOCK, DENSE, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
 __all__ = ["Ridge", "expected_return"]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
-_FOLD = 0.3  # error in the ridge, in cells, up to which a decision is right; a random one has 1
-_SIR_DB = np.arange(-34.0, -3.0, 2.0)
+_FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
+_SIR_DB = np.arange(-40.0, -3.0, 2.0)
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # every so manieth element is asked for the SIR
+_FAR = 1.6  # times the return's modulus: at that distance its density is small
 _FAINT = np.float32(1e-30)
 
 
@@ -52,17 +53,22 @@ class Ridge:
         return mask
 
 
-def _density(distance: np.ndarray, modulus: float, noise: float) -> np.ndarray:
-    """Density of a return of that modulus and noise at a distance: on a ring, or (beside the ridge's own line) a
-    disc."""
-    spread = np.float32((_SPREAD * modulus) ** 2 + noise / 2)
-    ring = np.exp((distance - np.float32(modulus)) ** 2 / (-2 * spread))
-    ring /= np.maximum(distance, np.float32(0.1 * modulus)) * np.float32(
-        2 * np.pi * np.sqrt(2 * np.pi * spread)
-    )
-    disc = np.float32((0.5 * modulus) ** 2 + noise)
-    ring *= np.float32(_PRIOR_IN)
-    ring += np.exp(distance * distance / -disc) * np.float32((1 - _PRIOR_IN) / (np.pi * disc))
+def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
+    """Density of a return of that modulus and noise at a squared distance: on a ring, or (beside the ridge's own line)
+    a disc."""
+    spread = (_SPREAD * modulus) ** 2 + noise / 2
+    distance = np.sqrt(square)
+    ring = distance - np.float32(modulus)
+    ring *= ring
+    ring *= np.float32(-0.5 / spread)
+    np.exp(ring, out=ring)
+    ring /= np.maximum(distance, np.float32(0.1 * modulus), out=distance)
+    ring *= np.float32(_PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread)))
+    size = (0.5 * modulus) ** 2 + noise
+    disc = square * np.float32(-1 / size)
+    np.exp(disc, out=disc)
+    disc *= np.float32((1 - _PRIOR_IN) / (np.pi * size))
+    ring += disc
     return ring
 
 
@@ -77,46 +83,54 @@ def expected_return(
     elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
     saves the search. None where the nearest points suffice.
     """
-    if not ridge.any() or not clear.any() or float(received.error[ridge].mean()) < _FOLD:
+    if not ridge.any() or not clear.any() or float(np.minimum(received.error[ridge], 1).mean()) < _FOLD:
         return None
-    noise = received.noise
     level = float(np.sqrt(np.mean(power(received.symbols[clear]))))
-    channel = received.channel[ridge]
+    channel = np.broadcast_to(received.channel, ridge.shape)[ridge]
     values = received.symbols[ridge] / channel
-    modulus = np.abs(channel)
+    size = power(channel)
     kinds = received.kinds[ridge]
-    dense = np.array(DENSE, dtype=np.float32)[kinds][:, None]
-    root = np.array([SCALE[m] for m in DENSE])[kinds][:, None]
-    steps = np.arange(-4, 5, 2, dtype=np.float32)
-    around = (steps[:, None] + 1j * steps).ravel().astype(np.complex64)
-    near = np.choose(kinds, [nearest(values, m) for m in DENSE])[:, None] + root * around
-    top = np.float32(1.001) * (np.sqrt(dense) - 1) * root
-    inside = ((np.abs(near.real) <= top) & (np.abs(near.imag) <= top)) / dense
-    rests = np.concatenate([values[:, None] - near, values[:, None] - SPARSE_POINTS], axis=1)
-    prior = np.concatenate(
-        [inside, np.broadcast_to(_SPARSE_PRIOR, (len(values), _SPARSE_PRIOR.size))], axis=1
-    )
-    distance = np.abs(rests) * modulus[:, None]
-    many = near.shape[1]
-    plane = np.zeros(ridge.shape, dtype=np.float32)
+    root = np.array([SCALE[m] for m in DENSE])[kinds]
+    tried = _SIR_DB if near_db is None else _SIR_DB[np.abs(_SIR_DB - near_db) < 3]
 
-    def alphabets(sir_db: float, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        weight = _density(distance[part], level * 10 ** ((sir_db + _LEVEL_DB) / 20), noise) * prior[part]
-        return weight, weight[:, :many].sum(axis=1) + _FAINT, weight[:, many:].sum(axis=1) + _FAINT
+    def modulus(sir_db: float) -> float:
+        return level * 10 ** ((sir_db + _LEVEL_DB) / 20)
 
-    part = slice(None, None, _SAMPLE)
+    # points up to two from the nearest, or one where no other is at the return's distance
+    reach = 1 if _FAR * modulus(tried[-1]) < 3 * root.min() * np.sqrt(middle(size)) else 2
+    steps = root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
+    near = np.choose(kinds, [nearest(values, m) for m in DENSE])
+    top = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)[kinds]
+    rests, inside = [], []
+    for value, point in ((values.real, near.real), (values.imag, near.imag)):
+        rests.append(value - (point + steps))
+        inside.append((np.abs(point + steps) <= top).astype(np.float32))
+    square = (rests[0] ** 2)[:, None] + rests[1] ** 2
+    square *= size
+    prior = inside[0][:, None] * (inside[1] / np.array(DENSE, dtype=np.float32)[kinds])
+    few_rests = values - SPARSE_POINTS[:, None]
+    few_square = power(few_rests) * size
+    some = (np.ascontiguousarray(part[..., ::_SAMPLE]) for part in (square, prior, few_square))
+    some_square, some_prior, some_few = some
 
     def evidence(sir_db: float) -> float:
-        _, some, scanty = alphabets(sir_db, part)
-        return float(np.mean(np.log(np.maximum(some, scanty))))
+        many = (_density(some_square, modulus(sir_db), received.noise) * some_prior).sum(axis=(0, 1))
+        few = _SPARSE_PRIOR @ _density(some_few, modulus(sir_db), received.noise)
+        return float(np.mean(np.log(np.maximum(many, few) + _FAINT)))
 
-    tried = _SIR_DB if near_db is None else _SIR_DB[np.abs(_SIR_DB - near_db) < 3]
     sir_db = float(max(tried, key=evidence))
-    weight, some, scanty = alphabets(sir_db, slice(None))
+    if sir_db == _SIR_DB[0]:
+        return None
+    weight = _density(square, modulus(sir_db), received.noise)
+    weight *= prior
+    across = weight.sum(axis=1)
+    many = across.sum(axis=0) + _FAINT
+    few_weight = _density(few_square, modulus(sir_db), received.noise) * _SPARSE_PRIOR[:, None]
+    few = few_weight.sum(axis=0) + _FAINT
     # a block is of one alphabet
-    plane[ridge] = np.log(scanty) - np.log(some)
-    few = box(plane, BLOCK)[ridge] > 0
-    weight[few, :many] = 0
-    weight[~few, many:] = 0
-    mean = np.einsum("ec,ec->e", weight, rests) / np.where(few, scanty, some)
+    plane = np.zeros(ridge.shape, dtype=np.float32)
+    plane[ridge] = np.log(few) - np.log(many)
+    scanty = box(plane, BLOCK)[ridge] > 0
+    mean = ((across * rests[0]).sum(axis=0) + 1j * (weight.sum(axis=0) * rests[1]).sum(axis=0)) / many
+    mean = np.where(scanty, (few_weight * few_rests).sum(axis=0) / few, mean)
     return (mean * channel).astype(np.complex64), sir_db
