@@ -70,7 +70,8 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
     known = slice(int(symbols.times[0]) + length // 2, int(symbols.times[-1]) - length // 2)
     response, change = (np.zeros(length, dtype=np.complex128) for _ in range(2))
     model = np.zeros(count, dtype=np.complex64)
-    begin, end = max(known.start, int(sent[0]) - length // 2), min(known.stop, int(sent[-1]) + length // 2)
+    # at a burst's edge symbols are cut, and cut symbols are not known
+    begin, end = max(known.start, int(sent[0]) + length // 2), min(known.stop, int(sent[-1]) - length // 2)
     scale = sent.size / np.count_nonzero((sent > begin) & (sent < end))
 
     def transform(pulse: np.ndarray) -> np.ndarray:
