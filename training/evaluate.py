@@ -46,7 +46,7 @@ OTHER_RETURNS = (("clean", None), ("qpsk_shaped", -30.0), ("qpsk_rectangular_del
 RETURNS = (None, None, SceneConfig(multipath=1.0, extended=0.0), SceneConfig(multipath=0.0, extended=1.0))
 CLASSICAL = (
     *("none", "lms", "lms_reference_input", "nlms", "nlms_predictor"),
-    *("whitening", "linear_prediction", "blanking", "ofdm_cancel", "hybrid"),
+    *("whitening", "linear_prediction", "blanking", "ofdm_cancel", "qpsk_cancel", "hybrid"),
 )
 NETWORKS = {"fc": "fc.onnx", "cnn": "cnn.onnx", "paper": "paper.onnx", "compact": "tcae.onnx"}
 COLUMNS = Columns(

@@ -25,6 +25,7 @@ from .lms import BlockLms, BlockLmsReferenceInput, Nlms
 from .ofdm_cancel import OfdmCancel
 from .own_process import OwnProcess
 from .prediction import LinearPrediction, NlmsPredictor
+from .qpsk_cancel import QpskCancel
 from .tcae import Tcae
 from .whitening import Whitening
 
@@ -52,6 +53,7 @@ for _method in (
     Whitening,
     Blanking,
     OfdmCancel,
+    QpskCancel,
     Tcae,
     Hybrid,
 ):  # as reports list them

@@ -1,4 +1,4 @@
-"""Two methods, one of them per frame: OFDM that fills the frame is cancelled, all else goes to the other."""
+"""Three methods, one of them per frame: OFDM or QPSK that fills the frame is cancelled, all else goes to the other."""
 
 from __future__ import annotations
 
@@ -7,34 +7,35 @@ import numpy as np
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm_cancel import OfdmCancel
+from .qpsk_cancel import QpskCancel
 from .tcae import Tcae
 from .whitening import Whitening
 
 __all__ = ["Hybrid"]
 
 _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
+_DEPTH_DB = 18.0  # of cancelled QPSK: less is QPSK that is not understood, and the network knows the paper's
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
 class Hybrid(Mitigation):
-    """`OfdmCancel` where it can demodulate what fills the frame, the network or whitening where it cannot.
+    """`OfdmCancel` or `QpskCancel` where one can demodulate what fills the frame, the network or whitening elsewhere.
 
-    Card: *choice by signal.* Each frame goes through one method. A chain of both gains nothing, since the first leaves
-    a signal that the second is not made for. The choice depends on whether OFDM was demodulated, not on which output
-    looks better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that
-    had the frame.
+    Card: *choice by signal.* Each frame goes through one method. A chain gains nothing, since the first leaves a signal
+    that the second is not made for. The choice depends on what was demodulated, not on which output looks better. So no
+    frame is chosen for its altitude, and false altitudes are as rare as those of the method that had the frame.
 
     Parameters
     ----------
     other : str
-        For frames without OFDM: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
+        For all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
     span_m : float or None
         See `OfdmCancel`.
 
     Attributes
     ----------
     cancelled : int
-        Frames whose OFDM was cancelled.
+        Frames whose OFDM or QPSK was cancelled.
 
     Raises
     ------
@@ -50,7 +51,8 @@ class Hybrid(Mitigation):
     def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
         if other not in _OTHERS:
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
-        self._cancel = OfdmCancel(waveform, span_m=span_m)
+        self._ofdm = OfdmCancel(waveform, span_m=span_m)
+        self._qpsk = QpskCancel(waveform)
         self._other = _OTHERS[other](waveform)
         super().__init__(waveform)
 
@@ -58,7 +60,8 @@ class Hybrid(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.cancelled = 0
-        self._cancel.reset()
+        self._ofdm.reset()
+        self._qpsk.reset()
         self._other.reset()
 
     @property
@@ -73,10 +76,20 @@ class Hybrid(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
-            cancelled = self._cancel.cancel(frame)
-            if cancelled is None or self._cancel.busy < _BURST:
+            cancelled = self._cancelled(frame)
+            if cancelled is None:
                 row[:] = self._other.process(frame)
             else:
                 row[:] = cancelled
                 self.cancelled += 1
         return out
+
+    def _cancelled(self, frame: np.ndarray) -> np.ndarray | None:
+        """The frame without the OFDM or QPSK that fills it; None where neither does."""
+        out = self._ofdm.cancel(frame)
+        if out is not None and self._ofdm.busy >= _BURST:
+            return out
+        out = self._qpsk.cancel(frame)
+        if out is not None and self._qpsk.busy >= _BURST and self._qpsk.depth_db >= _DEPTH_DB:
+            return out
+        return None

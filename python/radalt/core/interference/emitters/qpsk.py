@@ -13,7 +13,7 @@ from scipy import signal
 from ...waveform import exp_cycles
 from . import NamedEmitter, register
 
-__all__ = ["QpskEmitter", "rrc_taps"]
+__all__ = ["QpskEmitter", "qpsk_symbols", "rrc_taps"]
 
 
 @lru_cache(maxsize=32)
@@ -46,6 +46,9 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
 @dataclass(frozen=True)
 class QpskEmitter(NamedEmitter):
     """QPSK with rectangular or root-raised-cosine pulses, random symbols, phase and symbol timing.
+
+    Rectangular pulses are the paper's: they switch on the sample grid, unfiltered. `QpskReceivedEmitter` is what a
+    receiver hears.
 
     Parameters
     ----------
@@ -91,13 +94,17 @@ class QpskEmitter(NamedEmitter):
         """Symbols per second."""
         return self.bandwidth_hz if self.pulse == "rectangular" else self.bandwidth_hz / (1 + self.rolloff)
 
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`."""
-        rate = self.symbol_rate_hz / rate_hz
-        if rate > 1 or abs(self.carrier_hz) > rate_hz / 2:
+    def check_rate(self, rate_hz: float) -> None:
+        """Raise ValueError unless symbols and carrier fit a sample rate."""
+        if self.symbol_rate_hz > rate_hz or abs(self.carrier_hz) > rate_hz / 2:
             raise ValueError(
                 f"qpsk of {self.bandwidth_hz:g} Hz at {self.carrier_hz:g} Hz does not fit the rate of {rate_hz:g} S/s"
             )
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `Emitter`."""
+        self.check_rate(rate_hz)
+        rate = self.symbol_rate_hz / rate_hz
         offset, phase = rng.random(2)
         turn = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
@@ -135,7 +142,7 @@ class QpskEmitter(NamedEmitter):
         """Symbols, ``rate`` per sample, and which of them each of ``count`` samples holds."""
         # times are not negative: the conversion is the floor
         index = (_ramp(count, rate) + offset).astype(np.intp)
-        return _qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index
+        return qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
@@ -149,7 +156,7 @@ class QpskEmitter(NamedEmitter):
         start = side * up + lead
         pad = -start % down  # in front of the taps, so that every ``down``-th sample is one that is wanted
         taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
-        shaped = signal.upfirdn(taps, _qpsk_symbols(symbols, rng), up, down)
+        shaped = signal.upfirdn(taps, qpsk_symbols(symbols, rng), up, down)
         start = (start + pad) // down
         return shaped[start : start + count]
 
@@ -157,7 +164,7 @@ class QpskEmitter(NamedEmitter):
 _CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 
 
-def _qpsk_symbols(count: int, rng: np.random.Generator) -> np.ndarray:
+def qpsk_symbols(count: int, rng: np.random.Generator) -> np.ndarray:
     """(count,) random unit QPSK symbols."""
     return _CONSTELLATION[rng.integers(0, 4, count)]
 

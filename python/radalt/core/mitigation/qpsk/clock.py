@@ -1,0 +1,85 @@
+"""Symbol rate and timing of a linear modulation, with nothing known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import fft
+
+__all__ = ["Clock", "find_clocks"]
+
+_SLOWEST = 0.02  # symbols per sample
+_FASTEST = 0.47
+_BLOCK = 125  # bins with one floor
+_HARMONIC = 0.3  # of the strongest line's power: the lowest line of so much is tried first
+_MOST = 3  # lines tried
+_WIDE = 4  # bins that a line takes
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The line that a symbol clock leaves in the product of neighbouring samples.
+
+    Attributes
+    ----------
+    rate : float
+        Symbols per sample.
+    instant : float
+        Sample at which the line peaks, near the middle of the frame; symbols lie at a fixed distance from it.
+    """
+
+    rate: float
+    instant: float
+
+
+@lru_cache(maxsize=4)
+def _window(count: int) -> np.ndarray:
+    """Periodic Hann window, (count,) float32, read-only."""
+    window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)).astype(np.float32)
+    window.setflags(write=False)
+    return window
+
+
+def find_clocks(frame: np.ndarray, least: float) -> list[Clock]:
+    """Symbol clocks that an (n,) complex64 frame may have, at most three, the likeliest first.
+
+    The mean of ``x[n] x*[n-1]`` changes with the period of the symbols (cyclostationarity; W. A. Gardner, IEEE Signal
+    Process. Mag. 8(2), 1991). Of ``|x|^2`` rectangular pulses of constant modulus would show no line. Short transitions
+    make harmonics nearly as strong as the clock itself, and echoes make them stronger; what comes after has to tell.
+    ``least`` is the power of a line that counts, over the median of its surroundings.
+    """
+    count = frame.size
+    product = frame[1:] * frame[:-1].conj()
+    mean = complex(product.mean())
+    turn = np.conj(mean) / max(abs(mean), 1e-30)  # a carrier turns every product alike
+    real = np.zeros(count, dtype=np.float32)
+    real[1:] = (product * np.complex64(turn)).real
+    real[1:] -= real[1:].mean()
+    spectrum = fft.rfft(real * _window(count))
+    power = spectrum.real**2 + spectrum.imag**2
+    used = power[: power.size - power.size % _BLOCK].reshape(-1, _BLOCK)
+    contrast = (used / np.maximum(np.median(used, axis=1), 1e-30)[:, None]).ravel()
+    contrast[: int(_SLOWEST * count)] = 0
+    contrast[int(_FASTEST * count) :] = 0
+    start = int((contrast > max(least, _HARMONIC * contrast.max())).argmax())
+    lines = [start + int(contrast[start : start + _WIDE].argmax())]
+    while contrast[lines[-1]] >= least and len(lines) <= _MOST:
+        contrast[max(0, lines[-1] - _WIDE) : lines[-1] + _WIDE + 1] = 0
+        lines.append(int(contrast.argmax()))
+    return [_clock(spectrum, line, count) for line in lines[:-1]]
+
+
+def _clock(spectrum: np.ndarray, line: int, count: int) -> Clock:
+    """Rate and phase of a line between two bins."""
+    before, peak, after = np.abs(spectrum[line - 1 : line + 2])
+    # the ratio of two bins beside a line tells where between them it is: exact for the Hann window
+    side = 1 if after > before else -1
+    ratio = float(max(before, after) / peak)
+    rate = (line + side * (2 * ratio - 1) / (ratio + 1)) / count
+    # the window is even about the frame's middle, where the phase of a bin does not depend on the line's place in it
+    phase = float(np.angle(spectrum[line])) + np.pi * line
+    # the product of two neighbours belongs to the point between them
+    instant = count / 2 - 0.5 - phase / (2 * np.pi * rate)
+    return Clock(rate, instant + round((count / 2 - instant) * rate) / rate)

@@ -1,0 +1,168 @@
+"""From a frame to decided QPSK symbols: a blind equaliser between samples and symbols."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, linalg, ndimage
+
+from ...waveform import exp_cycles
+from ..ofdm.lattice import power
+from .clock import Clock
+
+__all__ = ["TAPS", "Equaliser", "Symbols", "decide"]
+
+TAPS = 32
+_PER_SYMBOL = 2.2  # taps at least
+_UP = 4  # points per sample, between which is interpolated
+_LOADING = 1e-6  # of the mean power: a tone makes the equations nearly singular
+_ASKED = 800  # symbols that are enough for 32 weights
+_ROUNDS = 24  # of the constant-modulus start
+_STILL = 1e-3  # change of the weights' outputs, of their power, at which the start ends
+_BURST = 8  # symbols over which power is averaged
+_QUIET = 0.2  # of the power while it sends
+_COURSE = 61  # symbols over which the carrier's phase is averaged
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """Decided symbols of a frame.
+
+    Attributes
+    ----------
+    times : (K,) float
+        In samples of the frame.
+    values : (K,) complex64
+        Unit points with the carrier's turn, 0 where nothing was sent.
+    points : (K,) complex64
+        The same without the turn: one of four.
+    error : float
+        Mean squared distance from the points, of their power, where something was sent.
+    alike : float
+        Largest correlation of a point with one of the three before it. It is near 0 for data and 1 for a tone.
+    busy : float
+        Share of the frame's symbols in which something was sent.
+    weights : (TAPS,) complex64
+        Of the equaliser.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    points: np.ndarray
+    error: float
+    alike: float
+    busy: float
+    weights: np.ndarray
+
+
+class Equaliser:
+    """Least squares between the samples around each symbol and what the symbols should be.
+
+    Parameters
+    ----------
+    frame : (n,) complex64
+    clock : Clock
+    """
+
+    def __init__(self, frame: np.ndarray, clock: Clock) -> None:
+        self._step = max(1, int(1 / (_PER_SYMBOL * clock.rate)))
+        self._half = max(1, round(0.5 / (clock.rate * self._step)))
+        self.times, self._rows = self._taken(frame, clock)
+        level = power(self._rows[:, ::4]).sum(axis=1)
+        level = ndimage.uniform_filter1d(level, _BURST, mode="nearest")
+        self._active = level > _QUIET * np.quantile(level, 0.9)
+        asked = np.flatnonzero(self._active)
+        self._asked = asked[:: max(1, asked.size // _ASKED)]
+        some = self._rows[self._asked]
+        self._turned = some.conj().T
+        gram = self._turned @ some
+        gram[np.diag_indices(TAPS)] += np.float32(_LOADING * np.trace(gram).real / TAPS)
+        self._solved = linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+        self._some = some
+
+    def _taken(self, frame: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) times in samples, (K, TAPS) samples around them, linear between points of 4 per sample."""
+        count = frame.size
+        side = self._step * TAPS // 2 + 1
+        first = clock.instant - np.floor((clock.instant - side) * clock.rate) / clock.rate
+        times = np.arange(first, count - side - 1, 1 / clock.rate)
+        spectrum = fft.fft(frame)
+        padded = np.zeros(_UP * count, dtype=np.complex64)
+        padded[: count // 2] = spectrum[: count // 2]
+        padded[-(count // 2) :] = spectrum[-(count // 2) :]
+        fine = fft.ifft(padded, overwrite_x=True)
+        fine *= np.float32(_UP)
+        slope = np.diff(fine, append=fine[:1])
+        place = times * _UP
+        whole = place.astype(np.intp)
+        part = (place - whole).astype(np.float32)[:, None]
+        index = whole[:, None] + np.arange(-TAPS // 2, TAPS // 2) * (self._step * _UP)
+        rows = fine[index]
+        rows += part * slope[index]
+        return times, rows
+
+    def _fitted(self, targets: np.ndarray) -> np.ndarray:
+        return linalg.cho_solve(self._solved, self._turned @ targets, check_finite=False)
+
+    def blind(self, late: int) -> np.ndarray:
+        """(TAPS,) weights that give the outputs one modulus, from the single tap ``late`` half symbols off the middle.
+
+        Each output's own phase is its target, again and again (B. G. Agee, "The least-squares CMA", ICASSP 1986), so
+        neither carrier nor pulse has to be known.
+        """
+        outputs = self._some[:, TAPS // 2 + late * self._half]
+        for _ in range(_ROUNDS):
+            weights = self._fitted(outputs / np.maximum(np.abs(outputs), np.float32(1e-30)))
+            before, outputs = outputs, self._some @ weights
+            if np.sum(np.abs(outputs - before) ** 2) < _STILL * np.sum(np.abs(outputs) ** 2):
+                break
+        return weights
+
+    def symbols(self, weights: np.ndarray) -> Symbols | None:
+        """Symbols decided with (TAPS,) ``weights``, which the decided points then improve; None if too few are sent."""
+        active = self._active
+        if active.sum() < 2 * TAPS:
+            return None
+        for _ in range(2):
+            points, turn = decide(self._rows @ weights, active)
+            weights = self._fitted((points * turn)[self._asked])
+        outputs = (self._rows @ weights) * turn.conj()
+        points = _nearest(outputs) * active
+        error = float(np.mean(np.abs(outputs - points)[active] ** 2))
+        alike = max(abs(np.mean(points[lag:] * points[:-lag].conj())) for lag in (1, 2, 3)) / active.mean()
+        return Symbols(self.times, points * turn, points, error, float(alike), float(active.mean()), weights)
+
+
+def _nearest(outputs: np.ndarray) -> np.ndarray:
+    """Nearest points of unit QPSK."""
+    return ((np.sign(outputs.real) + 1j * np.sign(outputs.imag)) * np.sqrt(0.5)).astype(np.complex64)
+
+
+def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of (K,) outputs and the carrier's turn of each: (K,) complex64 twice.
+
+    The fourth power removes the data; the strongest line of its spectrum is four times the carrier. A quarter turn more
+    per symbol gives other points of the same alphabet, which are as good. A straight line through what is left of the
+    phase makes it exact.
+    """
+    fourth = outputs / np.maximum(np.abs(outputs), np.float32(1e-30))
+    fourth *= fourth
+    fourth *= -fourth  # the points stand on the diagonals
+    fourth *= active
+    size = 4 * fft.next_fast_len(fourth.size)
+    spectrum = fft.fft(fourth, size)
+    line = int(np.abs(spectrum).argmax())
+    index = np.arange(outputs.size)
+    turn = exp_cycles(index * (line / size / 4))
+    rest = ndimage.uniform_filter1d(fourth * exp_cycles(index * (-line / size)), _COURSE, mode="nearest")
+    mean = np.angle(rest.sum())
+    # what is left is less than an eighth of a turn either way
+    course = np.angle(rest * np.exp(-1j * mean))
+    weight = power(rest) * active
+    centre = (weight @ index) / weight.sum()
+    distance = index - centre
+    slope = (weight @ (distance * course)) / (weight @ (distance * distance))
+    offset = (weight @ course) / weight.sum()
+    turn = turn * np.exp(0.25j * (mean + offset + slope * distance)).astype(np.complex64)
+    return _nearest(outputs * turn.conj()) * active, turn

@@ -1,0 +1,136 @@
+"""Cancellation of QPSK: decide its symbols, subtract what they sound like, keep the return."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..waveform import Waveform
+from .base import Mitigation, MitigationError, PlotStyle
+from .ofdm.lattice import power
+from .qpsk.clock import Clock, find_clocks
+from .qpsk.equaliser import Equaliser, Symbols
+from .qpsk.pulse import heard
+
+__all__ = ["QpskCancel"]
+
+_CONTRAST = 18.0  # of the clock's line; one frame of noise in a hundred has more
+_ERROR = 0.08  # of the points' power; symbols at random have 0.3
+_ALIKE = 0.3  # correlation of neighbouring points: more is no data
+_TONE = 0.8  # a tone, which an equaliser gives one modulus from any start
+_STARTS = (0, 1, -1)  # half symbols; echoes can close the eye at one
+_SAME = 1e-3  # of the symbol rate, between frames of one emitter
+_WORTH = 4.0  # of power where it sends: a method that takes away less may take from the return
+_SENDS = 0.1  # of the mean power of what was sent
+_LIMIT = 6.0  # times the median power: what is left where a burst begins
+_FEW = 5  # every so manieth sample tells the median
+_SHORTEST = 1024  # samples in a frame
+
+
+class QpskCancel(Mitigation):
+    """Blind demodulation and subtraction of QPSK of any pulse.
+
+    Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An equaliser
+    that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The pulse is fitted to
+    the frame by least squares, with channel, filters and their drift over the frame, and subtracted. Frames without
+    QPSK pass bit for bit. So do frames in which the return is too strong for safe decisions (an SIR above some
+    -10 dB), which the altimeter reads without help. What is not QPSK stays: noise of the emitter, other interference.
+
+    Attributes
+    ----------
+    cancelled : int
+        Frames in which QPSK was cancelled.
+    depth_db : float
+        By how much the last such frame became weaker where QPSK was sent.
+    busy : float
+        Share of that frame in which it was sent.
+
+    Notes
+    -----
+    What is used of the emitter: that its symbols come at a steady rate, 0.02 to 0.47 per sample, and are four points of
+    one modulus (QPSK, turned by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up to 100
+    samples at either end of a frame are blanked, where symbols are cut.
+
+    Raises
+    ------
+    MitigationError
+        If the frame is too short.
+    """
+
+    name = "qpsk_cancel"
+    title = "QPSK cancellation"
+    style = PlotStyle("#44AA99", "h", (0, (3, 1, 1, 1)))
+
+    def __init__(self, waveform: Waveform) -> None:
+        if waveform.samples_per_frame < _SHORTEST:
+            raise MitigationError(
+                f"qpsk_cancel: a frame has {waveform.samples_per_frame} samples; it takes {_SHORTEST} or more"
+            )
+        super().__init__(waveform)
+
+    def reset(self) -> None:
+        """See `Mitigation.reset`."""
+        super().reset()
+        self.cancelled = 0
+        self.depth_db = self.busy = 0.0
+        self._known: tuple[float, np.ndarray] | None = None  # rate and weights of the frame before
+
+    def status(self) -> dict[str, object]:
+        """See `Mitigation.status`; with the frames that were cancelled."""
+        return super().status() | {"cancelled": self.cancelled}
+
+    def cancel(self, frame: np.ndarray) -> np.ndarray | None:
+        """An (N,) complex64 frame without its QPSK; None where none could be read."""
+        scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
+        if not scale > 0:
+            return None
+        frame = frame / scale
+        clocks = find_clocks(frame, _CONTRAST)
+        if self._known is not None:  # the same emitter first
+            clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
+        for clock in clocks:
+            for symbols in self._symbols(Equaliser(frame, clock), clock):
+                out = self._subtracted(frame, symbols)
+                if out is not None:
+                    self._known = clock.rate, symbols.weights
+                    self.cancelled += 1
+                    return out * scale
+        return None
+
+    def _symbols(self, equaliser: Equaliser, clock: Clock) -> Iterator[Symbols]:
+        """Symbols that look safely decided, from one start of the equaliser after another."""
+        for start in (None, *_STARTS):
+            if start is not None:
+                weights = equaliser.blind(start)
+            elif self._known is not None and abs(clock.rate / self._known[0] - 1) < _SAME:
+                weights = self._known[1]
+            else:
+                continue
+            symbols = equaliser.symbols(weights)
+            if symbols is None or symbols.alike > _TONE:
+                return
+            if symbols.error < _ERROR and symbols.alike < _ALIKE:
+                yield symbols
+
+    def _subtracted(self, frame: np.ndarray, symbols: Symbols) -> np.ndarray | None:
+        """The frame less what the symbols explain; None if that is little."""
+        model, known = heard(frame, symbols)
+        out = np.zeros_like(frame)
+        out[known] = frame[known] - model[known]
+        level = power(out)
+        sent = power(model[known])
+        gain = float(sent.sum() / max(level[known][sent > _SENDS * sent.mean()].sum(), 1e-30))
+        if gain < _WORTH:
+            return None
+        out[level > np.float32(_LIMIT) * np.median(level[known][::_FEW])] = 0
+        self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), symbols.busy
+        return out
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        out = batch.copy()
+        for row, frame in zip(out, batch, strict=True):
+            cancelled = self.cancel(frame)
+            if cancelled is not None:
+                row[:] = cancelled
+        return out

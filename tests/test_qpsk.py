@@ -1,0 +1,185 @@
+"""QPSK as a receiver hears it, and its cancellation: clock, symbols and pulse found blindly, all else untouched."""
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from gnuradio.radalt.core.interference.emitters.fmcw import FmcwEmitter
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from gnuradio.radalt.core.mitigation import MitigationError, create
+from gnuradio.radalt.core.mitigation.qpsk.clock import find_clocks
+from gnuradio.radalt.core.receiver.altimeter import Altimeter
+from gnuradio.radalt.core.returns.point import point_return
+from gnuradio.radalt.core.scene import SceneError, parse_scene
+from gnuradio.radalt.core.waveform import Waveform
+
+W = Waveform()
+N, RATE_HZ = W.samples_per_frame, W.rate_hz
+
+
+def received(emitter, sir_db, count=4, seed=1, overlap=1.0, snr_db=10.0):
+    """Frames with interference, the same without, and their altitudes."""
+    rng = np.random.default_rng(seed)
+    altitude_m = rng.uniform(3.0, 1500.0, count)
+    clean = point_return(W, altitude_m, phase_cycles=rng.random(count), dtype=np.complex128)
+    noise = rng.standard_normal((count, N, 2)).view(np.complex128)[..., 0]
+    clean = clean + np.sqrt(0.5 * 10 ** (-snr_db / 10)) * noise
+    jam = interference_frames([Interferer(emitter, sir_db, overlap)], count, N, RATE_HZ, rng)
+    return (clean + jam).astype(np.complex64), clean, altitude_m
+
+
+def left(cleaned, clean):
+    """(n,) power of what is left of the interference, where a frame was not blanked."""
+    return np.array([np.mean(np.abs(c - r)[c != 0] ** 2) for c, r in zip(cleaned, clean, strict=True)])
+
+
+# -- the emitter ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pulse", ["rectangular", "rrc"])
+@pytest.mark.parametrize("clock_ppm", [0.0, 300.0])
+def test_symbols_come_at_the_rate_of_a_clock_of_their_own(pulse, clock_ppm):
+    emitter = QpskReceivedEmitter(pulse=pulse, clock_ppm=clock_ppm)
+    frame = emitter.samples(N, RATE_HZ, np.random.default_rng(2)).astype(np.complex64)
+    clock = find_clocks(frame, 18.0)[0]
+    # in symbols over the frame; 300 ppm are half a symbol
+    assert clock.rate * N == pytest.approx(
+        emitter.symbol_rate_hz / RATE_HZ * (1 + 1e-6 * clock_ppm) * N, abs=0.03
+    )
+
+
+def test_edges_lie_between_samples_and_the_filter_takes_the_corners():
+    rng = np.random.default_rng(3)
+    paper = np.abs(QpskEmitter().samples(N, RATE_HZ, rng))
+    heard = np.abs(QpskReceivedEmitter().samples(N, RATE_HZ, rng))
+    assert np.ptp(paper) < 1e-9
+    assert heard.min() < 0.2 and heard.max() > 1.1
+
+
+@pytest.mark.parametrize(("pulse", "power"), [("rectangular", 0.94), ("rrc", 1.0)])
+def test_power_is_one_before_the_filter(pulse, power):
+    window = QpskReceivedEmitter(pulse=pulse).samples(100_000, RATE_HZ, np.random.default_rng(4))
+    assert np.mean(np.abs(window) ** 2) == pytest.approx(power, abs=0.02)
+
+
+def test_rectangular_pulses_have_the_spectrum_of_the_sinc_and_do_not_fold():
+    emitter = QpskReceivedEmitter(bandwidth_hz=2e6, carrier_hz=0.0)
+    window = emitter.samples(750 * 400, RATE_HZ, np.random.default_rng(5)).reshape(400, 750)
+    density = np.mean(np.abs(np.fft.fft(window * np.hanning(750), axis=1)) ** 2, axis=0)
+    frequency = np.fft.fftfreq(750, 1 / RATE_HZ)
+    flat = (np.abs(frequency) < 0.44 * RATE_HZ) & (np.abs(np.abs(frequency) - 2e6) > 0.2e6)
+    ratio = density[flat] / np.sinc(frequency[flat] / 2e6) ** 2
+    np.testing.assert_allclose(10 * np.log10(ratio / np.median(ratio)), 0.0, atol=1.5)
+
+
+def test_a_scene_names_it():
+    scene = parse_scene(
+        {"interference": {"qpsk_received": {"sir_db": -30.0, "pulse": "rrc", "clock_ppm": -5.0}}}
+    )
+    emitter = scene.interference[0].emitter
+    assert emitter == QpskReceivedEmitter(pulse="rrc", clock_ppm=-5.0)
+    assert emitter.label == "qpsk_received_rrc" and emitter.title(7.5e6).endswith("as received")
+    with pytest.raises(SceneError, match="clock_ppm is 2000.0; it has to be within -1000..1000"):
+        parse_scene({"interference": {"qpsk_received": {"clock_ppm": 2000.0}}})
+    with pytest.raises(ValueError, match="does not fit the rate"):
+        QpskReceivedEmitter(bandwidth_hz=8e6).samples(100, RATE_HZ, np.random.default_rng(6))
+
+
+# -- its cancellation -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sir_db", [-15.0, -30.0, -45.0])
+@pytest.mark.parametrize(
+    "emitter",
+    [
+        QpskReceivedEmitter(),
+        QpskReceivedEmitter(pulse="rrc"),
+        QpskReceivedEmitter(pulse="rrc", bandwidth_hz=1e6, carrier_hz=-1.3e6),
+        QpskReceivedEmitter(bandwidth_hz=3.3e6, clock_ppm=-20.0),
+    ],
+    ids=["rectangular", "rrc", "narrow, off centre", "fast"],
+)
+def test_what_is_left_is_less_than_the_return(emitter, sir_db):
+    frames, clean, _ = received(emitter, sir_db)
+    method = create("qpsk_cancel", W)
+    cleaned = method.process(frames)
+    assert method.cancelled == 4
+    assert np.median(left(cleaned, clean)) < 0.3
+    assert np.mean(cleaned == 0) < 0.06
+    assert method.depth_db == pytest.approx(-sir_db, abs=3.0) and method.busy > 0.98
+
+
+def test_echoes_belong_to_the_pulse():
+    faded = FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA"))
+    frames, clean, _ = received(faded, -30.0, count=12, seed=7)
+    assert np.mean(left(create("qpsk_cancel", W).process(frames), clean) < 0.3) >= 0.9
+
+
+def test_a_burst_is_cancelled_and_the_rest_of_the_frame_stays():
+    frames, clean, _ = received(QpskReceivedEmitter(), -30.0, count=4, seed=8, overlap=0.5)
+    method = create("qpsk_cancel", W)
+    cleaned = method.process(frames)
+    assert method.cancelled == 4 and method.busy == pytest.approx(0.5, abs=0.05)
+    assert left(cleaned, clean).max() < 1.0
+    quiet = np.abs(frames) < 5
+    assert np.mean(cleaned[quiet] == 0) < 0.06
+
+
+@pytest.mark.parametrize(
+    ("emitter", "sir_db"),
+    [
+        (NrEmitter(channel_bandwidth_hz=10e6), -30.0),
+        (NrEmitter(), -30.0),
+        (ToneEmitter(1), -30.0),
+        (ToneEmitter(3), -30.0),
+        (FmcwEmitter(), -30.0),
+        (QpskReceivedEmitter(), 5.0),
+        (QpskReceivedEmitter(), 200.0),
+    ],
+    ids=["nr10", "nr5", "tone", "tones", "fmcw", "weak", "none"],
+)
+def test_frames_without_readable_qpsk_pass_bit_for_bit(emitter, sir_db):
+    frames, _, _ = received(emitter, sir_db, count=6, seed=9)
+    assert create("qpsk_cancel", W).process(frames).tobytes() == frames.tobytes()
+
+
+def test_altitudes_are_right_at_sirs_where_none_are_without_it():
+    frames, _, altitude_m = received(QpskReceivedEmitter(), -45.0, count=8, seed=10)
+    altimeter = Altimeter(W)
+    for method, correct in (("none", 0), ("qpsk_cancel", 8)):
+        results = altimeter.process(create(method, W).process(frames))
+        right = results["valid"] & (np.abs(results["altitude_m"] - altitude_m) < 5.0)
+        assert right.sum() == correct
+
+
+def test_without_a_return_it_invents_none():
+    frames, clean, _ = received(QpskReceivedEmitter(), -40.0, count=30, seed=11)
+    alone = frames - clean.astype(np.complex64)
+    noise = (
+        np.random.default_rng(12).standard_normal((30, N, 2)).astype(np.float32).view(np.complex64)[..., 0]
+    )
+    alone += np.float32(np.sqrt(0.05)) * noise
+    assert Altimeter(W).process(create("qpsk_cancel", W).process(alone))["valid"].sum() <= 3
+
+
+def test_level_changes_nothing_and_batches_change_nothing():
+    frames, _, _ = received(QpskReceivedEmitter(pulse="rrc"), -30.0, count=5, seed=13)
+    whole = create("qpsk_cancel", W).process(frames)
+    method = create("qpsk_cancel", W)
+    assert (
+        np.concatenate([method.process(frames[:2]), method.process(frames[2:])]).tobytes() == whole.tobytes()
+    )
+    for scale in (2.0**-30, 2.0**30):
+        scaled = create("qpsk_cancel", W).process(frames * np.float32(scale)) / np.float32(scale)
+        np.testing.assert_allclose(scaled, whole, atol=1e-3 * np.abs(whole).max())
+    silent = np.zeros((2, N), dtype=np.complex64)
+    assert not create("qpsk_cancel", W).process(silent).any()
+    frames[1, 5] = np.nan
+    assert np.isnan(create("qpsk_cancel", W).process(frames)[1]).all()
+
+
+def test_a_frame_that_is_too_short_is_refused():
+    with pytest.raises(MitigationError, match="a frame has 750 samples; it takes 1024 or more"):
+        create("qpsk_cancel", Waveform(sweep_s=0.1e-3))
