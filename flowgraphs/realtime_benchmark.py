@@ -38,6 +38,7 @@ def _parser() -> Parser:
     )
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
+    add("--tracked", action="store_true", help="an altitude tracker in the place of every altimeter")
     add("--free-only", action="store_true", help="leave out the run held to real time")
     add("--json", type=path, metavar="FILE", help="write the numbers, too")
     return parser
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="radalt_") as folder:
         for realtime in (False,) if args.free_only else (False, True):
             options = {"realtime": realtime, "batch": args.batch, "skip_clean": args.skip_clean}
-            options["own_process"] = not args.one_process
+            options |= {"own_process": not args.one_process, "track": args.tracked}
             prepared = prepare_benchmark(scene, methods, Path(folder), **options)
             limit = 20.0 * args.seconds + 60.0
             unit_s = [fft_seconds(scene.waveform.samples_per_frame)]
