@@ -47,6 +47,7 @@ def _parser() -> Parser:
     )
     add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
     add("--skip-clean", action="store_true", help="frames without interference skip the network")
+    add("--tracked", action="store_true", help="an altitude tracker in the place of every altimeter")
     add("--free-only", action="store_true", help="leave out the run held to real time")
     add("--out", type=path, help="result folder for report.md, report.html and report.json (default: none)")
     return parser
@@ -78,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scene = long_scene(scene, args.seconds)
     samples = scene.waveform.samples_per_frame
     options = {"batch": args.batch, "skip_clean": args.skip_clean}
-    beside = {"own_process": not args.one_process}
+    beside = {"own_process": not args.one_process, "track": args.tracked}
     folder = (
         _folder(args.out, scene, methods, options | beside, command_of(args, parser)) if args.out else None
     )

@@ -129,6 +129,7 @@ class AltitudeTracker:
         self._candidate: Track | None = None
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
+        self._beside = False  # whether the received frames come beside the cleaned ones
 
     # -- frames to blocks -----------------------------------------------------------------------------------------
 
@@ -170,11 +171,12 @@ class AltitudeTracker:
         if n:
             ratio = self.integrator.normalise(spectra)
             raw = ratio if received is None else self.integrator.normalise(received)
-            block = np.asarray(index) // self.frames
-            cuts = np.nonzero(np.diff(np.asarray(index)) <= 0)[0] + 1
-            cuts = np.union1d(cuts, np.nonzero(np.diff(block))[0] + 1)
-            for part in np.split(np.arange(n), cuts):
-                self._take(ratio[part], raw[part], np.asarray(index)[part], offset[part], out)
+            self._beside = received is not None
+            index = np.asarray(index)
+            cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
+            for first, last in zip([0, *cuts], [*cuts, n], strict=True):
+                part = slice(first, last)
+                self._take(ratio[part], raw[part], index[part], offset[part], out)
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
@@ -231,7 +233,7 @@ class AltitudeTracker:
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
         self._before = None
-        if not np.array_equal(self._received[at], self._ratio[at], equal_nan=True):
+        if self._beside:
             self._before = self.integrator.integrate(self._received[at], at.astype(float))
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s

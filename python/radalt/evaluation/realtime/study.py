@@ -18,7 +18,7 @@ from ...core.mitigation import OwnProcess
 from ...core.paths import share_dir
 from ...core.scene import Scene
 from ..flowgraph.generate import Prepared, generate
-from ..flowgraph.rewrite import load_grc, prune, simulate
+from ..flowgraph.rewrite import load_grc, prune, simulate, tracked
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import blocks_of, run_to_end
 
@@ -99,14 +99,17 @@ def prepare_benchmark(
     batch: int,
     skip_clean: bool,
     own_process: bool,
+    track: bool = False,
 ) -> Prepared:
-    """Generate the simulated flowgraph, held to real time or as fast as it goes."""
+    """Generate the simulated flowgraph, held to real time or as fast as it goes; with ``track`` it tracks altitudes."""
     name = f"ota_realtime_{'paced' if realtime else 'free'}"
     data = prune(
         simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), name, realtime=realtime),
         methods,
         scene.has_jammer,
     )
+    if track:
+        data = tracked(data, name)
     for block in data["blocks"]:
         if block["name"] == "mitigation_tcae":
             block["parameters"] |= {
