@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from radalt.evaluation.engine import command
+from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options, Parser, add_options, options_of
 from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.precision import half_width
-from radalt.evaluation.engine.run import estimate, head_of, run
+from radalt.evaluation.engine.run import head_of, run
 from radalt.evaluation.engine.study import Point, Study
 from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.timeout(120)
 @pytest.fixture(autouse=True)
 def idle(monkeypatch):
     """A machine of two cores that computes nothing else."""
-    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(estimates, "slowdown", lambda jobs: 1.0)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
 
 
@@ -180,23 +181,53 @@ def test_precision_does_not_depend_on_workers_or_on_an_interruption(tmp_path):
 def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
     study = Coins(pause_s=30.0)
     assert command.main(study, Options(tmp_path / "run", jobs=2), program="coins", dry_run=True) == 0
-    assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 60 s -> {tmp_path / 'run'}\n"
+    assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 65 s -> {tmp_path / 'run'}\n"
     assert not (tmp_path / "run").exists()
 
 
-def test_an_estimate_counts_what_else_the_machine_computes(tmp_path, monkeypatch):
-    """Six others on two cores leave two workers a quarter of the time they want."""
+def test_an_estimate_counts_what_else_the_machine_computes(monkeypatch):
     study = Coins(pause_s=30.0)
-    alone = estimate(study, study.points(), 2)
-    monkeypatch.setattr(os, "getloadavg", lambda: (6.0, 6.0, 6.0))
-    assert estimate(study, study.points(), 2) == pytest.approx(4 * alone)
-    assert estimate(study, study.points(), 2, here=False) == pytest.approx(2 * alone)  # one core's time
+    monkeypatch.setattr(estimates, "slowdown", lambda jobs: 4.0)
+    alone = estimates.estimate(study, study.points(), 2, here=False)
+    assert alone == pytest.approx(120.0, rel=1e-2)  # one core's time
+    assert estimates.estimate(study, study.points(), 2) == pytest.approx(2 * alone)
+
+
+@pytest.mark.parametrize(
+    ("jobs", "others", "waits"),
+    [(1, 0, 1.0), (2, 0, 1.0), (2, 1, 1.5), (1, 1, 1.0), (2, 6, 4.0), (4, 0, 2.0)],
+)
+def test_equal_shares_of_two_cores(jobs, others, waits):
+    """The trial is one process beside the others: it gets its share, and what nobody wants is idle."""
+    own = min(1.0, 2.0 / (1 + others))
+    idle = max(0.0, 2.0 - 1.0 - others)
+    assert estimates.shared(jobs, 2, 1.0, own, idle) == pytest.approx(waits)
+
+
+@dataclass(frozen=True)
+class Slow(Coins):
+    """Its points take six times what it states."""
+
+    def measure(self, point, batch=0):
+        end = time.process_time() + 6 * self.seconds(point)
+        while time.process_time() < end:
+            pass
+        return []
+
+    def rehearsal(self):
+        return ((self, self.points()[0]),)
+
+
+def test_a_sample_of_its_own_work_scales_the_estimate():
+    study = Slow(pause_s=0.05)
+    stated = sum(map(study.seconds, study.points()))
+    assert estimates.estimate(study, study.points(), 1, here=False) == pytest.approx(6 * stated, rel=0.3)
 
 
 def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
     seen = []
     run(Coins(), Options(tmp_path, jobs=1), seen.append)
-    assert seen[0].done == 0 and 0.02 < seen[0].remaining_s < 0.1
+    assert seen[0].done == 0 and seen[0].remaining_s > 0.02
     assert seen[-1].remaining_s == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,3 +111,8 @@ class CancellationStudy(Study):
         settings = Chain("none", "none").settings
         each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods)
         return len(SIRS_DB) * point.frames * (each + 0.012)
+
+    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
+        """See `Study`."""
+        points = self.points()
+        return tuple((self, dataclasses.replace(p, frames=3)) for p in (points[0], points[len(points) // 2]))

@@ -5,6 +5,7 @@ Every point is a function of its case, the number of frames and the seed.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +21,7 @@ from ...core.returns.point import point_return
 from ...core.scene import load_scene
 from ...core.waveform import Waveform
 from ..engine.study import Point, Run, Study
-from ..results.chain import Chain, seconds_per_frame
+from ..results.chain import Chain
 from ..results.folder import RunFolder
 from ..results.proportion import clopper_pearson
 from ..results.rows import Columns
@@ -44,7 +45,6 @@ FLOWN_M_PER_S = 10.0
 SNR_DB = 10.0
 _BATCH = 16
 _NOISE_FRAMES = 3000  # that the textbook's threshold is taken from
-_TEXTBOOK_S = 0.02  # per frame, at all speeds
 
 
 @dataclass(frozen=True)
@@ -232,6 +232,27 @@ def measure_null(case: NullCase, frames: int, seed: int) -> list[dict[str, float
     return rows
 
 
+@lru_cache
+def _chain_seconds(method: str, scene: str) -> float:
+    """CPU seconds per frame of what stands before the textbook's altimeter, from a trial."""
+    case, frames = NullCase(method, scene, 20.0), 6
+    measure_null(case, frames, 0)  # tables, caches
+    begin = time.thread_time()
+    measure_null(case, frames, 0)
+    return (time.thread_time() - begin) / frames
+
+
+@lru_cache
+def _textbook_seconds() -> float:
+    """CPU seconds per frame of the textbook's altimeter at all speeds, from a trial."""
+    frames, _ = _received(NullCase("none", "none"), 6, np.random.default_rng(0))
+    for _ in range(2):  # the first time for caches
+        begin = time.thread_time()
+        for speed in SPEEDS_M_PER_S:
+            _textbook(frames, speed)
+    return (time.thread_time() - begin) / len(frames)
+
+
 _WHERE = ("method", "scene")
 _FOUND = ("declared", "forced", "rmse_m", "wrong")
 _TABLES = {
@@ -339,10 +360,12 @@ class DetectionStudy(Study):
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""
-        altimeters = len(SPEEDS_M_PER_S) * seconds_per_frame("none", WAVEFORM, AltimeterSettings())
-        textbook = 0.0 if point.table == "null" else _TEXTBOOK_S
-        method = seconds_per_frame(point.case.method, WAVEFORM, AltimeterSettings())
-        return 0.1 + point.frames * (method + altimeters + textbook + 1e-3)
+        textbook = 0.0 if point.table == "null" else _textbook_seconds()
+        return 0.02 + point.frames * (_chain_seconds(point.case.method, point.case.scene) + textbook)
+
+    def seconds_once(self) -> float:
+        """The textbook's threshold at every speed, where it takes part."""
+        return _NOISE_FRAMES * _textbook_seconds() if self.points()[0].table != "null" else 0.0
 
     @property
     def needs_network(self) -> bool:

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..results.folder import FolderError
+from .estimate import AROUND_S, estimate
 from .options import Options, Terminated, complain, duration, expected_errors
 from .precision import check_precision, most_batches
 from .publish import publish
-from .run import Progress, estimate, run
+from .run import Progress, run
 from .study import Study
 
 __all__ = ["Bar", "main"]
@@ -115,7 +116,7 @@ def _full(error: Exception, options: Options) -> str:
 def _cost(study: Study, options: Options) -> str:
     """Points, frames and time before anything is measured; from pilots alone to every Pd at one half."""
     points = study.points()
-    seconds = estimate(study, points, options.jobs, here=not options.scheduler)
+    seconds = estimate(study, points, options.jobs, here=not options.scheduler, around_s=AROUND_S)
     where = " of one core's time" if options.scheduler else ""
     text = f"{len(points)} points, {sum(p.frames for p in points)} frames, about {duration(seconds)}{where}"
     if options.precision is None:

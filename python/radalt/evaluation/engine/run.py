@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..results.folder import RunFolder, versions
+from .estimate import estimate
 from .options import Options
 from .pool import WorkerError, run_tasks
 from .precision import batches_needed, check_precision
@@ -20,7 +21,7 @@ from .study import Point, Run, Study
 if TYPE_CHECKING:
     from .cluster import Cluster
 
-__all__ = ["Progress", "Task", "estimate", "peak_memory_bytes", "run"]
+__all__ = ["Progress", "Task", "peak_memory_bytes", "run"]
 
 
 @dataclass(frozen=True)
@@ -99,20 +100,6 @@ def peak_memory_bytes() -> int:
     except OSError:
         return 0
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
-
-
-def estimate(study: Study, points: Sequence[Point], jobs: int, *, here: bool = True) -> float:
-    """Seconds that one batch of each point may take, from the study's own trial of its parts.
-
-    Wall time on this machine as busy as it is; with ``here=False`` time of one core that does nothing else.
-    """
-    alone = sum(study.seconds(point) for point in points)
-    if not here:
-        return alone
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    jobs = max(1, min(jobs, study.max_jobs or jobs, cores))
-    others = os.getloadavg()[0]  # what else computes here takes its part of the cores
-    return alone / jobs * max(1.0, (jobs + others) / cores)
 
 
 def head_of(study: Study) -> dict[str, Any]:

@@ -205,6 +205,12 @@ class IntegrityStudy(Study):
         alone = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in self.chains)
         return point.frames * (_BASE_S + 1e-3 * ms + alone + 1e-4 * len(self.methods))
 
+    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
+        """See `Study`."""
+        short = dataclasses.replace(self, frames=min(80, self.frames), parts=1)
+        points = short.points()
+        return tuple((short, points[len(points) * k // 4]) for k in range(4))
+
     @property
     def needs_network(self) -> bool:
         """See `Study`."""

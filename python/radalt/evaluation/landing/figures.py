@@ -53,7 +53,7 @@ def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Pat
     across = min(len(labels), _ACROSS)
     down = -(-len(labels) // across)
     figure = new_figure(2.6 * across + 1, 4.6 * down + 0.7, dpi=_DPI)
-    parts = np.atleast_1d(figure.subfigures(down, 1))
+    parts, bottoms = np.atleast_1d(figure.subfigures(down, 1)), []
     for part, first in zip(parts, range(0, len(labels), across), strict=True):
         axes = part.subplots(2, across, sharex=True, sharey="row", squeeze=False)
         for axis in axes[:, len(labels) - first :].ravel():
@@ -61,8 +61,12 @@ def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Pat
         for (top, bottom), label in zip(axes.T, labels[first : first + across], strict=False):
             _approach_of(config, [r for r in rows if condition(r) == label], top, bottom)
             top.set_title(label, fontsize=10)
+            bottoms.append(bottom)
         axes[0, 0].set_ylabel("altitude / m")
         axes[1, 0].set_ylabel("error / m (linear to 10 m)")
+    ends = np.array([axis.get_ylim() for axis in bottoms])
+    for axis in bottoms:
+        axis.set_ylim(ends[:, 0].min(), ends[:, 1].max())
     handles = [pair for axis in axes[:, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
     parts[-1].legend(
         *zip(*handles, strict=True), loc="outside lower center", ncols=4, fontsize=8, frameon=False

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from ...core.waveform import Waveform
 from ..engine.study import Point, Run, Study
-from ..results.chain import Chain, chains_with, model_files, seconds_per_frame
+from ..results.chain import Chain, chains_with, model_files
 from ..results.folder import RunFolder
 from ..results.rows import Columns
 from . import checks
@@ -34,9 +34,9 @@ _TABLES = {
     ),
     "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
 }
-_FRAME_WORK = 2.5  # times a method's own: the altimeter's other span, the float64 references
-_CASE_S = 0.1  # per chain: it is built twice, and one frame more is measured
-_CHECK_S = {"long runs": 1.0, "determinism": 4.0, "flowgraph": 0.5, "step_limits": 2.0}
+# CPU seconds of one machine; `rehearsal` finds those of this one
+_CASE_S, _FRAME_S = 0.09, 0.002  # per chain: built twice, and one frame more; float64 references
+_CHECK_S = {"long runs": 1.0, "determinism": 2.4, "flowgraph": 0.5, "step_limits": 1.2}
 
 
 def compared_chains(methods: Sequence[str], models: Sequence[Path] = ()) -> tuple[Chain, ...]:
@@ -136,10 +136,14 @@ class StabilityStudy(Study):
         """See `Study`."""
         if point.table != "rows":
             return _CHECK_S.get(point.what, _CHECK_S["step_limits"])
-        case, w = _cases(point.group)[point.what], Waveform()
-        length = case.waveform.samples_per_frame / w.samples_per_frame
-        alone = sum(seconds_per_frame(c.method, w, c.settings, c.options) for c in self.chains)
-        return _CASE_S * len(self.chains) + _FRAME_WORK * point.frames * length * alone
+        case = _cases(point.group)[point.what]
+        length = case.waveform.samples_per_frame / Waveform().samples_per_frame
+        return len(self.chains) * (_CASE_S + _FRAME_S * point.frames * length)
+
+    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
+        """See `Study`."""
+        cases = [p for p in self.points() if p.table == "rows"]
+        return ((self, cases[len(cases) // 2]),) if cases else ()
 
     def files(self) -> dict[str, Path]:
         """The networks."""
