@@ -237,3 +237,17 @@ def test_what_the_companion_generates_is_not_installed(root: Path, tmp_path: Pat
     run("cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)
     installed = {f.name for f in (tmp_path / "prefix/share/gr-radalt/flowgraphs").glob("*.py")}
     assert installed == {f"{script}.py" for script in PROGRAMS.values()} | {"_startup.py", "own_method.py"}
+
+
+@pytest.mark.timeout(240)
+def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
+    """In a clone of what is committed, with the environment of these tests: nothing is fetched."""
+    if sys.prefix == sys.base_prefix:
+        pytest.skip("no environment to hand to the clone: run the tests with `make test`")
+    known = subprocess.run(["git", "-C", root, "rev-parse", "HEAD"], capture_output=True, check=False)
+    if known.returncode:
+        pytest.skip("the tree is no git checkout of this user's; a newcomer clones one")
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    printed = run("sh", root / "tools/newcomer.sh", sys.prefix, cwd=tmp_path, env=environment)
+    assert printed.splitlines()[-1] == "newcomer: every step worked, and nothing is left"
+    assert not list(tmp_path.glob("tmp.*"))

@@ -1,21 +1,30 @@
 #!/bin/sh
 # A newcomer's first hour in a fresh clone: the default run, help, installing below a prefix, the installed command, a
 # flowgraph generated there, uninstalling; ends with 1 where a step fails or something is left.
-# usage: newcomer.sh
+# usage: newcomer.sh [ENVIRONMENT]
+# ENVIRONMENT is a Python environment that exists, as `make setup` makes it. With it nothing is fetched: the clone and what
+# is installed use its packages.
 set -eu
 case ${1:-} in -h | --help) sed -n '/^[^#]/q; 2,$s/^# *//p' "$0"; exit 0 ;; esac
 tree=$(cd "$(dirname "$0")/.." && pwd)
+environment=${1:+$(cd "$1" && pwd)}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 git clone -q "$tree" "$work/gr-radalt"
 cd "$work/gr-radalt"
+if [ -n "$environment" ]; then
+    ln -s "$environment" .venv
+    touch -d @0 requirements.txt # or make would bring the environment up to date
+fi
 make help
-make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 20 --out results/first"
+make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 5 --out results/first"
 test -s results/first/report.md
 .venv/bin/python flowgraphs/collect.py results/first --out results/all
-make install PREFIX="$work/prefix"
+make install PREFIX="$work/prefix" PACKAGES="${environment:+no}"
 cd "$work"
 radalt=$work/prefix/bin/radalt
+[ -z "$environment" ] ||
+    export PYTHONPATH="$("$environment/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 "$radalt" eval --sim --overlap 0.5 --altitudes 100 --frames 5 --methods none,whitening,tcae --out "$work/run"
 test -s "$work/run/report.md"
 eval "$("$radalt" env)"
