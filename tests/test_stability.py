@@ -181,7 +181,7 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
     write_report(folder, tables, Run(1, 2, 0, 1.0, 1, ".venv/bin/python flowgraphs/stability.py"))
     assert failures(tables) == ["8-bit converter: none: FAIL"]
     page = (tmp_path / "report.md").read_text()
-    assert "- **none**, 1: 8-bit converter (4 of 4 wrong)" in page
+    assert "| none | 8-bit converter | 4 of 4 wrong |" in page
     assert "| none | float32 | 2 | 1 | 0 | 0 | 0 | 1 |" in page
     assert (tmp_path / "figures" / "stability.png").stat().st_size > 5000
 

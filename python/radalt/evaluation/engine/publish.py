@@ -29,6 +29,8 @@ def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:
     """
     out = []
     for source, name in files.items():
+        if source.endswith(".csv") and not (result / source).exists():
+            continue  # a table without rows
         path = target / name
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".md":

@@ -15,7 +15,7 @@ from ..results.page import write_pages
 from ..results.score import Score, clopper_pearson_bound
 from ..results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
-from .study import EVENTS, POOLED
+from .study import BY_KIND, EVENTS, POOLED
 
 if TYPE_CHECKING:
     from .study import IntegrityStudy
@@ -85,12 +85,14 @@ def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]
 
 
 def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], run: Run) -> Path:
-    """Write figures, ``cases.csv``, ``events.csv``, ``report.md`` and ``report.json``; returns the page."""
+    """Write figures, tables, ``report.md`` and ``report.json``; returns the page."""
     from .figures import draw_sir, draw_stanford
 
     by_case = pooled(rows, lambda r: (r["case"], r["method"]))
     events = events_of(rows, study)
+    by_kind = _by_kind(rows)
     folder.write_text("cases.csv", POOLED.csv(map(POOLED.row, by_case)))
+    folder.write_text("kinds.csv", BY_KIND.csv(map(BY_KIND.row, by_kind)))
     folder.write_text("events.csv", EVENTS.csv(events))
     draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
     draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
@@ -102,10 +104,10 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
     }
     values = report | {
         "flight_s": study.frames * WAVEFORM.sweep_s,
-        "kind_table": _kind_table(rows),
+        "kind_table": _kind_table(by_kind),
         "event_table": _event_table(events),
         "flights_listed": _LISTED,
-        "flights_with_events": len({(e["replay"], e["method"], e["cause"]) for e in events}),
+        "flights_with_events": len({(e["replay"], e["cause"]) for e in events}),
         "times": _times(rows),
     }
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
@@ -144,61 +146,59 @@ def _rate(value: float) -> str:
     return f"{value:.1e}" if value else "0"
 
 
-def _kind_table(rows: Sequence[Row]) -> str:
-    """By kind and method; what is known to be open stands in lines of its own."""
+def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """`summarise` by kind and method; what is known to be open stands in rows of its own."""
+    found = pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"]))
+    for row in found:
+        row["known_limit"] = int(bool(case_of(row["case"]).known))
+    return sorted(found, key=lambda r: (list(KINDS).index(r["kind"]), r["known_limit"]))
+
+
+def _kind_table(found: Sequence[Row]) -> str:
+    """A line per kind, its methods side by side."""
+    methods = list(dict.fromkeys(r["method"] for r in found))
     lines = []
-    for r in sorted(
-        pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"])),
-        key=lambda r: (list(KINDS).index(r["kind"]), bool(case_of(r["case"]).known)),
-    ):
-        known = " (known limit)" if case_of(r["case"]).known else ""
-        alert = DASH if r["alert_s"] is None and not r["unalerted"] else number(r["alert_s"] or 0.0)
+    for kind, known in dict.fromkeys((r["kind"], r["known_limit"]) for r in found):
+        at = {r["method"]: r for r in found if (r["kind"], r["known_limit"]) == (kind, known)}
+        mine = [at[m] for m in methods]
         lines.append(
             [
-                KINDS[r["kind"]] + known,
-                r["method"],
-                r["outputs"],
-                number(r["availability"], 3),
-                number(r["continuity"], 3),
-                r["misleading"],
-                r["hazardous"],
-                _rate(r["hazardous_bound"]),
-                r["wrong_5m"],
-                r["wrong_20m"],
-                r["wrong_accuracy"],
-                number(r["first_s"]),
-                alert + (f", {r['unalerted']} never" if r["unalerted"] else ""),
-                number(r["pd"], 3),
-                _rate(r["wrong"] / r["trials"] if r["trials"] else 0.0),
-                _rate(r["wrong_bound"]),
+                KINDS[kind] + (" (known limit)" if known else ""),
+                mine[0]["outputs"],
+                " / ".join(number(r["availability"]) for r in mine),
+                " / ".join(str(r["misleading"]) for r in mine),
+                " / ".join(str(r["hazardous"]) for r in mine),
+                _rate(max(r["hazardous_bound"] for r in mine)),
+                " / ".join(number(r["pd"]) for r in mine),
+                " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
             ]
         )
-    counts = ["misleading", "hazardous", "bound", "5 m", "20 m", "DO-155"]
-    header = ["case", "method", "outputs", "availability", "continuity", *counts, "first / s", "alert / s"]
-    return table([*header, "Pd", "wrong per frame", "bound"], lines)
+    header = ["case", "outputs per method", "available", "misleading", "hazardous", "its bound"]
+    return table([*header, "Pd per frame", "wrong per frame"], lines)
 
 
 def _event_table(events: Sequence[Row]) -> str:
-    """A line per flight and method: how many outputs in how long, the worst error, and how to see it again."""
+    """A line per flight: how many outputs of each method in how long, the worst error, and how to see it again."""
     events = sorted(events, key=lambda e: bool(e["cause"]))  # what nobody stated first
     flights: dict[tuple[str, ...], list[Row]] = {}
     for event in events:
-        flights.setdefault((event["replay"], event["method"], event["cause"]), []).append(event)
+        flights.setdefault((event["replay"], event["cause"]), []).append(event)
     lines = []
-    for (replay, method, _), mine in list(flights.items())[:_LISTED]:
+    for (replay, cause), mine in list(flights.items())[:_LISTED]:
         errors = [abs(e["altitude_m"] - e["truth_m"]) for e in mine if e["truth_m"] is not None]
+        frames = [e["frame_index"] for e in mine]
+        methods = dict.fromkeys(e["method"] for e in mine)
         lines.append(
             [
                 f"`{replay}`",
-                method,
-                len(mine),
-                f"{mine[0]['frame_index']}{DASH}{mine[-1]['frame_index']}",
+                ", ".join(f"{m} {sum(e['method'] == m for e in mine)}" for m in methods),
+                f"{min(frames)}{DASH}{max(frames)}",
                 number(max(errors), 1) if errors else "no return",
                 number(max(e["protection_level_m"] for e in mine), 1),
-                mine[0]["cause"] or "**none stated**",
+                cause or "**none stated**",
             ]
         )
-    header = ["case:seed:batch", "method", "outputs", "frames", "worst error / m", "level / m"]
+    header = ["case:seed:batch", "outputs of", "frames", "worst error / m", "level / m"]
     return table([*header, "stated limit"], lines)
 
 

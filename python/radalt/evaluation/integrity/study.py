@@ -32,7 +32,17 @@ from ..results.rows import Columns
 from ..results.score import score_frames
 from .cases import BLOCK, KINDS, WAVEFORM, Case, Flight, case_of, cases, fly, received
 
-__all__ = ["EDGES", "EVENTS", "POOLED", "IntegrityPoint", "IntegrityStudy", "Judged", "judge", "replay_lines"]
+__all__ = [
+    "BY_KIND",
+    "EDGES",
+    "EVENTS",
+    "POOLED",
+    "IntegrityPoint",
+    "IntegrityStudy",
+    "Judged",
+    "judge",
+    "replay_lines",
+]
 
 SETTINGS = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=20.0)
 TRACKER = TrackerSettings(doppler=True)
@@ -49,6 +59,11 @@ POOLED = Columns(
     + ("pd", "wrong", "wrong_bound"),
     _WORDS,
     _WHOLE | {"wrong"},
+)
+BY_KIND = Columns(
+    ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]),
+    _WORDS,
+    POOLED.whole | {"known_limit"},
 )
 _ROWS = Columns(
     (*_STATED, *COUNTS, *_TIMES, *_FRAMES, "events", "stanford", "ms_per_frame"),
@@ -152,6 +167,7 @@ class IntegrityStudy(Study):
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "integrity.md",
         "cases.csv": "data/integrity.csv",
+        "kinds.csv": "data/integrity_kinds.csv",
         "events.csv": "data/integrity_events.csv",
         "figures/integrity_stanford.png": "figures/integrity_stanford.png",
         "figures/integrity_sir.png": "figures/integrity_sir.png",

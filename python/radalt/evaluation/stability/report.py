@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...core.mitigation import METHODS
 from ..engine.study import Run
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
 from ..results.page import write_pages
-from ..results.table import metres, table
+from ..results.rows import Columns
+from ..results.table import table
 
-__all__ = ["failures", "write_report"]
+__all__ = ["BY_GROUP", "by_group", "failures", "write_report"]
 
 _GROUPS = {
     "stiff": "stiff inputs",
@@ -27,6 +29,14 @@ _COLOURS = {
     "WRONG": "#E69F00",
     "FAIL": "#000000",
 }
+BY_GROUP = Columns(
+    names=(
+        *("group", "chain", "rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"),
+        *("worst_error_m", "worst_output"),
+    ),
+    text=frozenset({"group", "chain"}),
+    whole=frozenset({"rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"}),
+)
 _SIGNS = {"pass": "", "refused": "r", "flagged": "f", "WRONG": "W", "FAIL": "X"}
 
 
@@ -43,18 +53,19 @@ def failures(tables: Mapping[str, Sequence[dict[str, Any]]]) -> list[str]:
 
 
 def write_report(folder: RunFolder, tables: Mapping[str, Sequence[dict[str, Any]]], run: Run) -> Path:
-    """Write figure, ``report.md`` and ``report.json`` from the tables; returns the page."""
+    """Write figure, ``groups.csv``, ``report.md`` and ``report.json`` from the tables; returns the page."""
     rows = tables["rows"]
     figure = folder.path / "figures" / "stability.png"
     _draw(rows, figure)
     report = folder.head | {"run": run.as_dict(), **tables, "failures": failures(tables)}
     values = report | {
         "counts": _counts(rows),
-        "by_group": _by_group(rows),
+        "group_table": _group_table(rows),
         "not_passed": _not_passed(tables),
         "step_table": _step_table(tables["step_limits"]),
         "check_table": _check_table(tables["checks"]),
     }
+    folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
     folder.write_report(report)
     return page
@@ -74,35 +85,48 @@ def _counts(rows: Sequence[dict[str, Any]]) -> str:
     return table(["chain", "precision", "rows", *_COLOURS], lines)
 
 
-def _by_group(rows: Sequence[dict[str, Any]]) -> str:
+def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row of `BY_GROUP` for each group of cases and each chain."""
+    return [
+        BY_GROUP.row({"group": group, "chain": chain} | _summed(mine))
+        for group in _GROUPS
+        for chain, mine in _by_chain([r for r in rows if r["group"] == group]).items()
+    ]
+
+
+def _summed(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What rows say together: counts added, the worst of the errors."""
+    counts = dict(zip(("rows", *_COLOURS), _verdicts(rows), strict=True))
+    sums = {name: sum(r[name] or 0 for r in rows) for name in ("frames", "valid", "wrong", "silenced")}
+    return counts | {
+        "frames": sums["frames"],
+        "declared": sums["valid"],
+        "wrong_frames": sums["wrong"],
+        "silenced": sums["silenced"],
+        "worst_error_m": max((r["error_m"] for r in rows if r["error_m"] is not None), default=None),
+        "worst_output": max((r["output_error"] for r in rows if r["output_error"] is not None), default=None),
+    }
+
+
+def _group_table(rows: Sequence[dict[str, Any]]) -> str:
+    """One line per group, all chains together."""
     lines = []
     for group, title in _GROUPS.items():
-        for chain, mine in _by_chain([r for r in rows if r["group"] == group]).items():
-            declared, wrong, silenced = (
-                sum(r[key] or 0 for r in mine) for key in ("valid", "wrong", "silenced")
-            )
-            worst, output = (
-                max((r[key] for r in mine if r[key] is not None), default=None)
-                for key in ("error_m", "output_error")
-            )
-            frames = sum(r["frames"] for r in mine)
-            found = [f"{declared} of {frames}", wrong, silenced, metres(worst), _brief(output)]
-            lines.append([title, chain, *_verdicts(mine), *found])
-    header = ["group", "chain", "rows", *_COLOURS, "declared", "wrong", "silenced"]
-    return table([*header, "worst error / m", "worst output"], lines)
+        mine = [r for r in rows if r["group"] == group]
+        if mine:
+            s = _summed(mine)
+            frames = [f"{s['declared']} of {s['frames']}", s["wrong_frames"], s["silenced"]]
+            lines.append([title, len({r["case"] for r in mine}), *(s[v] for v in _COLOURS), *frames])
+    return table(["group", "cases", *_COLOURS, "declared", "wrong", "silenced"], lines)
 
 
-def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> list[str]:
-    """Cases that did not pass, a line per chain, then the checks."""
-    lines = []
-    for chain, mine in _by_chain(tables["rows"]).items():
-        bad = [r for r in mine if r["verdict"] in ("WRONG", "FAIL")]
-        if bad:
-            names = "; ".join(
-                f"{r['case']} ({r['reasons'] if r['wrong'] is None else _wrong(r)})" for r in bad
-            )
-            lines.append(f"**{chain}**, {len(bad)}: {names}")
-    return lines + failures(tables | {"rows": []})
+def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
+    """A line per case and chain that did not pass, then the checks; empty where all passed."""
+    bad = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
+    lines = [[r["chain"], r["case"], r["reasons"] if r["wrong"] is None else _wrong(r)] for r in bad]
+    lines.sort(key=lambda line: line[0])
+    lines += [["", line, ""] for line in failures(tables | {"rows": []})]
+    return table(["chain", "case", "found"], lines) if lines else ""
 
 
 def _wrong(row: dict[str, Any]) -> str:
@@ -124,8 +148,26 @@ def _step_table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _check_table(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [[r["check"], _brief(r["value"]), _brief(r["bound"]), r["unit"], r["verdict"]] for r in rows]
-    return table(["check", "value", "bound", "unit", "verdict"], lines)
+    """One line per check, its methods together."""
+    checks: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for row in rows:
+        method, _, check = row["check"].partition(": ")
+        known = method in METHODS
+        checks.setdefault(check if known else row["check"], []).append((method if known else "", row))
+    lines = []
+    for check, mine in checks.items():
+        found = [row for _, row in mine]
+        methods = ", ".join(f"`{m}` {r['verdict']}" for m, r in mine if m and r["verdict"] != "pass")
+        verdict = "pass" if all(r["verdict"] == "pass" for r in found) else methods or found[0]["verdict"]
+        many = len(found) if mine[0][0] else ""
+        lines.append([check, many, _span(found, "value"), _span(found, "bound"), found[0]["unit"], verdict])
+    return table(["check", "methods", "value", "bound", "unit", "verdict"], lines)
+
+
+def _span(rows: Sequence[dict[str, Any]], name: str) -> str:
+    """A number, or the smallest and the largest."""
+    ends = {_brief(end([r[name] for r in rows if r[name] is not None], default=None)) for end in (min, max)}
+    return " to ".join(sorted(ends, key=lambda text: float(text or 0)))
 
 
 def _brief(value: float | None) -> str:

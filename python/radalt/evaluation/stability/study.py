@@ -82,6 +82,8 @@ class StabilityStudy(Study):
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "stability.md",
         "rows.csv": "data/stability.csv",
+        "groups.csv": "data/stability_groups.csv",
+        "checks.csv": "data/stability_checks.csv",
         "figures/stability.png": "figures/stability.png",
     }
 
