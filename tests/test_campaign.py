@@ -108,6 +108,8 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys):
         "0 of 70 tracked outputs are hazardous beyond the limits" in page and "(data/integrity.csv)" in page
     )
     assert (tmp_path / "docs/figures/integrity_stanford.png").stat().st_size > 5000
+    for row in csv.DictReader((out / "cases.csv").open()):  # two of ten outputs cannot be available
+        assert float(row["after_start"]) == pytest.approx(float(row["availability"]) * 10 / 8)
     events = list(csv.DictReader((out / "events.csv").open()))
     assert events and {e["cause"] for e in events} <= {"stronger by 10 dB", "stronger by 20 dB"}
     capture = open_capture(sorted((out / "captures").glob("*.sigmf-meta"))[0])

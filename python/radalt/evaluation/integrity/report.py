@@ -23,11 +23,18 @@ if TYPE_CHECKING:
 __all__ = ["events_of", "pooled", "summarise", "write_report"]
 
 Row = Mapping[str, Any]
+_START = 2  # outputs of a flight before a track can be confirmed
 _LISTED = 200  # flights with hazardous outputs that the page lists; events.csv has all
 
 
 def _frame_score(rows: Sequence[Row]) -> Score:
     return Score(*(sum(r[name] for r in rows) for name in ("trials", "detections", "correct")))
+
+
+def _after_start(total: Integrity, flights: int) -> float:
+    """Availability without the outputs of each flight that no tracker can give."""
+    outputs = total.outputs - _START * flights
+    return (total.computed - total.unbounded) / outputs if outputs > 0 else float("nan")
 
 
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
@@ -41,6 +48,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         **rows[0],
         **total.row(),
         "parts": len(rows),
+        "after_start": _after_start(total, len(rows)),
         "first_s": float(np.median(first)) if first else None,
         "alert_s": max(alert, default=None),
         "unalerted": sum(r["unalerted"] for r in rows),
@@ -105,6 +113,7 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
     values = report | {
         "flight_s": study.frames * WAVEFORM.sweep_s,
         "kind_table": _kind_table(by_kind),
+        "unavailable_table": _unavailable_table(by_case, default),
         "event_table": _event_table(events),
         "flights_listed": _LISTED,
         "flights_with_events": len({(e["replay"], e["cause"]) for e in events}),
@@ -120,10 +129,13 @@ def _headline(
 ) -> dict[str, Any]:
     """Numbers of the first paragraph: all methods, the default method, and both without what is known to be open."""
     open_ = [r for r in rows if not case_of(r["case"]).known]
-    visible = [r for r in by_case if r["method"] == default and (r["pd"] or 0.0) >= 0.5]
-    names = {r["case"] for r in visible}
+    names = {r["case"] for r in _visible(by_case, default)}
     seen = [r for r in rows if r["method"] == default and r["case"] in names]
     jammed = [r for r in seen if r["kind"] == "jammed"]
+
+    def share(mine: Sequence[Row]) -> dict[str, float]:
+        total = sum((Integrity.of_row(r) for r in mine), Integrity())
+        return {"all": total.availability, "after_start": _after_start(total, len(mine))}
 
     def judged(method: str = "") -> dict[str, Any]:
         outputs = sum(r["outputs"] for r in open_ if r["method"] == method or not method)
@@ -137,9 +149,40 @@ def _headline(
         "open": judged(),
         "of_default": judged(default),
         "visible_cases": len(names),
-        "availability": sum((Integrity.of_row(r) for r in seen), Integrity()).availability,
-        "availability_jammed": sum((Integrity.of_row(r) for r in jammed), Integrity()).availability,
+        "flights": len({(r["case"], r["batch"]) for r in rows}),
+        "availability": share(seen),
+        "availability_jammed": share(jammed),
     }
+
+
+def _visible(by_case: Sequence[Row], default: str) -> list[Row]:
+    """Cases of the default method whose Pd per frame is one half or more."""
+    return [r for r in by_case if r["method"] == default and (r["pd"] or 0.0) >= 0.5]
+
+
+def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
+    """Cases of the default method that are seen in most frames and available in less than 0.99 after the start."""
+    mine = [r for r in _visible(by_case, default) if not r["after_start"] >= 0.99]
+    lines = [
+        [
+            f"`{r['case']}`",
+            number(r["pd"], 3),
+            number(r["after_start"], 3),
+            r["failures"],
+            r["outputs"] - r["computed"] - r["failures"],
+            r["unbounded"],
+        ]
+        for r in mine
+    ]
+    header = [
+        "case",
+        "Pd",
+        "available after the start",
+        "failure",
+        "no computed data",
+        "beyond the alert limit",
+    ]
+    return table(header, lines) if lines else ""
 
 
 def _rate(value: float) -> str:
@@ -166,6 +209,7 @@ def _kind_table(found: Sequence[Row]) -> str:
                 KINDS[kind] + (" (known limit)" if known else ""),
                 mine[0]["outputs"],
                 " / ".join(number(r["availability"]) for r in mine),
+                " / ".join(number(r["after_start"]) for r in mine),
                 " / ".join(str(r["misleading"]) for r in mine),
                 " / ".join(str(r["hazardous"]) for r in mine),
                 _rate(max(r["hazardous_bound"] for r in mine)),
@@ -173,7 +217,15 @@ def _kind_table(found: Sequence[Row]) -> str:
                 " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
             ]
         )
-    header = ["case", "outputs per method", "available", "misleading", "hazardous", "its bound"]
+    header = [
+        "case",
+        "outputs per method",
+        "available",
+        "after the start",
+        "misleading",
+        "hazardous",
+        "its bound",
+    ]
     return table([*header, "Pd per frame", "wrong per frame"], lines)
 
 

@@ -55,7 +55,11 @@ _WHOLE = frozenset({*COUNTS, *_FRAMES, "batch", "seed", "frame_index", "unalerte
 EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
 _TIMES = ("first_s", "alert_s", "unalerted")
 POOLED = Columns(
-    tuple(dict.fromkeys((*_STATED[:2], *_STATED[3:], "parts", *Integrity().row(), *_TIMES, *_FRAMES)))
+    tuple(
+        dict.fromkeys(
+            (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *_FRAMES)
+        )
+    )
     + ("pd", "wrong", "wrong_bound"),
     _WORDS,
     _WHOLE | {"wrong"},
