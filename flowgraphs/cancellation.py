@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Cancellation of OFDM: Pd, error and wrong altitudes over modulations, loads, channels and radios.
+"""Cancellation of OFDM and QPSK: Pd, error and wrong altitudes over modulations, loads, channels and radios.
 
 .venv/bin/python flowgraphs/cancellation.py                    # some minutes, into results/cancellation
 .venv/bin/python flowgraphs/cancellation.py --publish docs     # then docs/cancellation.md
@@ -23,7 +23,7 @@ from gnuradio.radalt.evaluation.engine.options import (
 )
 
 PROGRAM = "cancellation"
-METHODS = "none,whitening,tcae,ofdm_cancel"
+METHODS = "none,whitening,tcae,ofdm_cancel,qpsk_cancel"
 
 
 def _parser() -> Parser:

@@ -13,7 +13,17 @@ from gnuradio.radalt.evaluation.engine.run import run
 
 
 @pytest.mark.parametrize(
-    "name", ["nr10_64qam", "nr10_stream", "nr10_part", "nr10_eva", "nr10_tones", "nr10_radios"]
+    "name",
+    [
+        "nr10_64qam",
+        "nr10_stream",
+        "nr10_part",
+        "nr10_eva",
+        "nr10_tones",
+        "nr10_radios",
+        "qpsk",
+        "qpsk_radios",
+    ],
 )
 def test_interference_has_the_power_that_the_sir_says(name):
     case = CASES[name]
@@ -23,7 +33,15 @@ def test_interference_has_the_power_that_the_sir_says(name):
     assert np.mean(np.abs(frames) ** 2) == pytest.approx(1001.1, rel=0.2 if case.stream else 0.02)
     clean, same_m = received(case, None, 6, np.random.default_rng(1))
     np.testing.assert_array_equal(same_m, altitude_m)
-    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.6 if name == "nr10_radios" else 1.1, rel=0.25)
+    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.6 if CASES[name].radio else 1.1, rel=0.25)
+
+
+def test_qpsk_is_read_by_its_own_method():
+    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=3, seed=6)
+    for point in study.points():
+        held = study.measure(point)
+        assert [row["sir_db"] for row in held] == list(SIRS_DB)
+        assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
 
 
 def test_a_free_running_base_station_goes_on_from_frame_to_frame():

@@ -183,3 +183,16 @@ def test_level_changes_nothing_and_batches_change_nothing():
 def test_a_frame_that_is_too_short_is_refused():
     with pytest.raises(MitigationError, match="a frame has 750 samples; it takes 1024 or more"):
         create("qpsk_cancel", Waveform(sweep_s=0.1e-3))
+
+
+def test_hybrid_gives_it_the_frames_that_it_can_read():
+    frames, _, _ = received(QpskReceivedEmitter(), -30.0, count=2, seed=14)
+    paper, _, _ = received(QpskEmitter(), -30.0, count=2, seed=15)
+    short, _, _ = received(QpskReceivedEmitter(), -30.0, count=2, seed=16, overlap=0.2)
+    method = create("hybrid", W, other="whitening")
+    cleaned = method.process(np.concatenate([frames, paper, short]))
+    np.testing.assert_array_equal(cleaned[:2], create("qpsk_cancel", W).process(frames))
+    # what is not understood, and what leaves most of the frame alone, goes to the other method
+    np.testing.assert_array_equal(cleaned[2:4], create("whitening", W).process(paper))
+    np.testing.assert_array_equal(cleaned[4:], create("whitening", W).process(short))
+    assert method.status()["cancelled"] == 2

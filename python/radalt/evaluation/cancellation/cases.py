@@ -1,4 +1,4 @@
-"""What a base station may send, and what happens to it on the way."""
+"""What a base station or a QPSK transmitter may send, and what happens to it on the way."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from ...core.channel.simulated import ChannelSettings, SimulatedChannel
 from ...core.interference.emitters.nr import NrEmitter
+from ...core.interference.emitters.qpsk import QpskEmitter
+from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
 from ...core.interference.multipath import FadedEmitter, FadingChannel
 from ...core.interference.placement import Interferer, interference_frames
@@ -46,6 +48,8 @@ class Case:
         Goes on from frame to frame; otherwise it starts anew with each.
     radio : mapping
         Keys of `ChannelSettings`: what clocks, mixers and converters do to a stream.
+    qpsk : QpskEmitter or None
+        Sends in the place of an NR carrier.
     """
 
     title: str
@@ -55,6 +59,7 @@ class Case:
     tones: int = 0
     stream: bool = False
     radio: Mapping[str, object] | None = None
+    qpsk: QpskEmitter | None = None
 
 
 def _nr10(**changes: object) -> dict[str, object]:
@@ -94,6 +99,17 @@ CASES = {
     "nr10_etu": Case("10 MHz, 64QAM, nine paths over 5 us (ETU)", fading=FadingChannel(profile="ETU")),
     "nr10_radios": Case("10 MHz, 64QAM, two radios", stream=True, radio=_TWO_RADIOS),
     "nr10_tones": Case("10 MHz, 64QAM, and three tones as strong", tones=3),
+    "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=QpskReceivedEmitter()),
+    "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=QpskReceivedEmitter(pulse="rrc")),
+    "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=QpskReceivedEmitter()),
+    "qpsk_burst": Case("QPSK, rectangular, 0.3 of the frame", overlap=0.3, qpsk=QpskReceivedEmitter()),
+    "qpsk_eva": Case(
+        "QPSK, rectangular, nine paths (EVA)", fading=FadingChannel(profile="EVA"), qpsk=QpskReceivedEmitter()
+    ),
+    "qpsk_radios": Case(
+        "QPSK, rectangular, two radios", stream=True, radio=_TWO_RADIOS, qpsk=QpskReceivedEmitter()
+    ),
+    "qpsk_paper": Case("QPSK as in the paper, switched on the sample grid", qpsk=QpskEmitter()),
 }
 
 
@@ -111,7 +127,7 @@ def received(
         phase_cycles=rng.random(count),
         dtype=np.complex128,
     )
-    emitter = NrEmitter(**case.carrier)
+    emitter = case.qpsk or NrEmitter(**case.carrier)
     if case.fading is not None:
         emitter = FadedEmitter(emitter=emitter, channel=case.fading)
     interferers = [Interferer(emitter, 0.0 if sir_db is None else sir_db, case.overlap)]

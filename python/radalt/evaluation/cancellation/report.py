@@ -64,6 +64,11 @@ def _cases(rows: Sequence[Row]) -> list[str]:
     return list(dict.fromkeys(r["case"] for r in rows))
 
 
+def _made_for(case: str) -> str:
+    """The method that reads a case's interference."""
+    return "qpsk_cancel" if CASES[case].qpsk else "ofdm_cancel"
+
+
 def _break_points(rows: Sequence[Row], methods: Sequence[str]) -> str:
     lines = []
     for case in _cases(rows):
@@ -71,11 +76,11 @@ def _break_points(rows: Sequence[Row], methods: Sequence[str]) -> str:
         for method in methods:
             mine = _of(rows, case, method)
             cells.append(str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine])))
-        total = pool([r for r in rows if (r["case"], r["method"]) == (case, "ofdm_cancel")])
+        total = pool([r for r in rows if (r["case"], r["method"]) == (case, _made_for(case))])
         lines.append(
             [CASES[case].title, *cells, f"{total.wrong} of {total.trials} ({total.wrong_bound:.4f})"]
         )
-    return table(["5G NR carrier", *methods, "`ofdm_cancel`, wrong and valid (bound)"], lines)
+    return table(["interference", *methods, "wrong and valid (bound)"], lines)
 
 
 def _errors(rows: Sequence[Row], methods: Sequence[str]) -> str:
@@ -86,20 +91,24 @@ def _errors(rows: Sequence[Row], methods: Sequence[str]) -> str:
             mine = [r for r in _of(rows, case, method) if r["sir_db"] == _ERROR_SIR_DB]
             cells.append(f"{mine[0]['pd']:.2f}, {number(mine[0]['rmse_detected_m'])}" if mine else "given up")
         lines.append([CASES[case].title, *cells])
-    return table(["5G NR carrier", *methods], lines)
+    return table(["interference", *methods], lines)
 
 
 def _costs(seed: int) -> str:
-    """CPU time of `ofdm_cancel` per frame, over that of a transform of a frame."""
+    """CPU time of `ofdm_cancel` and `qpsk_cancel` per frame, over that of a transform of a frame."""
     kinds = (
-        ("no OFDM", None, False),
-        ("following, SIR -45 dB", -45.0, False),
-        ("following, SIR -28 dB: the return is wider than a cell of 64QAM", -28.0, False),
-        ("looking for an emitter, SIR -45 dB", -45.0, True),
+        ("`ofdm_cancel`: no OFDM", "nr10_stream", None, False),
+        ("following, SIR -45 dB", "nr10_stream", -45.0, False),
+        ("following, SIR -28 dB: the return is wider than a cell of 64QAM", "nr10_stream", -28.0, False),
+        ("looking for an emitter, SIR -45 dB", "nr10_stream", -45.0, True),
+        ("`qpsk_cancel`: no QPSK", "qpsk", None, False),
+        ("following, SIR -45 dB", "qpsk", -45.0, False),
+        ("looking for an emitter, SIR -45 dB", "qpsk", -45.0, True),
     )
-    method, lines = create("ofdm_cancel", WAVEFORM), []
-    for title, sir_db, anew in kinds:
-        frames, _ = received(CASES["nr10_stream"], sir_db, 24, np.random.default_rng([seed, 8]))
+    lines = []
+    for title, case, sir_db, anew in kinds:
+        method = create(_made_for(case), WAVEFORM)
+        frames, _ = received(CASES[case], sir_db, 24, np.random.default_rng([seed, 8]))
         ratios = []
         for _ in range(5):
             method.reset()

@@ -19,9 +19,10 @@ from .cases import CASES, WAVEFORM, received
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
-METHODS = ("none", "whitening", "tcae", "ofdm_cancel")
+METHODS = ("none", "whitening", "tcae", "ofdm_cancel", "qpsk_cancel")
 SIRS_DB = (0.0, -10.0, -15.0, -20.0, -22.5, -25.0, -27.5, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
-GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less; not one that may find itself again
+GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
+GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class CancellationStudy(Study):
                 CASES[point.case], sir_db, point.frames, np.random.default_rng(seed)
             )
             for method in self.methods:
-                if failures[method] >= 2 and method != "ofdm_cancel":
+                if failures[method] >= 2 and method not in GO_ON:
                     continue
                 results, _ = Chain(method, method).results(frames, WAVEFORM)
                 score = score_frames(results, altitude_m)
