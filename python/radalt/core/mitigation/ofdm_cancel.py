@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -160,10 +160,13 @@ class OfdmCancel(Mitigation):
         )
         if prefix.contrast < _CONTRAST:
             return None
-        carrier = prefix.carrier
+        carrier, place = prefix.carrier, None
         for again in (False, True):
             turn, straight = self._without(frame, carrier, numerology)
-            grid = acquire(straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at))
+            grid = acquire(
+                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at), place
+            )
+            place = grid.place
             step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
             if again or not _COARSE < abs(step) < _TURNS:
                 break
@@ -173,6 +176,7 @@ class OfdmCancel(Mitigation):
             return None
         clear = ridge.clear(grid.starts, carrier)
         received = demodulate(grid, clear, numerology, FIRST)
+        straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
 
@@ -199,15 +203,26 @@ class OfdmCancel(Mitigation):
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             grid = Grid(
-                starts, lock.first_long, received.symbols, received.phase, received.channel, lock.used, received.angles
+                starts,
+                lock.first_long,
+                received.symbols,
+                received.phase,
+                received.channel,
+                lock.used,
+                received.angles,
             )
             late = received.late
             received = demodulate(grid, clear, numerology, AGAIN)
             received.late += late
+        straight, received = self._still(straight, grid, clear, received, numerology)
         misread = received.misread
         usual = middle(misread)
+        # a frame of little else than silence is read without errors, whatever else is in it
+        told = np.minimum(received.error.ravel()[asked], 1)[power(received.points.ravel()[asked]) > 0]
         if (
-            usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
+            not told.size
+            or told.mean() > _READABLE
+            or usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
             or (misread > max(2 * _DOUBTFUL, 2 * usual)).mean() > _LOST
         ):
             return None
@@ -251,6 +266,24 @@ class OfdmCancel(Mitigation):
         turn = turn.astype(np.complex64).ravel()[: frame.size]
         return turn, frame * turn
 
+    def _still(
+        self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
+    ) -> tuple[np.ndarray, Received]:
+        """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
+        if received.drift is None:
+            return frame, received
+        moving = received.drift * received.points * received.phase.conj() * grid.used
+        places, offsets = self._gather(grid.starts, numerology)
+        frame = frame - self._samples(moving, received.weight > 0)[places] * offsets
+        symbols = transforms(frame, grid.starts, numerology) * received.phase
+        grid = replace(
+            grid, symbols=symbols, phase=received.phase, channel=received.channel, angles=received.angles
+        )
+        late = received.late
+        received = demodulate(grid, clear, numerology, AGAIN)
+        received.late += late
+        return frame, received
+
     def _subtract(
         self,
         frame: np.ndarray,
@@ -287,11 +320,8 @@ class OfdmCancel(Mitigation):
             lock.sir_db = kept[1]
         back = received.phase.conj()
         model *= back
-        places, offsets = self._gather(grid.starts, lock.numerology)
+        places, _ = self._gather(grid.starts, lock.numerology)
         out = frame - self._samples(model, readable)[places]
-        if received.drift is not None:
-            moving = np.where(useful, received.drift * received.points, 0) * back
-            out -= self._samples(moving, readable)[places] * offsets
         if turn is not None:
             out *= turn.conj()
         level = power(out)

@@ -26,6 +26,7 @@ _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
+_MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
 _RUN = 9  # subcarriers over which their mean error is judged
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
@@ -186,13 +187,16 @@ def demodulate(
             factor, noise = _best_order(symbols, agreement, weight, times, sure)
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
-        drift, course = None, factor[0]
-        if len(factor) > 1:
-            drift = factor[1] + (2 * times[:, None] * factor[2] if len(factor) > 2 else 0)
-            drift = drift * channel * np.float32(2 / count)
-            for power_of_time, part in enumerate(factor[1:], 1):
-                course = course + times[:, None] ** power_of_time * part
+        course = factor[0]
+        for power_of_time, part in enumerate(factor[1:], 1):
+            course = course + times[:, None] ** power_of_time * part
         channel = channel * course
+    drift = None
+    if channel.ndim > 1:
+        drift = np.gradient(channel, axis=0)
+        # a change evenly spread over a symbol leaves a twelfth of its power to other subcarriers
+        if power(drift)[:, grid.used].mean() / 12 < _MOVES * noise:
+            drift = None
     kinds = found.kinds[halves]
     _again(found, symbols, channel, ridge, kinds)
     return Received(

@@ -27,7 +27,9 @@ DENSE = (16, 64, 256)
 BLOCK = 12  # subcarriers of a resource block, of one user and one kind
 _SPARSE_ERROR = 0.04  # mean squared error below which a block is one of few points; 64QAM has 0.1 from these
 SCALE = {m: np.float32(np.sqrt(1.5 / (m - 1))) for m in (4, *DENSE)}  # half the distance of two neighbours
-CELL = {m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE}  # squared error of a number anywhere in a cell
+CELL = {
+    m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE
+}  # squared error of a number anywhere in a cell
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 _ROOT2 = np.float32(np.sqrt(2))
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
