@@ -11,7 +11,7 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain, misfit
+from .ofdm.demodulator import AGAIN, FIRST, MOVING, Received, demodulate, gain, misfit
 from .ofdm.lattice import middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
@@ -23,6 +23,8 @@ _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
+_WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
+_HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
@@ -53,6 +55,12 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
+
+
+def _astray(received: Received, trusted: np.ndarray) -> float:
+    """Share of the subcarriers whose channel is wrong."""
+    error = (np.minimum(received.error, 1) * trusted).sum(axis=0) / np.maximum(trusted.sum(axis=0), 1)
+    return float((error > _WRONG).mean())
 
 
 class OfdmCancel(Mitigation):
@@ -176,6 +184,10 @@ class OfdmCancel(Mitigation):
             return None
         clear = ridge.clear(grid.starts, carrier)
         received = demodulate(grid, clear, numerology, FIRST)
+        if received.drift is not None or _astray(received, clear & grid.used) > _HARDLY:
+            moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
+            if moving.misread.mean() < received.misread.mean():
+                received = moving
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)

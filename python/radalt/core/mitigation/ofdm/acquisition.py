@@ -88,6 +88,8 @@ class Grid:
         The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
     place : int
         Number of the first symbol with a long prefix, where the grid was acquired.
+    middle : (K,) complex64
+        The channel in the frame's middle, where it was acquired; noisier, but right where the channel moves.
     """
 
     starts: np.ndarray
@@ -98,6 +100,7 @@ class Grid:
     used: np.ndarray
     angles: np.ndarray
     place: int = 0
+    middle: np.ndarray | None = None
 
 
 def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,16 +161,9 @@ def acquire(
     fourth *= turns[passed]
     turned = course(vector)
     phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
-    mean = (np.exp(-1j * turned) @ fourth).astype(np.complex64)
-    slope = np.angle(np.vdot(mean[:-1], mean[1:]))
-    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
-    # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
-    smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
-    if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
-        smooth = far
-    angle = np.unwrap(np.angle(smooth))
-    # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-    angle = (angle + slope * numerology.subcarriers - np.pi) / 4
+    upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
+    part = slice(count // 4, count - count // 4)
+    whole, middle = (_channel(part.sum(axis=0), level, numerology) for part in (upright, upright[part]))
     return Grid(
         starts,
         float(
@@ -177,11 +173,26 @@ def acquire(
         ),
         symbols * phase,
         phase,
-        (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64),
+        whole,
         used,
         turned / 4,
         place,
+        middle,
     )
+
+
+def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.ndarray:
+    """(K,) complex64 channel, up to a quarter turn, of elements' mean fourth powers (K,) and mean powers (K,)."""
+    slope = np.angle(np.vdot(mean[:-1], mean[1:]))
+    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
+    # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
+    smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
+    if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
+        smooth = far
+    angle = np.unwrap(np.angle(smooth))
+    # points of QPSK and QAM stand on the diagonals: their fourth power is negative
+    angle = (angle + slope * numerology.subcarriers - np.pi) / 4
+    return (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
 
 
 def course(agreement: np.ndarray) -> np.ndarray:

@@ -14,9 +14,10 @@ from .numerology import Numerology
 
 __all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
 
-# subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier
-# for itself
-FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
+# subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
+# turn; in the end each subcarrier for itself
+FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0), (1, 1, 1.0))
+MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
@@ -129,7 +130,7 @@ def _true_up(
 
 
 def demodulate(
-    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int]]
+    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int, float]]
 ) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
@@ -145,7 +146,7 @@ def demodulate(
     first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
     late = 0.0
-    for number, (width, order) in enumerate((*turns, (1, -1))):
+    for number, (width, order, share) in enumerate((*turns, (1, -1, 1.0))):
         values = symbols * (1 / channel)
         last = order < 0
         rough = first and not number
@@ -173,7 +174,8 @@ def demodulate(
                     other_off = _misread(other.error, clear, bridged)
                     if other_off.mean() < 0.8 * off.mean():
                         channel, found, off = bridged, other, other_off
-        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
+        near = np.abs(times)[:, None] <= share
+        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard & near
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
