@@ -242,7 +242,7 @@ class OfdmCancel(Mitigation):
 
     @staticmethod
     def _angles(symbols: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
-        """(L,) angles by which symbols are ahead of the frame before, modulo a quarter turn; None if they are others."""
+        """(L,) angles by which symbols are ahead of the prediction, modulo a quarter turn; None if they are others."""
         some = slice(None, None, _SOME)
         fourth = symbols[:, some] * (1 / lock.channel[some])
         size = power(fourth)

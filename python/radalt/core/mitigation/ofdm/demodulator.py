@@ -28,6 +28,7 @@ _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
 _MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
+_BETTER = 0.8  # of the error, for a mended channel to be taken
 _RUN = 9  # subcarriers over which their mean error is judged
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
@@ -166,14 +167,7 @@ def demodulate(
                     angles[odd] -= np.pi / 4
                     heard[odd] = False
             if not first:
-                astray = (np.minimum(found.error, 1) * (clear & heard)).sum(axis=0)
-                astray = box(astray / np.maximum((clear & heard).sum(axis=0), 1), _RUN) > _ASTRAY
-                bridged = mended(channel if channel.ndim == 1 else channel[count // 2], astray)
-                if bridged is not None:
-                    other = decide(symbols * (1 / bridged), trusted, halves)
-                    other_off = _misread(other.error, clear, bridged)
-                    if other_off.mean() < 0.8 * off.mean():
-                        channel, found, off = bridged, other, other_off
+                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         near = np.abs(times)[:, None] <= share
         sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard & near
         model = channel * found.points
@@ -193,18 +187,41 @@ def demodulate(
         for power_of_time, part in enumerate(factor[1:], 1):
             course = course + times[:, None] ** power_of_time * part
         channel = channel * course
-    drift = None
-    if channel.ndim > 1:
-        drift = np.gradient(channel, axis=0)
-        # a change evenly spread over a symbol leaves a twelfth of its power to other subcarriers
-        if power(drift)[:, grid.used].mean() / 12 < _MOVES * noise:
-            drift = None
     kinds = found.kinds[halves]
     _again(found, symbols, channel, ridge, kinds)
     return Received(
-        symbols, phase, channel, drift, found.points, found.few, kinds, found.error, off, noise, angles,
-        weight.sum(axis=1), late,
+        symbols, phase, channel, _drift(channel, grid.used, noise), found.points, found.few, kinds, found.error,
+        off, noise, angles, weight.sum(axis=1), late,
     )  # fmt: skip
+
+
+def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
+    """(L, K) change of the channel from symbol to symbol; None where it matters less than the error ``noise``."""
+    if channel.ndim < 2:
+        return None
+    drift = np.gradient(channel, axis=0)
+    # a change evenly spread over a symbol leaves a twelfth of its power to other subcarriers
+    return drift if power(drift)[:, used].mean() / 12 > _MOVES * noise else None
+
+
+def _bridged(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    found: Decisions,
+    off: np.ndarray,
+    clear: np.ndarray,
+    heard: np.ndarray,
+    halves: np.ndarray,
+) -> tuple[np.ndarray, Decisions, np.ndarray]:
+    """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
+    asked = clear & heard
+    astray = (np.minimum(found.error, 1) * asked).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
+    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(astray, _RUN) > _ASTRAY)
+    if other is None:
+        return channel, found, off
+    decided = decide(symbols * (1 / other), clear, halves)
+    left = _misread(decided.error, clear, other)
+    return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
 
 
 def _misread(error: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
@@ -234,7 +251,7 @@ def _best_order(
 ) -> tuple[np.ndarray, float]:
     """Coefficients of the order with the least error, and that error per element.
 
-    Orders rise while that helps the median subcarrier: those at the receiver's edges have echoes longer than the prefix.
+    Orders rise while that helps the median subcarrier. At the receiver's edges echoes are longer than the prefix.
     """
     energy = (power(symbols) * sure).sum(axis=0)
     elements = sure.sum(axis=0)
