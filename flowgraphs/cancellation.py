@@ -37,6 +37,12 @@ def _parser() -> Parser:
         default=60,
         help="per case and SIR (default: %(default)s)",
     )
+    add(
+        "--flights",
+        type=number(int, 0, 1000),
+        default=5,
+        help="of 0.4 s per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
+    )
     add("--seed", type=number(int, 0, MAX_SEED), default=271_828, help="default: %(default)s")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=3600.0)
     return parser
@@ -62,12 +68,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         for name in names:
             if name not in known:
                 parser.error(f"{option} names {name[:40]!r}; known: {', '.join(known)}")
-    study = CancellationStudy(methods, cases, args.frames, args.seed)
+    study = CancellationStudy(methods, cases, args.frames, args.flights, args.seed)
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
 
 
 def _describe(rows: Sequence[dict]) -> str:
     """A measured point in a line."""
+    if "flight" in rows[0]:
+        last = [r for r in rows if r["method"] == rows[-1]["method"]]
+        available = sum(r["availability"] for r in last) / len(last)
+        return f"{rows[0]['flight']}, tracked, {rows[-1]['method']}: available {available:.2f}"
     found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
     return f"{rows[0]['case']}, {rows[-1]['method']}: Pd {' '.join(found)}"
 

@@ -6,7 +6,7 @@ import pytest
 from gnuradio.radalt.core.interference import Interferer, QpskEmitter
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, received
+from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.engine.options import Options
 from gnuradio.radalt.evaluation.engine.run import run
@@ -21,6 +21,7 @@ from gnuradio.radalt.evaluation.engine.run import run
         "nr10_eva",
         "nr10_tones",
         "nr10_radios",
+        "nr10_idle",
         "qpsk",
         "qpsk_radios",
     ],
@@ -72,14 +73,42 @@ def test_bursts_and_locked_jammers_start_anew():
 
 
 def test_study_end_to_end(tmp_path):
-    study = CancellationStudy(("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, seed=5)
+    study = CancellationStudy(
+        ("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, flights=1, seed=5
+    )
     page = run(study, Options(tmp_path / "a", jobs=1))
     text = page.read_text(encoding="utf-8")
-    assert "10 MHz, 64QAM" in text and "## Where it stops" in text
-    for name in ("pd.png", "frame.png", "rows.csv"):
+    assert "10 MHz, 64QAM" in text and "## Behind the tracker" in text and "## Where it stops" in text
+    for name in ("pd.png", "frame.png", "rows.csv", "tracked.csv"):
         assert (tmp_path / "a" / name).stat().st_size > 1000
     rows = study.measure(study.points()[0])
     held = [row for row in rows if row["method"] == "ofdm_cancel"]
     assert [row["sir_db"] for row in held] == list(SIRS_DB)
     assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
     assert repr(rows) == repr(study.measure(study.points()[0]))
+
+
+def test_a_stations_own_noise_and_antennas_add_power_of_their_own():
+    clean, altitude_m = received(CASES["nr10_64qam"], -30.0, 4, np.random.default_rng(2))
+    noisy, same_m = received(CASES["nr10_noise5"], -30.0, 4, np.random.default_rng(2))
+    np.testing.assert_array_equal(altitude_m, same_m)
+    # a symbol's prefix is its end: coherence is the share of power that is signal
+    for frames, low, high in ((clean, 0.97, 1.0), (noisy, 0.72, 0.86)):
+        folded = [np.abs(_prefixes(frame)) for frame in frames]
+        assert low < np.mean(folded) <= high
+    emitter = Antennas(carrier=NrEmitter(channel_bandwidth_hz=10e6), antennas=2)
+    sent = emitter.samples(75_000, 7.5e6, np.random.default_rng(3))
+    assert np.mean(np.abs(sent) ** 2) == pytest.approx(1.0, rel=0.1)
+    assert np.abs(_prefixes(sent[:7500])) > 0.97  # one timing
+
+
+def _prefixes(frame):
+    """Greatest coherence of 20 samples with those a symbol later, by the timing of the symbols of half a slot."""
+    product = frame[500:] * frame[:-500].conj()
+    power = 0.5 * (np.abs(frame[500:]) ** 2 + np.abs(frame[:-500]) ** 2)
+    starts = (
+        np.arange(0, 3300)[:, None, None]
+        + np.rint(np.arange(6) * 535.16).astype(int)[:, None]
+        + np.arange(20)
+    )
+    return np.max(np.abs(product[starts].sum(axis=(1, 2))) / power[starts].sum(axis=(1, 2)))

@@ -233,6 +233,14 @@ def test_users_powers_differ_by_the_spread():
     assert np.abs(pilots).min() == pytest.approx(10 ** ((users.min() + 3) / 20), rel=1e-6)
 
 
+def test_idle_slots_send_control_alone():
+    config = nr.NrConfig(channel_bandwidth_hz=10e6, slot_load=0.5, ssb_indices=())
+    grid = nr.resource_grid(config, np.random.default_rng(3))
+    power = np.sum(np.abs(grid.values.reshape(-1, 10, 14)[..., 2:]) ** 2, axis=(0, 2))
+    assert 2 <= np.count_nonzero(power == 0) <= 8
+    assert (np.abs(grid.values.reshape(-1, 10, 14)[..., :2]) > 0).any(axis=(0, 2)).all()
+
+
 def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None)):
     """Correlate with every subcarrier over one symbol length, timing in units of T_c (clauses 4.1, 5.3.1)."""
     kappa_tc = 64 / (480e3 * 4096)
@@ -389,6 +397,7 @@ def test_received_fraction_counts_what_the_filter_leaves():
         ("modulation", "8psk"),
         ("power_spread_db", 31.0),
         ("load", 1.01),
+        ("slot_load", -0.1),
         ("pdcch_load", -0.1),
         ("coreset_symbols", 4),
         ("coreset_symbols", 3),

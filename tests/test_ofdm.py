@@ -6,6 +6,7 @@ from scipy import signal
 
 from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
@@ -15,6 +16,7 @@ from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.cancellation.cases import CASES, received
 
 W = Waveform()
 ALTIMETER = Altimeter(W, AltimeterSettings())
@@ -66,6 +68,9 @@ def single(frames):
         (-45, 1.0, {"load": 0.3}),
         (-45, 1.0, {"carrier_hz": 1.234_567e6}),
         (-50, 1.0, {"channel_bandwidth_hz": 5e6, "cell_id": 3}),
+        (-28, 1.0, {"modulation": "mixed"}),
+        (-50, 1.0, {"modulation": "mixed"}),
+        (-40, 1.0, {"slot_load": 0.5}),
     ],
 )
 def test_altitudes_are_right_under_a_carrier_that_fills_the_band(sir_db, overlap, options):
@@ -123,6 +128,31 @@ def test_a_transmission_that_goes_on_is_found_once_and_followed():
     # a slot that is mostly synchronisation block may be looked for anew
     assert method.found <= 2 and method.found + method.followed == 29
     assert method.status()["followed"] == method.followed
+
+
+def test_a_clock_of_its_own_is_followed():
+    # two radios: 2 ppm, 3.1 kHz, DC, IQ imbalance, 12 bits
+    frames, altitude_m = received(CASES["nr10_radios"], -45.0, 30, np.random.default_rng(30))
+    method = create("ofdm_cancel", W)
+    assert right(method.process(frames), altitude_m) >= 0.95
+    assert method.found <= 3 and method.found + method.followed == 30
+
+
+def test_a_silent_symbol_of_another_signal_is_not_read_as_silence():
+    _, frames = returns(4, 32)
+    jam = continuing(4, -40.0, 33)
+    jam[2:] = heard(ToneEmitter(3), 2, -30, 24, 0.5)
+    frames = (frames + jam).astype(np.complex64)
+    cleaned = create("ofdm_cancel", W).process(frames)
+    np.testing.assert_array_equal(cleaned[2:], frames[2:])
+
+
+def test_four_paths_at_30_km_per_hour():
+    altitude_m, frames = returns(16, 34)
+    channel = FadingChannel(profile="PA", doppler_hz=120.0)
+    frames = frames + heard(FadedEmitter(emitter=NrEmitter(**NR10), channel=channel), 16, -40, 35)
+    assert right(frames, altitude_m) < 0.3
+    assert right(single(frames), altitude_m) >= 0.75
 
 
 def test_a_stream_cut_anywhere_gives_the_same_bits():

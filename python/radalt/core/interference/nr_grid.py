@@ -60,6 +60,7 @@ class NrConfig:
         resource block group in a slot
     load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
         random place (type 1, not interleaved)
+    slot_load : fraction of the slots that carry PDSCH, 0..1; the others send control and SS/PBCH blocks alone
     pdcch_load : fraction of the CORESET's control channel elements in use, 0..1
     coreset_symbols : duration of the CORESET, 1..3 (3 needs dmrs_type_a_position=3, clause 7.3.2.2)
     dmrs_type_a_position : first PDSCH DM-RS symbol, 2 or 3
@@ -84,6 +85,7 @@ class NrConfig:
     modulation: str = "64qam"
     power_spread_db: float = 0.0
     load: float = 1.0
+    slot_load: float = 1.0
     pdcch_load: float = 0.5
     coreset_symbols: int = 2
     dmrs_type_a_position: int = 2
@@ -113,7 +115,7 @@ class NrConfig:
             )
         if not 0.0 <= self.power_spread_db <= 30.0:
             raise ValueError(f"power_spread_db {self.power_spread_db:g} is outside 0..30; give dB below 30")
-        for name in ("load", "pdcch_load"):
+        for name in ("load", "slot_load", "pdcch_load"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(
                     f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent"
@@ -308,6 +310,8 @@ def _place_pdsch(
     even = np.arange(config.subcarriers) % 2 == 0
     count = round(config.load * config.resource_blocks)
     for slot in range(SLOTS_PER_FRAME):
+        if config.slot_load < 1 and rng.random() >= config.slot_load:
+            continue
         columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * (slot + 1))
         start = rng.integers(0, config.resource_blocks - count + 1)
         block = np.zeros((config.resource_blocks, 1), dtype=bool)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -11,7 +11,7 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, Received, demodulate, gain, misfit
+from .ofdm.demodulator import AGAIN, FIRST, MOVING, Received, demodulate, gain, misfit
 from .ofdm.lattice import middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
@@ -23,6 +23,8 @@ _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
+_WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
+_HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
@@ -53,6 +55,12 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
+
+
+def _astray(received: Received, trusted: np.ndarray) -> float:
+    """Share of the subcarriers whose channel is wrong."""
+    error = (np.minimum(received.error, 1) * trusted).sum(axis=0) / np.maximum(trusted.sum(axis=0), 1)
+    return float((error > _WRONG).mean())
 
 
 class OfdmCancel(Mitigation):
@@ -159,10 +167,13 @@ class OfdmCancel(Mitigation):
         )
         if prefix.contrast < _CONTRAST:
             return None
-        carrier = prefix.carrier
+        carrier, place = prefix.carrier, None
         for again in (False, True):
             turn, straight = self._without(frame, carrier, numerology)
-            grid = acquire(straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at))
+            grid = acquire(
+                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at), place
+            )
+            place = grid.place
             step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
             if again or not _COARSE < abs(step) < _TURNS:
                 break
@@ -172,6 +183,11 @@ class OfdmCancel(Mitigation):
             return None
         clear = ridge.clear(grid.starts, carrier)
         received = demodulate(grid, clear, numerology, FIRST)
+        if received.drift is not None or _astray(received, clear & grid.used) > _HARDLY:
+            moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
+            if moving.misread.mean() < received.misread.mean():
+                received = moving
+        straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
 
@@ -198,15 +214,26 @@ class OfdmCancel(Mitigation):
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             grid = Grid(
-                starts, lock.first_long, received.symbols, received.phase, received.channel, lock.used, received.angles
+                starts,
+                lock.first_long,
+                received.symbols,
+                received.phase,
+                received.channel,
+                lock.used,
+                received.angles,
             )
             late = received.late
             received = demodulate(grid, clear, numerology, AGAIN)
             received.late += late
+        straight, received = self._still(straight, grid, clear, received, numerology)
         misread = received.misread
         usual = middle(misread)
+        # a frame of little else than silence is read without errors, whatever else is in it
+        told = np.minimum(received.error.ravel()[asked], 1)[power(received.points.ravel()[asked]) > 0]
         if (
-            usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
+            not told.size
+            or told.mean() > _READABLE
+            or usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
             or (misread > max(2 * _DOUBTFUL, 2 * usual)).mean() > _LOST
         ):
             return None
@@ -214,7 +241,7 @@ class OfdmCancel(Mitigation):
 
     @staticmethod
     def _angles(symbols: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
-        """(L,) angles by which symbols are ahead of the frame before, modulo a quarter turn; None if they are others."""
+        """(L,) angles by which symbols are ahead of the prediction, modulo a quarter turn; None if they are others."""
         some = slice(None, None, _SOME)
         fourth = symbols[:, some] * (1 / lock.channel[some])
         size = power(fourth)
@@ -249,6 +276,24 @@ class OfdmCancel(Mitigation):
         turn = np.exp(step * short * np.arange(short))[:, None] * np.exp(step * np.arange(short))
         turn = turn.astype(np.complex64).ravel()[: frame.size]
         return turn, frame * turn
+
+    def _still(
+        self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
+    ) -> tuple[np.ndarray, Received]:
+        """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
+        if received.drift is None:
+            return frame, received
+        moving = received.drift * received.points * received.phase.conj() * grid.used
+        places, offsets = self._gather(grid.starts, numerology)
+        frame = frame - self._samples(moving, received.weight > 0)[places] * offsets
+        symbols = transforms(frame, grid.starts, numerology) * received.phase
+        grid = replace(
+            grid, symbols=symbols, phase=received.phase, channel=received.channel, angles=received.angles
+        )
+        late = received.late
+        received = demodulate(grid, clear, numerology, AGAIN)
+        received.late += late
+        return frame, received
 
     def _subtract(
         self,
@@ -286,11 +331,8 @@ class OfdmCancel(Mitigation):
             lock.sir_db = kept[1]
         back = received.phase.conj()
         model *= back
-        places, offsets = self._gather(grid.starts, lock.numerology)
+        places, _ = self._gather(grid.starts, lock.numerology)
         out = frame - self._samples(model, readable)[places]
-        if received.drift is not None:
-            moving = np.where(useful, received.drift * received.points, 0) * back
-            out -= self._samples(moving, readable)[places] * offsets
         if turn is not None:
             out *= turn.conj()
         level = power(out)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...core.channel.simulated import ChannelSettings, SimulatedChannel
+from ...core.interference.emitters import NamedEmitter
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
@@ -42,6 +43,10 @@ class Case:
         Of each frame.
     fading : FadingChannel or None
         On the way, drawn anew for every frame.
+    antennas : int
+        That send streams of their own on the same elements.
+    own_snr_db : float or None
+        Of the emitter's signal over noise that comes with it; None is none.
     tones : int
         Carriers of equal power together beside it, with as much power as it has.
     stream : bool
@@ -56,10 +61,40 @@ class Case:
     carrier: Mapping[str, object] = field(default_factory=lambda: _NR10)
     overlap: float = 1.0
     fading: FadingChannel | None = None
+    antennas: int = 1
+    own_snr_db: float | None = None
     tones: int = 0
     stream: bool = False
     radio: Mapping[str, object] | None = None
     qpsk: QpskEmitter | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Antennas(NamedEmitter):
+    """A base station's antennas, each with a stream of its own on the same elements, and noise that comes along.
+
+    Emitter protocol; the streams have equal power, one timing, and payloads and phases of their own.
+    """
+
+    carrier: NrEmitter
+    antennas: int = 1
+    own_snr_db: float | None = None
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """(count,) complex128 at `rate_hz`, mean power of the signal 1."""
+        window = int(rng.integers(2**62))
+        phase = np.exp(2j * np.pi * rng.random(self.antennas))
+        sent = sum(
+            turn
+            * replace(self.carrier, seed=self.carrier.seed + number).samples(
+                count, rate_hz, np.random.default_rng(window)
+            )
+            for number, turn in enumerate(phase)
+        ) / np.sqrt(self.antennas)
+        if self.own_snr_db is None:
+            return sent
+        noise = rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
+        return sent + np.sqrt(0.5 * 10.0 ** (-self.own_snr_db / 10.0)) * noise
 
 
 def _nr10(**changes: object) -> dict[str, object]:
@@ -80,6 +115,12 @@ CASES = {
     "nr10_16qam": Case("10 MHz, 16QAM", _nr10(modulation="16qam")),
     "nr10_64qam": Case("10 MHz, 64QAM"),
     "nr10_256qam": Case("10 MHz, 256QAM", _nr10(modulation="256qam")),
+    "nr10_mixed": Case("10 MHz, users of all four alphabets", _nr10(modulation="mixed")),
+    "nr10_mixed_stream": Case(
+        "10 MHz, users of all four alphabets, goes on from frame to frame",
+        _nr10(modulation="mixed"),
+        stream=True,
+    ),
     "nr10_stream": Case("10 MHz, 64QAM, goes on from frame to frame", stream=True),
     "nr10_stream_256qam": Case(
         "10 MHz, 256QAM, goes on from frame to frame", _nr10(modulation="256qam"), stream=True
@@ -96,9 +137,24 @@ CASES = {
         "10 MHz, 64QAM, nine paths (EVA), 30 km/h",
         fading=FadingChannel(profile="EVA", doppler_hz=_30_KM_PER_H_HZ),
     ),
+    "nr10_paths_moving": Case(
+        "10 MHz, 64QAM, four paths (RA4), 30 km/h",
+        fading=FadingChannel(profile="RA4", doppler_hz=_30_KM_PER_H_HZ),
+    ),
+    "nr10_walk_moving": Case(
+        "10 MHz, 64QAM, four paths (PA), 30 km/h",
+        fading=FadingChannel(profile="PA", doppler_hz=_30_KM_PER_H_HZ),
+    ),
     "nr10_etu": Case("10 MHz, 64QAM, nine paths over 5 us (ETU)", fading=FadingChannel(profile="ETU")),
     "nr10_radios": Case("10 MHz, 64QAM, two radios", stream=True, radio=_TWO_RADIOS),
     "nr10_tones": Case("10 MHz, 64QAM, and three tones as strong", tones=3),
+    "nr10_powers": Case(
+        "10 MHz, mixed users of powers within 6 dB", _nr10(modulation="mixed", power_spread_db=6.0)
+    ),
+    "nr10_idle": Case("10 MHz, 64QAM, half of the slots idle", _nr10(slot_load=0.5)),
+    "nr10_noise10": Case("10 MHz, 64QAM, heard with noise 10 dB below it", own_snr_db=10.0),
+    "nr10_noise5": Case("10 MHz, 64QAM, heard with noise 5 dB below it", own_snr_db=5.0),
+    "nr10_antennas": Case("10 MHz, 64QAM, two antennas' streams on the same elements", antennas=2),
     "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=QpskReceivedEmitter()),
     "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=QpskReceivedEmitter(pulse="rrc")),
     "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=QpskReceivedEmitter()),
@@ -128,6 +184,8 @@ def received(
         dtype=np.complex128,
     )
     emitter = case.qpsk or NrEmitter(**case.carrier)
+    if case.antennas > 1 or case.own_snr_db is not None:
+        emitter = Antennas(carrier=emitter, antennas=case.antennas, own_snr_db=case.own_snr_db)
     if case.fading is not None:
         emitter = FadedEmitter(emitter=emitter, channel=case.fading)
     interferers = [Interferer(emitter, 0.0 if sir_db is None else sir_db, case.overlap)]

@@ -21,10 +21,12 @@ from ..overlap.figures import series_style
 from ..results.break_point import break_point
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
+from ..results.integrity import Integrity
 from ..results.page import write_pages
 from ..results.score import pool
 from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
+from .tracked import FLIGHTS
 
 if TYPE_CHECKING:
     from .study import CancellationStudy
@@ -47,12 +49,13 @@ def write_report(
     tables = {
         "break_points": _break_points(found, study.methods),
         "errors": _errors(found, study.methods),
+        "tracked": _tracked(rows["tracked"]),
         "sir_db": f"{_ERROR_SIR_DB:g}",
         "costs": _costs(study.seed),
         "frame_samples": f"{WAVEFORM.samples_per_frame:,}",
     }
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
-    folder.write_report(report | {"rows": list(found)})
+    folder.write_report(report | {"rows": list(found), "tracked": list(rows["tracked"])})
     return page
 
 
@@ -92,6 +95,22 @@ def _errors(rows: Sequence[Row], methods: Sequence[str]) -> str:
             cells.append(f"{mine[0]['pd']:.2f}, {number(mine[0]['rmse_detected_m'])}" if mine else "given up")
         lines.append([CASES[case].title, *cells])
     return table(["interference", *methods], lines)
+
+
+def _tracked(rows: Sequence[Row]) -> str:
+    """Per-frame altitudes and the tracker's of all flights, by interference and method."""
+    lines = []
+    for flight, method in dict.fromkeys((r["flight"], r["method"]) for r in rows):
+        mine = [r for r in rows if (r["flight"], r["method"]) == (flight, method)]
+        frames, correct, wrong = (
+            sum(r[name] for r in mine) for name in ("trials", "correct", "wrong_frames")
+        )
+        total = sum((Integrity.of_row(r) for r in mine), Integrity())
+        counts = (f"{getattr(total, name)} ({total.bound(name):.3f})" for name in ("wrong_5m", "hazardous"))
+        shares = (number(correct / frames, 3), number(wrong / frames, 3), number(total.availability, 3))
+        lines.append([FLIGHTS[flight].title, method, *shares, total.outputs, *counts])
+    header = ["interference", "method", "Pd per frame", "wrong and valid per frame", "available", "outputs"]
+    return table([*header, "wrong by 5 m (bound)", "hazardous (bound)"], lines)
 
 
 def _costs(seed: int) -> str:

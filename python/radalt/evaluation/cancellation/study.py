@@ -16,10 +16,12 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, received
+from .tracked import FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
 METHODS = ("none", "whitening", "tcae", "ofdm_cancel", "qpsk_cancel")
+TRACKED_METHODS = ("none", "tcae", "ofdm_cancel", "hybrid")
 SIRS_DB = (0.0, -10.0, -15.0, -20.0, -22.5, -25.0, -27.5, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
 GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
 GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
@@ -27,7 +29,7 @@ GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
 
 @dataclass(frozen=True)
 class CasePoint(Point):
-    """One of `CASES` at all SIRs."""
+    """One of `CASES` at all SIRs, or (table ``tracked``) one of `FLIGHTS` so many times."""
 
     case: str = ""
 
@@ -41,12 +43,15 @@ class CancellationStudy(Study):
     methods, cases : tuple of str
     frames : int
         Per case and SIR.
+    flights : int
+        Of 0.4 s per kind of interference, behind the tracker.
     seed : int
     """
 
     methods: tuple[str, ...] = METHODS
     cases: tuple[str, ...] = tuple(CASES)
     frames: int = 60
+    flights: int = 5
     seed: int = 271_828
 
     tables: ClassVar[Mapping[str, Columns]] = {
@@ -54,12 +59,14 @@ class CancellationStudy(Study):
             ("case", "sir_db", "method", *SCORE_COLUMNS),
             text=frozenset({"case", "method"}),
             whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
-        )
+        ),
+        "tracked": TRACKED_COLUMNS,
     }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "cancellation.md",
         "rows.csv": "data/cancellation.csv",
+        "tracked.csv": "data/cancellation_tracked.csv",
         "pd.png": "figures/cancellation_pd.png",
         "frame.png": "figures/cancellation_frame.png",
     }
@@ -76,11 +83,24 @@ class CancellationStudy(Study):
         self.head()
 
     def points(self) -> Sequence[CasePoint]:
-        """A point per case."""
-        return [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
+        """A point per case, and per kind of flight."""
+        cases = [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
+        if not self.flights:
+            return cases
+        frames = self.flights * FRAMES
+        flown = [
+            CasePoint(f"flights: {f.title}", frames, "tracked", case=name) for name, f in FLIGHTS.items()
+        ]
+        return [*cases, *flown]
 
     def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
-        """A row per SIR and method."""
+        """A row per SIR and method; of flights one per flight and method."""
+        if point.table == "tracked":
+            kind = list(FLIGHTS).index(point.case)
+            seeds = [[self.seed, 97, kind, flight, batch] for flight in range(self.flights)]
+            return [
+                row for seed in seeds for row in fly(point.case, TRACKED_METHODS, np.random.default_rng(seed))
+            ]
         rows, failures = [], dict.fromkeys(self.methods, 0)
         for sir_db in SIRS_DB:
             seed = [
@@ -101,6 +121,12 @@ class CancellationStudy(Study):
                 rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row())
         return rows
 
+    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """See `Study`; flights stand one by one."""
+        if "flight" in batches[0][0]:
+            return [row for batch in batches for row in batch]
+        return super().pooled(batches)
+
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""
         from .report import write_report  # figures need matplotlib
@@ -110,6 +136,9 @@ class CancellationStudy(Study):
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         settings = Chain("none", "none").settings
+        if point.table == "tracked":
+            each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in TRACKED_METHODS)
+            return point.frames * (each + 0.012)
         each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods)
         return len(SIRS_DB) * point.frames * (each + 0.012)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft, ndimage
 
-from .lattice import BLOCK, box, power
+from .lattice import BLOCK, box, power, unit
 from .numerology import Numerology
 
 __all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "transforms"]
@@ -85,6 +86,10 @@ class Grid:
         Subcarriers worth demodulating.
     angles : (L,) float
         The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
+    place : int
+        Number of the first symbol with a long prefix, where the grid was acquired.
+    middle : (K,) complex64
+        The channel in the frame's middle, where it was acquired; noisier, but right where the channel moves.
     """
 
     starts: np.ndarray
@@ -94,6 +99,8 @@ class Grid:
     channel: np.ndarray
     used: np.ndarray
     angles: np.ndarray
+    place: int = 0
+    middle: np.ndarray | None = None
 
 
 def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,13 +114,19 @@ def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.maximum(level, 1e-6 * top), level > _IN_USE * top
 
 
-def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of: object) -> Grid:
+def acquire(
+    frame: np.ndarray,
+    prefix: Prefix,
+    numerology: Numerology,
+    clear_of: Callable[[np.ndarray], np.ndarray],
+    place: int | None = None,
+) -> Grid:
     """Symbols, long prefix and phases of a frame whose carrier offset is removed.
 
     ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power removes the data from QPSK
     and QAM. What is left is alike in all symbols only if they are taken at the right times. All places of the long
     prefix are tried, and the one where the symbols agree best is kept, by the largest eigenvalue of their Gram matrix;
-    its eigenvector holds the symbols' phases.
+    its eigenvector holds the symbols' phases. ``place`` is the symbol with the long prefix if it is known.
     """
     middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
         -1, frame.size // numerology.useful + 1
@@ -126,37 +139,31 @@ def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of:
     size = power(fourth)
     fourth *= fourth
     fourth *= fourth
-    fourth /= size + np.float32(0.05)
-    fourth[~(clear & used) | (size < 0.1)] = 0
+    fourth *= (clear & used & (size > 0.1)) / (size + np.float32(0.05))
     count = len(starts)
     index = np.arange(count)
-    late = (starts - starts[0]) - index * (numerology.useful + numerology.prefix)
-    base = np.exp(-1j * late.astype(np.float32)[:, None] * numerology.turn)
-    longer = np.exp(1j * np.float32(numerology.longer) * numerology.turn)
+    late = ((starts - starts[0]) - index * (numerology.useful + numerology.prefix)).astype(np.float32)[
+        :, None
+    ]
+    fourth *= unit(-4 * late * numerology.turn)
     # after 0, 1, 2 ... long prefixes
-    powers = longer ** np.arange(-(-count // numerology.per_cycle) + 1)[:, None]
-    fourth *= base**4
-    best = None
-    for place in range(min(numerology.per_cycle, count)):
-        passed = np.cumsum((index % numerology.per_cycle == place) & (index > 0))
-        tried = fourth * (powers**4)[passed]
-        values, vectors = np.linalg.eigh(tried @ tried.conj().T)
-        if best is None or values[-1] > best[0]:
-            best = (values[-1], place, passed, tried, vectors[:, -1])
-    _, place, passed, fourth, vector = best
+    longer = numerology.longer * np.arange(-(-count // numerology.per_cycle) + 1, dtype=np.float32)[:, None]
+    turns = unit(4 * longer * numerology.turn)
+    places = np.arange(min(numerology.per_cycle, count)) if place is None else np.array([place])
+    passed = np.cumsum((index % numerology.per_cycle == places[:, None]) & (index > 0), axis=1)
+    # Gram matrices, lower half: symbols n long prefixes apart are turned by n
+    apart = np.stack([(fourth * turn) @ fourth.conj().T for turn in turns])
+    between = np.maximum(passed[:, :, None] - passed[:, None, :], 0)
+    gram = apart[between, index[:, None], index]
+    best = int(np.linalg.eigvalsh(gram)[:, -1].argmax()) if len(places) > 1 else 0
+    vector = np.linalg.eigh(gram[best])[1][:, -1]
+    place, passed = int(places[best]), passed[best]
+    fourth *= turns[passed]
     turned = course(vector)
-    phase = base * powers[passed] * np.exp(-0.25j * turned)[:, None]
-    mean = (np.exp(-1j * turned) @ fourth).astype(np.complex64)
-    slope = np.angle(np.vdot(mean[:-1], mean[1:]))
-    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
-    # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
-    smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
-    if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
-        smooth = far
-    angle = np.unwrap(np.angle(smooth))
-    # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-    angle = (angle + slope * numerology.subcarriers - np.pi) / 4
-    phase = phase.astype(np.complex64)
+    phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
+    upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
+    part = slice(count // 4, count - count // 4)
+    whole, middle = (_channel(part.sum(axis=0), level, numerology) for part in (upright, upright[part]))
     return Grid(
         starts,
         float(
@@ -166,10 +173,26 @@ def acquire(frame: np.ndarray, prefix: Prefix, numerology: Numerology, clear_of:
         ),
         symbols * phase,
         phase,
-        (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64),
+        whole,
         used,
         turned / 4,
+        place,
+        middle,
     )
+
+
+def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.ndarray:
+    """(K,) complex64 channel, up to a quarter turn, of elements' mean fourth powers (K,) and mean powers (K,)."""
+    slope = np.angle(np.vdot(mean[:-1], mean[1:]))
+    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
+    # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
+    smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
+    if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
+        smooth = far
+    angle = np.unwrap(np.angle(smooth))
+    # points of QPSK and QAM stand on the diagonals: their fourth power is negative
+    angle = (angle + slope * numerology.subcarriers - np.pi) / 4
+    return (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
 
 
 def course(agreement: np.ndarray) -> np.ndarray:

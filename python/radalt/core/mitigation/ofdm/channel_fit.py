@@ -63,8 +63,8 @@ def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarr
 def mended(channel: np.ndarray, astray: np.ndarray) -> np.ndarray | None:
     """(K,) channel whose runs of ``astray`` (K,) subcarriers are bridged from both sides; None if it has none.
 
-    The data leave the channel's phase open by a quarter turn. Where noise hid how it goes on, it may have made such a turn,
-    and is wrong over the subcarriers of the turn. Runs at the ends have one side only and stay.
+    The data leave the channel's phase open by a quarter turn. Where noise hid how it goes on, it may have made such a
+    turn, and is wrong over the subcarriers of the turn. Runs at the ends have one side only and stay.
     """
     right = np.flatnonzero(~astray)
     gaps = np.flatnonzero(np.diff(right) > _GAP)

@@ -14,9 +14,10 @@ from .numerology import Numerology
 
 __all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
 
-# subcarriers a channel is averaged over, and order of its course in time, turn by turn; in the end each subcarrier
-# for itself
-FIRST = ((15, 0), (9, 1), (5, 1), (1, 1))
+# subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
+# turn; in the end each subcarrier for itself
+FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0), (1, 1, 1.0))
+MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
@@ -26,6 +27,8 @@ _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
+_MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
+_BETTER = 0.8  # of the error, for a mended channel to be taken
 _RUN = 9  # subcarriers over which their mean error is judged
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
@@ -128,7 +131,7 @@ def _true_up(
 
 
 def demodulate(
-    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int]]
+    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int, float]]
 ) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
@@ -144,7 +147,7 @@ def demodulate(
     first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
     late = 0.0
-    for number, (width, order) in enumerate((*turns, (1, -1))):
+    for number, (width, order, share) in enumerate((*turns, (1, -1, 1.0))):
         values = symbols * (1 / channel)
         last = order < 0
         rough = first and not number
@@ -164,15 +167,9 @@ def demodulate(
                     angles[odd] -= np.pi / 4
                     heard[odd] = False
             if not first:
-                astray = (np.minimum(found.error, 1) * (clear & heard)).sum(axis=0)
-                astray = box(astray / np.maximum((clear & heard).sum(axis=0), 1), _RUN) > _ASTRAY
-                bridged = mended(channel if channel.ndim == 1 else channel[count // 2], astray)
-                if bridged is not None:
-                    other = decide(symbols * (1 / bridged), trusted, halves)
-                    other_off = _misread(other.error, clear, bridged)
-                    if other_off.mean() < 0.8 * off.mean():
-                        channel, found, off = bridged, other, other_off
-        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
+                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
+        near = np.abs(times)[:, None] <= share
+        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard & near
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
@@ -186,19 +183,45 @@ def demodulate(
             factor, noise = _best_order(symbols, agreement, weight, times, sure)
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
-        drift, course = None, factor[0]
-        if len(factor) > 1:
-            drift = factor[1] + (2 * times[:, None] * factor[2] if len(factor) > 2 else 0)
-            drift = drift * channel * np.float32(2 / count)
-            for power_of_time, part in enumerate(factor[1:], 1):
-                course = course + times[:, None] ** power_of_time * part
+        course = factor[0]
+        for power_of_time, part in enumerate(factor[1:], 1):
+            course = course + times[:, None] ** power_of_time * part
         channel = channel * course
     kinds = found.kinds[halves]
     _again(found, symbols, channel, ridge, kinds)
     return Received(
-        symbols, phase, channel, drift, found.points, found.few, kinds, found.error, off, noise, angles,
-        weight.sum(axis=1), late,
+        symbols, phase, channel, _drift(channel, grid.used, noise), found.points, found.few, kinds, found.error,
+        off, noise, angles, weight.sum(axis=1), late,
     )  # fmt: skip
+
+
+def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
+    """(L, K) change of the channel from symbol to symbol; None where it matters less than the error ``noise``."""
+    if channel.ndim < 2:
+        return None
+    drift = np.gradient(channel, axis=0)
+    # a change evenly spread over a symbol leaves a twelfth of its power to other subcarriers
+    return drift if power(drift)[:, used].mean() / 12 > _MOVES * noise else None
+
+
+def _bridged(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    found: Decisions,
+    off: np.ndarray,
+    clear: np.ndarray,
+    heard: np.ndarray,
+    halves: np.ndarray,
+) -> tuple[np.ndarray, Decisions, np.ndarray]:
+    """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
+    asked = clear & heard
+    astray = (np.minimum(found.error, 1) * asked).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
+    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(astray, _RUN) > _ASTRAY)
+    if other is None:
+        return channel, found, off
+    decided = decide(symbols * (1 / other), clear, halves)
+    left = _misread(decided.error, clear, other)
+    return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
 
 
 def _misread(error: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
@@ -228,7 +251,7 @@ def _best_order(
 ) -> tuple[np.ndarray, float]:
     """Coefficients of the order with the least error, and that error per element.
 
-    Orders rise while that helps the median subcarrier: those at the receiver's edges have echoes longer than the prefix.
+    Orders rise while that helps the median subcarrier. At the receiver's edges echoes are longer than the prefix.
     """
     energy = (power(symbols) * sure).sum(axis=0)
     elements = sure.sum(axis=0)

@@ -57,7 +57,7 @@ def middle(values: np.ndarray) -> float:
 
 
 def unit(angle: np.ndarray) -> np.ndarray:
-    """exp(j angle) of float32 angles in radians, as complex64; an exponential of complex numbers costs ten times that."""
+    """exp(j angle) of float32 angles in radians, as complex64; a complex exponential costs ten times that."""
     out = np.empty(angle.shape, dtype=np.complex64)
     np.cos(angle, out=out.real)
     np.sin(angle, out=out.imag)

@@ -61,7 +61,7 @@ class Numerology:
         return (first_long + cycles[:, None] * self.cycle + within).ravel()
 
     def halves(self, starts: np.ndarray, first_long: float) -> np.ndarray:
-        """Which half slot (from one long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""
+        """Which half slot (from a long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""
         number = np.floor((starts - first_long + self.prefix / 2) / self.cycle).astype(int)
         return number - number[0]
 
