@@ -5,6 +5,7 @@ onnxruntime is imported when a model is loaded, never at module level: a scene w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,14 @@ class OnnxNetwork:
         self._ort, self._session = _load(model, threads)
         self._input, self._output = self._session.get_inputs()[0].name, self._session.get_outputs()[0].name
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self._tables: dict[str, np.ndarray] = {}
+        self._allocate(1)
+
+    def serve(self, samples: int, tables: Mapping[str, np.ndarray]) -> None:
+        """Take frames of ``samples`` from now on, with the constants of their sweep for the inputs of these names."""
+        names = {entry.name for entry in self._session.get_inputs()}
+        self._tables = {name: values for name, values in tables.items() if name in names}
+        self._samples = samples
         self._allocate(1)
 
     @property
@@ -72,7 +81,8 @@ class OnnxNetwork:
     def output_shape(self) -> tuple[int, ...]:
         """Shape that one frame comes out in, by running one; bound arrays take no other than (1, 2, N)."""
         try:
-            return self._session.run(None, {self._input: np.ones((1, 2, self._samples), np.float32)})[0].shape
+            frame = np.ones((1, 2, self._samples), np.float32)
+            return self._session.run(None, {self._input: frame, **self._tables})[0].shape
         except Exception as error:  # see run
             raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
 
@@ -85,6 +95,8 @@ class OnnxNetwork:
         binding = self._session.io_binding()
         value = self._ort.OrtValue.ortvalue_from_numpy
         binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
+        for name, values in self._tables.items():
+            binding.bind_ortvalue_input(name, value(values))
         binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
         return binding
 
