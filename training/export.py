@@ -9,7 +9,7 @@ The second takes the weights and their provenance from an exported model and wri
 
 Variants store or compute weights in fewer bits: ``float32``; ``float16`` and ``int8`` store them so and
 widen them once when the model is loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix
-products in int8.
+products in int8; ``int8-static`` computes convolutions in int8, with ranges from examples of the training data.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ from radalt.core.waveform import Waveform
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCE = 1e-4  # relative error of the exported graph against PyTorch
-PRECISIONS = ("float32", "float16", "int8", "int8-dynamic")
+PRECISIONS = ("float32", "float16", "int8", "int8-dynamic", "int8-static")
+_CALIBRATION = 32  # examples
 # for the check of a network for any sweep
 SWEEPS = (
     Waveform(5e6, 0.3e-3, 7.5e6),
@@ -161,12 +162,42 @@ def narrow(source: Path, target: Path, precision: str) -> None:
         quantize_dynamic(source, target, per_channel=True, weight_type=QuantType.QInt8)
         entries = exported_metadata(source)
         model = onnx.load(str(target))
+    elif precision == "int8-static":
+        from onnxruntime.quantization import QuantType, quantize_static
+
+        entries = exported_metadata(source)
+        quantize_static(
+            source,
+            target,
+            _Calibration(entries),
+            op_types_to_quantize=["Conv"],
+            per_channel=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+        )
+        model = onnx.load(str(target))
     else:
         model = onnx.load(str(source))
         entries = {p.key: p.value for p in model.metadata_props}
         _store(model, precision)
     helper.set_model_props(model, entries | {"radalt_precision": precision})
     onnx.save(model, str(target))
+
+
+class _Calibration:
+    """Examples of the training data, four at a time, as `quantize_static` asks for them."""
+
+    def __init__(self, entries: dict[str, str]) -> None:
+        received, _, _ = make_batch(
+            CONFIGS[RECIPES[entries["radalt_recipe"]].data], Waveform(), 55, 0, _CALIBRATION
+        )
+        planes = normalise(torch.from_numpy(received), entries["radalt_normalisation"]).numpy()
+        self._batches = iter(np.split(planes, _CALIBRATION // 4))
+
+    def get_next(self) -> dict[str, np.ndarray] | None:
+        """The next batch, None after the last."""
+        batch = next(self._batches, None)
+        return None if batch is None else {"iq": batch}
 
 
 def _store(model: onnx.ModelProto, precision: str) -> None:

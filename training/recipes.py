@@ -69,7 +69,7 @@ RECIPES: dict[str, Recipe] = {
     "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
     "compact": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
     # the same weights for any sweep, and for frames that hold no return
-    "any_sweep": Recipe("compact", data="any_sweep", steps=2_400, rate=5e-4, start_from="compact", margin=26),
+    "any_sweep": Recipe("compact", data="any_sweep", steps=1_300, rate=5e-4, start_from="compact", margin=26),
     # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks; each was
     # stopped where the machine's time or its validation loss said so
     "paper": Recipe("paper", data="paper", stop=1_800, **_PAPER),

@@ -5,6 +5,7 @@ onnxruntime is imported when a model is loaded, never at module level: a scene w
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,7 +14,11 @@ import numpy as np
 from ..paths import remedy
 from .base import MitigationError
 
-__all__ = ["OnnxNetwork"]
+__all__ = ["PROVIDERS", "OnnxNetwork"]
+
+_CPU = "CPUExecutionProvider"
+PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}  # of ONNX Runtime, first choice first
+_LOG = logging.getLogger(__name__)
 
 
 class OnnxNetwork:
@@ -26,6 +31,9 @@ class OnnxNetwork:
         Samples ``N`` of a frame.
     threads : int
         Intra-op threads.
+    provider : str
+        ``"cpu"``, or ``"cuda"`` where the user's onnxruntime has it; elsewhere one line says so and the processor runs
+        the network.
 
     Attributes
     ----------
@@ -42,9 +50,9 @@ class OnnxNetwork:
     Fill ``planes(n)``, then `run`; the array it returns is overwritten by the next run.
     """
 
-    def __init__(self, model: Path, samples: int, threads: int) -> None:
+    def __init__(self, model: Path, samples: int, threads: int, provider: str = "cpu") -> None:
         self.model, self._samples = model, samples
-        self._ort, self._session = _load(model, threads)
+        self._ort, self._session = _load(model, threads, provider)
         self._input, self._output = self._session.get_inputs()[0].name, self._session.get_outputs()[0].name
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self._tables: dict[str, np.ndarray] = {}
@@ -101,7 +109,7 @@ class OnnxNetwork:
         return binding
 
 
-def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the optional package
+def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
     try:
         import onnxruntime
     except ImportError:
@@ -114,10 +122,14 @@ def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the op
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
+    wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
     try:
-        session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+        names = [name for name in wanted if name in there]
+        session = onnxruntime.InferenceSession(str(model), options, providers=names)
     except Exception as error:  # see OnnxNetwork.run
         raise MitigationError(f"tcae model {model} is no readable ONNX file: {_first_line(error)}") from None
+    if wanted[0] not in session.get_providers():
+        _LOG.warning("tcae: no %s in this onnxruntime; the network runs on the processor", wanted[0])
     return onnxruntime, session
 
 

@@ -15,7 +15,7 @@ from ..waveform import Waveform
 from .any_sweep import layout_of, resampled, tables_of
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 from .interference_detector import InterferenceDetector
-from .onnx_network import OnnxNetwork
+from .onnx_network import PROVIDERS, OnnxNetwork
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
@@ -122,6 +122,7 @@ class Tcae(Mitigation):
         skip_clean: bool = False,
         dither_db: float | None = -50.0,
         shift_check: bool | None = None,
+        provider: str = "cpu",
         span_m: float | None = None,
     ) -> None:
         if shift_check not in (True, False, None):
@@ -132,10 +133,12 @@ class Tcae(Mitigation):
         self.model = Path(model) if model else default_model_path(waveform)
         if not 1 <= threads <= _MOST_THREADS:
             raise MitigationError(f"tcae.threads is {threads!r}; it has to be within 1..{_MOST_THREADS}")
+        if provider not in PROVIDERS:
+            raise MitigationError(f"tcae.provider is {provider!r}; one of {', '.join(PROVIDERS)}")
         self.threads = threads
         if self.model.is_file() and not _is_shipped(self.model):
             rehearse("tcae model", self.name, self.model, waveform)
-        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads)
+        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)
         self._samples = waveform.samples_per_frame  # inside the network
