@@ -303,7 +303,7 @@ class FakeNetwork:
 
     rule = staticmethod(lambda planes: planes)
 
-    def __init__(self, model, samples, threads):
+    def __init__(self, model, samples, threads, provider):
         self.metadata = dict(
             zip(
                 (
@@ -412,6 +412,19 @@ def test_only_the_shipped_default_is_trusted_unchecked(root, tmp_path):
 def test_shift_check_is_a_yes_or_a_no():
     with pytest.raises(MitigationError, match="tcae.shift_check is 'maybe'; expected true or false"):
         create("tcae", W, shift_check="maybe")
+
+
+def test_a_gpu_that_is_not_there_is_one_line_and_the_processor(caplog):
+    frames, _ = scene(2, None, 16)
+    method = create("tcae", W, provider="cuda")
+    if "CUDAExecutionProvider" in method.status()["providers"]:
+        pytest.skip("this onnxruntime has the GPU")
+    assert caplog.messages == [
+        "tcae: no CUDAExecutionProvider in this onnxruntime; the network runs on the processor"
+    ]
+    np.testing.assert_array_equal(method.process(frames), create("tcae", W).process(frames))
+    with pytest.raises(MitigationError, match="tcae.provider is 'tpu'; one of cpu, cuda"):
+        create("tcae", W, provider="tpu")
 
 
 # -- the common contract ----------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
-SHIPPED = ("tcae", "paper", "cnn", "fc")
+SHIPPED = ("tcae", "any_sweep", "paper", "cnn", "fc")
 TRIALS = 120
 
 

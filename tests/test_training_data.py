@@ -37,7 +37,7 @@ def test_an_example_is_a_function_of_seed_and_index(data):
 def test_paper_set_has_the_papers_size_and_a_validation_part_of_its_own(data):
     config = data.CONFIGS["paper"]
     assert (config.size, config.validation, config.sir_db) == (50_000, 10_000, (-20.0, 0.0))
-    _, clean, altitude_m = data.validation_batch(config, W, 2)
+    _, clean, altitude_m, _ = next(data.validation_batches(config, W, 2))
     received, wanted, altitude = data.example(config, W, config.seed, 50_000)
     np.testing.assert_array_equal(clean[0, 0], wanted.real)
     assert altitude_m[0] == altitude

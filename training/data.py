@@ -16,11 +16,22 @@ from functools import lru_cache
 import numpy as np
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
-__all__ = ["CONFIGS", "SceneConfig", "batches", "content_hash", "example", "make_batch", "return_parts"]
+__all__ = [
+    "CONFIGS",
+    "SceneConfig",
+    "batches",
+    "content_hash",
+    "example",
+    "make_batch",
+    "return_parts",
+    "sweep_of",
+]
 
 _BANK = 48  # different long signals a slow emitter is cut from
 _BANK_SAMPLES = 65536
@@ -40,7 +51,8 @@ class SceneConfig:
     max_vertical_speed_m_per_s : float
         Range rate uniform within plus or minus this.
     kinds : tuple of (name, weight)
-        Interferer families: ``tones``, ``qpsk_rectangular``, ``qpsk_shaped``, ``nr5``, ``nr10``.
+        Interferer families: ``tones``, ``qpsk_rectangular``, ``qpsk_shaped``, ``nr5``, ``nr10``, ``radar`` (another
+        FMCW altimeter).
     counts : tuple of float
         Probability of 0, 1, 2, ... interferers at once.
     full_overlap : float
@@ -53,6 +65,13 @@ class SceneConfig:
     converter : float
         Probability that the frame went through a converter of 1, 2, 3, 4, 6 or 8 bits that clips at one to four
         times the frame's RMS.
+    empty : float
+        Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
+        and nothing may look like a return afterwards.
+    second : float
+        Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
+    any_sweep : bool
+        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate.
     size, validation : int
         Examples of a finite set and of its validation part; 0 stands for endless fresh data.
     seed : int
@@ -75,6 +94,9 @@ class SceneConfig:
     extended: float = 0.15
     impaired: float = 0.2
     converter: float = 0.0
+    empty: float = 0.0
+    second: float = 0.0
+    any_sweep: bool = False
     size: int = 0
     validation: int = 0
     seed: int = 1
@@ -145,6 +167,42 @@ CONFIGS["crowded"] = replace(
 CONFIGS["ground"] = replace(
     CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
 )
+# `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars
+CONFIGS["any_sweep"] = replace(
+    CONFIGS["ground"],
+    kinds=(*CONFIGS["ground"].kinds, ("radar", 0.7)),
+    empty=0.2,
+    second=0.08,
+    any_sweep=True,
+    seed=8,
+)
+_OWN_SHARE = 0.3  # of the batches have the default sweep
+_SWEEP_SAMPLES = (600, 9000)  # per frame: longer ones cost as many steps
+
+
+def sweep_of(config: SceneConfig, batch: int, waveform: Waveform) -> Waveform:
+    """Sweep of a batch: ``waveform``, or with ``any_sweep`` in 70 % one drawn for it.
+
+    1 to 12 MHz, 0.2 to 5 ms, centred or not, sampled at the bandwidth or up to half above, 600 to 9,000 samples, at a
+    rate that the network takes without resampling.
+    """
+    rng = np.random.default_rng([config.seed, 2 * 10**9, batch])
+    if not config.any_sweep or rng.random() < _OWN_SHARE:
+        return waveform
+    while True:
+        bandwidth_hz, sweep_s = (
+            float(np.exp(rng.uniform(*np.log(span)))) for span in ((1e6, 12e6), (2e-4, 5e-3))
+        )
+        rate_hz = max(2e6, bandwidth_hz * float(rng.choice([1.0, 1.0, rng.uniform(1.0, 1.5)])))
+        centered = bool(rng.random() < 0.7)
+        samples = 2 * int(np.ceil(rate_hz * sweep_s / 2))
+        if not _SWEEP_SAMPLES[0] <= samples <= _SWEEP_SAMPLES[1]:
+            continue
+        drawn = Waveform(bandwidth_hz, sweep_s, samples / sweep_s, centered=centered)
+        samples = layout_of(drawn).samples
+        drawn = replace(drawn, rate_hz=samples / sweep_s)
+        if layout_of(drawn).samples == samples:
+            return drawn
 
 
 @lru_cache(maxsize=1)
@@ -211,8 +269,16 @@ def _emitter(kind: str, rate_hz: float, rng: np.random.Generator) -> object:
         standard = rng.random() < 0.4
         bandwidth_hz = 2.0025e6 if standard else float(np.exp(rng.uniform(np.log(0.4e6), np.log(4e6))))
         return QpskEmitter(bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz)
+    if kind == "radar":
+        swept_hz, period_s = (np.exp(rng.uniform(*np.log(span))) for span in ((4e6, 30e6), (0.3e-3, 4e-3)))
+        return FmcwEmitter(
+            carrier_hz=carrier_hz,
+            sweep_bandwidth_hz=float(swept_hz),
+            sweep_period_s=float(period_s),
+            up_fraction=float(rng.choice([0.5, 1.0])),
+        )
     raise ValueError(
-        f"unknown interferer kind {kind!r}; known: tones, qpsk_rectangular, qpsk_shaped, nr5, nr10"
+        f"unknown interferer kind {kind!r}; known: tones, qpsk_rectangular, qpsk_shaped, nr5, nr10, radar"
     )
 
 
@@ -228,7 +294,7 @@ def _impair(frame: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.n
 
 def _interference(config: SceneConfig, waveform: Waveform, rng: np.random.Generator) -> np.ndarray:
     """(N,) complex128 of unit-power-return SIR drawn from the configuration; may be silent."""
-    n, rate_hz = waveform.samples_per_frame, waveform.rate_hz
+    n, rate_hz = waveform.samples_per_frame, Waveform.rate_hz if config.any_sweep else waveform.rate_hz
     names = [name for name, _ in config.kinds]
     weights = np.array([weight for _, weight in config.kinds])
     total = np.zeros(n, dtype=np.complex128)
@@ -288,7 +354,7 @@ def example(
     received : (N,) complex64
         Return of unit mean power, noise and interference.
     clean : (N,) complex64
-        The return alone.
+        The return alone; the noise where there is none.
     altitude_m : float
         Of the nearest part of the return.
     """
@@ -298,9 +364,17 @@ def example(
     excess, amplitude = return_parts(config, rng)
     parts = point_return(waveform, altitude_m + excess, vertical_speed_m_per_s=speed)
     clean = amplitude @ parts
+    if config.second and rng.random() < config.second:
+        level_db, phase_cycles = rng.uniform(-15.0, 0.0), rng.random(1)
+        other = np.array([rng.uniform(*config.altitude_m)])
+        clean = (
+            clean + 10.0 ** (level_db / 20.0) * point_return(waveform, other, phase_cycles=phase_cycles)[0]
+        )
     clean /= np.sqrt(np.mean(np.abs(clean) ** 2))
     sigma = np.sqrt(0.5 * 10.0 ** (-rng.uniform(*config.snr_db) / 10.0))
     noise = sigma * rng.standard_normal((clean.size, 2)).view(np.complex128)[:, 0]
+    if config.empty and rng.random() < config.empty:
+        clean, noise = noise / (sigma * np.sqrt(2.0)), 0.0
     received = clean + noise + _interference(config, waveform, rng)
     if rng.random() < config.converter:
         received = _convert(received, rng)
@@ -324,12 +398,14 @@ def _planes(frames: np.ndarray) -> np.ndarray:
 
 def batches(
     config: SceneConfig, waveform: Waveform, batch: int, first: int = 0
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Endless training batches from example ``first`` on; a finite set repeats in a new order every epoch."""
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, Waveform]]:
+    """Endless training batches from example ``first`` on, with their sweep; a finite set repeats in a new order every
+    epoch."""
     position = first
     while True:
         if config.size == 0:
-            yield make_batch(config, waveform, config.seed, position, batch)
+            sweep = sweep_of(config, position // batch, waveform)
+            yield *make_batch(config, sweep, config.seed, position, batch), sweep
         else:
             epoch, offset = divmod(position, config.size)
             order = np.random.default_rng([config.seed, 10**9, epoch]).permutation(config.size)
@@ -338,24 +414,29 @@ def batches(
                 for i in range(batch)
             ]
             received, clean = (np.stack([row[i] for row in rows]) for i in (0, 1))
-            yield _planes(received), _planes(clean), np.array([row[2] for row in rows])
+            yield _planes(received), _planes(clean), np.array([row[2] for row in rows]), waveform
         position += batch
 
 
-def validation_batch(
-    config: SceneConfig, waveform: Waveform, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def validation_batches(
+    config: SceneConfig, waveform: Waveform, count: int, batch: int = 32
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, Waveform]]:
     """Examples that no training batch holds: the set's own validation part, else another seed."""
     if config.size:
-        return make_batch(config, waveform, config.seed, config.size, min(count, config.validation))
-    return make_batch(config, waveform, config.seed + 10**6, 0, count)
+        first, count = config.size, min(count, config.validation)
+    else:
+        config, first = replace(config, seed=config.seed + 10**6), 0
+    for k in range(0, count, batch):
+        sweep = sweep_of(config, k // batch, waveform)
+        yield *make_batch(config, sweep, config.seed, first + k, min(batch, count - k)), sweep
 
 
 def description(config: SceneConfig) -> str:
-    """The configuration as canonical JSON; ``converter`` only where there is one, so that older hashes stay."""
+    """The configuration as canonical JSON, without later entries where they are 0, so that older hashes stay."""
     entries = asdict(config)
-    if not config.converter:
-        del entries["converter"]
+    for name in ("converter", "empty", "second", "any_sweep"):
+        if not entries[name]:
+            del entries[name]
     return json.dumps(entries, sort_keys=True)
 
 
@@ -367,7 +448,8 @@ def content_hash(config: SceneConfig, waveform: Waveform, count: int) -> str:
     """
     digest = hashlib.sha256(description(config).encode())
     for index in range(count):
-        for frame in example(config, waveform, config.seed, index)[:2]:
+        sweep = sweep_of(config, index // 32, waveform)
+        for frame in example(config, sweep, config.seed, index)[:2]:
             digest.update(np.rint(frame.view(np.float32) * 1e4).astype("<i4").tobytes())
     return digest.hexdigest()
 

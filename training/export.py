@@ -2,10 +2,14 @@
 variants.
 
     PYTHONPATH=python .venv-train/bin/python training/export.py compact --out models/tcae.onnx
+    PYTHONPATH=python .venv-train/bin/python training/export.py compact --weights models/tcae.onnx --any-sweep
+        --out models/any_sweep.onnx
+
+The second takes the weights and their provenance from an exported model and writes a network that serves every sweep.
 
 Variants store or compute weights in fewer bits: ``float32``; ``float16`` and ``int8`` store them so and
 widen them once when the model is loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix
-products in int8.
+products in int8; ``int8-static`` computes convolutions in int8, with ranges from examples of the training data.
 """
 
 from __future__ import annotations
@@ -25,15 +29,27 @@ import onnxruntime
 import torch
 from data import CONFIGS, content_hash, description, make_batch
 from networks import build
+from networks.any_sweep import AnySweep
+from networks.layers import Tables
 from onnx import TensorProto, helper, numpy_helper
 from recipes import RECIPES
-from train import RUNS, normalise
+from train import RUNS, exported_weights, normalise
 
+from radalt.core.mitigation.any_sweep import layout_of, resampled, tables_of
+from radalt.core.mitigation.tcae import ANY
 from radalt.core.waveform import Waveform
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCE = 1e-4  # relative error of the exported graph against PyTorch
-PRECISIONS = ("float32", "float16", "int8", "int8-dynamic")
+PRECISIONS = ("float32", "float16", "int8", "int8-dynamic", "int8-static")
+_CALIBRATION = 32  # examples
+# for the check of a network for any sweep
+SWEEPS = (
+    Waveform(5e6, 0.3e-3, 7.5e6),
+    Waveform(),
+    Waveform(15e6, 1e-3, 15e6, centered=False),
+    Waveform(1e6, 10e-3, 2e6),
+)
 _SMALL = 1024  # tensors below this many elements stay float32
 
 
@@ -50,6 +66,11 @@ def git_revision() -> str:
         return revision + ("-dirty" if git("status", "--porcelain", "--", *sources) else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
+
+
+def exported_metadata(model: Path) -> dict[str, str]:
+    """What an exported model says of itself."""
+    return {entry.key: entry.value for entry in onnx.load(str(model)).metadata_props}
 
 
 def data_hash(name: str) -> str:
@@ -85,19 +106,47 @@ def metadata(recipe_name: str, state: dict | None, network: torch.nn.Module) -> 
 
 def export(network: torch.nn.Module, entries: dict[str, str], path: Path) -> None:
     """Write the float32 graph with its metadata."""
-    network.eval()
     example = torch.zeros(1, 2, Waveform().samples_per_frame)
+    _write(network, (example,), {"iq": {0: "batch"}, "clean": {0: "batch"}}, entries, path)
+
+
+def export_any_sweep(network: torch.nn.Module, entries: dict[str, str], path: Path) -> None:
+    """Write the float32 graph that takes the tables of a sweep as inputs."""
+    waveform = SWEEPS[0]  # all its sizes differ from those of the training sweep
+    layout = layout_of(waveform)
+    tables = Tables(waveform, layout).state()
+    frames = {0: "batch", 2: "samples"}
+    # a convolution has to know all but the first size of its weights
+    fixed = {"ramp": (1, 2), "local": (1, 2), "halves": (0,), "stretch": (0,), "place": (0,)}
+    axes = {"iq": frames, "clean": frames} | {
+        name: {k: f"{name}_{k}" for k in range(t.ndim) if k not in fixed.get(name, ())}
+        for name, t in tables.items()
+    }
+    contract = dict.fromkeys(("radalt_frame_samples", "radalt_rate_hz", "radalt_centered"), ANY)
+    weights = ",".join(f"network.{name}" for name in entries["radalt_weights"].split(","))
+    inputs = (torch.zeros(2, 2, layout.samples), *tables.values())
+    _write(AnySweep(network), inputs, axes, entries | contract | {"radalt_weights": weights}, path)
+
+
+def _write(
+    network: torch.nn.Module,
+    inputs: tuple[torch.Tensor, ...],
+    axes: dict[str, dict[int, str]],
+    entries: dict[str, str],
+    path: Path,
+) -> None:
+    network.eval()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network,
-            (example,),
+            inputs,
             str(path),
             dynamo=False,
             opset_version=17,
-            input_names=["iq"],
+            input_names=[name for name in axes if name != "clean"],
             output_names=["clean"],
-            dynamic_axes={"iq": {0: "batch"}, "clean": {0: "batch"}},
+            dynamic_axes=axes,
         )
     model = onnx.load(str(path))
     helper.set_model_props(model, entries)
@@ -111,7 +160,21 @@ def narrow(source: Path, target: Path, precision: str) -> None:
         from onnxruntime.quantization import QuantType, quantize_dynamic
 
         quantize_dynamic(source, target, per_channel=True, weight_type=QuantType.QInt8)
-        entries = {p.key: p.value for p in onnx.load(str(source)).metadata_props}
+        entries = exported_metadata(source)
+        model = onnx.load(str(target))
+    elif precision == "int8-static":
+        from onnxruntime.quantization import QuantType, quantize_static
+
+        entries = exported_metadata(source)
+        quantize_static(
+            source,
+            target,
+            _Calibration(entries),
+            op_types_to_quantize=["Conv"],
+            per_channel=True,
+            activation_type=QuantType.QUInt8,
+            weight_type=QuantType.QInt8,
+        )
         model = onnx.load(str(target))
     else:
         model = onnx.load(str(source))
@@ -119,6 +182,22 @@ def narrow(source: Path, target: Path, precision: str) -> None:
         _store(model, precision)
     helper.set_model_props(model, entries | {"radalt_precision": precision})
     onnx.save(model, str(target))
+
+
+class _Calibration:
+    """Examples of the training data, four at a time, as `quantize_static` asks for them."""
+
+    def __init__(self, entries: dict[str, str]) -> None:
+        received, _, _ = make_batch(
+            CONFIGS[RECIPES[entries["radalt_recipe"]].data], Waveform(), 55, 0, _CALIBRATION
+        )
+        planes = normalise(torch.from_numpy(received), entries["radalt_normalisation"]).numpy()
+        self._batches = iter(np.split(planes, _CALIBRATION // 4))
+
+    def get_next(self) -> dict[str, np.ndarray] | None:
+        """The next batch, None after the last."""
+        batch = next(self._batches, None)
+        return None if batch is None else {"iq": batch}
 
 
 def _store(model: onnx.ModelProto, precision: str) -> None:
@@ -169,6 +248,21 @@ def relative_error(path: Path, network: torch.nn.Module, recipe_name: str) -> fl
     return float(np.max(np.linalg.norm(have - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2))))
 
 
+def sweep_error(path: Path, network: torch.nn.Module) -> float:
+    """`relative_error` of a network for any sweep, the largest over `SWEEPS`, on noise with a return."""
+    run, largest = session(path), 0.0
+    for waveform in SWEEPS:
+        layout = layout_of(waveform)
+        clean = resampled(waveform.beat_shifted(300.0), layout.samples)
+        noise = np.random.default_rng(0).standard_normal((2, layout.samples))
+        x = (np.stack([clean.real, clean.imag]) + noise)[None].astype(np.float32)
+        with torch.no_grad():
+            wanted = network(torch.from_numpy(x), Tables(waveform, layout)).numpy()
+        have = run.run(None, {"iq": x} | tables_of(waveform, layout))[0]
+        largest = max(largest, float(np.linalg.norm(have - wanted) / np.linalg.norm(wanted)))
+    return largest
+
+
 def milliseconds(path: Path, repeats: int = 200) -> float:
     """Median time of one frame on one thread."""
     run = session(path)
@@ -190,6 +284,8 @@ def main() -> int:
     parser.add_argument("--name", help="run below training/runs (default: the recipe's name)")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--precision", choices=PRECISIONS, default="float32")
+    parser.add_argument("--weights", type=Path, help="exported float32 model to take the weights from")
+    parser.add_argument("--any-sweep", action="store_true", help="compact for every sweep, tables as inputs")
     parser.add_argument("--untrained", action="store_true", help="placeholder that starts as built")
     parser.add_argument(
         "--variants", action="store_true", help="also measure every precision, in a scratch folder"
@@ -198,17 +294,27 @@ def main() -> int:
     torch.manual_seed(0)
     network = build(RECIPES[args.recipe].network, Waveform()).eval()
     state = None
-    if not args.untrained:
+    if args.weights:
+        network.load_state_dict(exported_weights(args.weights))
+    elif not args.untrained:
         state = torch.load(RUNS / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
         network.load_state_dict(state["network"])
+    entries = exported_metadata(args.weights) if args.weights else metadata(args.recipe, state, network)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
         plain = Path(scratch) / "float32.onnx"
-        export(network, metadata(args.recipe, state, network), plain)
-        error = relative_error(plain, network, args.recipe)
+        if args.any_sweep:
+            export_any_sweep(network, entries, plain)
+            error = sweep_error(plain, network)
+        else:
+            export(network, entries, plain)
+            error = relative_error(plain, network, args.recipe)
         print(f"float32 against PyTorch: relative error {error:.2e} (limit {TOLERANCE:g})")
         if not error < TOLERANCE:
             return 1
+        if args.any_sweep:
+            args.out.write_bytes(plain.read_bytes())
+            return 0
         if args.precision == "float32":
             args.out.write_bytes(plain.read_bytes())
         else:

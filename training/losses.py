@@ -23,16 +23,21 @@ class BeatLoss(nn.Module):
     ----------
     waveform : Waveform
     max_altitude_m : float
+    margin : int
+        Where frames without a return are in the data it has to hold what the altimeter takes for noise, or the network
+        cuts that off.
     floor : float
         Error share below which nothing more is asked for.
     """
 
-    def __init__(self, waveform: Waveform, *, max_altitude_m: float = 1500.0, floor: float = 1e-3) -> None:
+    def __init__(
+        self, waveform: Waveform, *, max_altitude_m: float = 1500.0, margin: int = 15, floor: float = 1e-3
+    ) -> None:
         super().__init__()
         self.half, self.floor = waveform.samples_per_half, floor
         cell_hz = 1.0 / waveform.half_sweep_s
-        top = int(np.ceil(float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz)) + 15
-        beats = np.arange(-15, top + 1)
+        top = int(np.ceil(float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz)) + margin
+        beats = np.arange(-margin, top + 1)
         self.register_buffer("cells", torch.tensor(np.stack([-beats, beats]) % self.half), persistent=False)
         conjugate = torch.tensor(np.conj(waveform.reference).reshape(2, self.half))
         self.register_buffer("conjugate", conjugate, persistent=False)

@@ -28,6 +28,8 @@ class Recipe:
         Recipe whose checkpoint the network starts from; empty starts anew.
     dropped_blocks : tuple of int
         Gated blocks of that checkpoint's network which this one does without.
+    margin : int
+        Of `losses.BeatLoss`.
     stop : int
         Step after which training ends, before the schedule does; 0 runs to ``steps``.
     """
@@ -42,6 +44,7 @@ class Recipe:
     bfloat16: bool = False
     start_from: str = ""
     dropped_blocks: tuple[int, ...] = ()
+    margin: int = 15
     stop: int = 0
 
 
@@ -65,6 +68,8 @@ RECIPES: dict[str, Recipe] = {
     ),
     "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
     "compact": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
+    # the same weights for any sweep, and for frames that hold no return
+    "any_sweep": Recipe("compact", data="any_sweep", steps=1_300, rate=5e-4, start_from="compact", margin=26),
     # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks; each was
     # stopped where the machine's time or its validation loss said so
     "paper": Recipe("paper", data="paper", stop=1_800, **_PAPER),

@@ -14,19 +14,22 @@ import multiprocessing
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
-from data import CONFIGS, batches, validation_batch
+from data import CONFIGS, batches, validation_batches
 from google.protobuf.message import DecodeError
 from losses import BeatLoss, sample_loss
 from networks import build
+from networks.layers import Tables
 from onnx import numpy_helper
 from recipes import RECIPES, Recipe
 from torch import Tensor, nn
 
+from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.waveform import Waveform
 
 RUNS = Path(__file__).resolve().parent / "runs"
@@ -45,8 +48,8 @@ def normalise(planes: Tensor, kind: str) -> Tensor:
 def _produce(queue: multiprocessing.Queue, recipe: Recipe, first: int) -> None:
     """Worker: fills the queue with batches for ever."""
     torch.set_num_threads(1)
-    for received, clean, _ in batches(CONFIGS[recipe.data], Waveform(), recipe.batch, first):
-        queue.put((received, clean))
+    for received, clean, _, sweep in batches(CONFIGS[recipe.data], Waveform(), recipe.batch, first):
+        queue.put((received, clean, sweep))
 
 
 def exported_weights(model: Path) -> dict[str, Tensor]:
@@ -99,11 +102,10 @@ class Trainer:
         self.waveform = Waveform()
         self.network = build(recipe.network, self.waveform).to(self.device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
-        self.beat_loss = BeatLoss(self.waveform).to(self.device)
         self.step, self.seconds, self.last = 0, 0.0, recipe.stop or recipe.steps
         self._resume(start)
-        received, clean, _ = validation_batch(CONFIGS[recipe.data], self.waveform, 256)
-        self.validation = tuple(torch.from_numpy(x) for x in (received, clean))
+        sets = validation_batches(CONFIGS[recipe.data], self.waveform, 256)
+        self.validation = [(received, clean, sweep) for received, clean, _, sweep in sets]
 
     def _resume(self, start: Path | None) -> None:
         """State of the checkpoint, else the weights to start from: an exported model's, or of the recipe before."""
@@ -145,30 +147,37 @@ class Trainer:
         done = min(1.0, self.step / self.recipe.steps)
         return self.recipe.rate * warm * max(1e-3, 0.5 * (1 + float(np.cos(np.pi * done))))
 
-    def loss(self, received: Tensor, clean: Tensor) -> Tensor:
-        """Loss of a batch of raw frames."""
-        x = normalise(received.to(self.device), self.network.normalisation)
-        target = clean.to(self.device)
+    @lru_cache(maxsize=16)  # noqa: B019 - one trainer a process
+    def _of(self, sweep: Waveform) -> tuple[tuple[Tables, ...], BeatLoss]:
+        """What the network takes beside frames of a sweep other than its own, and the loss."""
+        tables = () if sweep == self.waveform else (Tables(sweep, layout_of(sweep)).to(self.device),)
+        return tables, BeatLoss(sweep, margin=self.recipe.margin).to(self.device)
+
+    def loss(self, received: np.ndarray, clean: np.ndarray, sweep: Waveform) -> Tensor:
+        """Loss of a batch of raw frames of a sweep."""
+        tables, beat_loss = self._of(sweep)
+        x = normalise(torch.from_numpy(received).to(self.device), self.network.normalisation)
+        target = torch.from_numpy(clean).to(self.device)
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.recipe.bfloat16):
-            output = self.network(x)
+            output = self.network(x, *tables)
         if self.recipe.loss == "beat":
-            return self.beat_loss(output.float(), target)
+            return beat_loss(output.float(), target)
         return sample_loss(output.float(), normalise(target, self.network.normalisation))
 
     @torch.no_grad()
     def validate(self) -> float:
         """Mean loss over the validation examples."""
         self.network.eval()
-        parts = [float(self.loss(r, c)) for r, c in zip(*(x.split(32) for x in self.validation), strict=True)]
+        parts = [float(self.loss(*batch)) for batch in self.validation]
         self.network.train()
         return float(np.mean(parts))
 
-    def train_step(self, received: np.ndarray, clean: np.ndarray) -> float:
+    def train_step(self, received: np.ndarray, clean: np.ndarray, sweep: Waveform) -> float:
         """One optimiser step; a loss that is not finite skips it."""
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate()
         self.optimiser.zero_grad(set_to_none=True)
-        loss = self.loss(torch.from_numpy(received), torch.from_numpy(clean))
+        loss = self.loss(received, clean, sweep)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         if torch.isfinite(norm):

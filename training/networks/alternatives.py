@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from radalt.core.mitigation.any_sweep import filterbank_norm
 from radalt.core.waveform import Waveform
 
 from .layers import FourierBank, GatedStack, from_blocks, log_power, to_blocks
@@ -23,10 +24,12 @@ class Mask(nn.Module):
 
     def __init__(self, waveform: Waveform, channels: int = 48) -> None:
         super().__init__()
-        self.bank = FourierBank(waveform.samples_per_frame, 75, 15, range(-37, 38))
-        b = self.bank.bins
+        self.bank = FourierBank(75, 15, range(-37, 38))
+        b, columns = self.bank.bins, waveform.samples_per_frame // 15
+        norm = torch.tensor(filterbank_norm(columns, 15, 5), dtype=torch.float32)
+        self.register_buffer("norm", norm, persistent=False)
         self.enter = nn.Conv1d(3 * b, channels, 1)
-        self.position = nn.Parameter(torch.zeros(1, channels, self.bank.steps))
+        self.position = nn.Parameter(torch.zeros(1, channels, columns))
         self.blocks = GatedStack(channels, (1, 2, 4, 8, 1, 2, 4, 8))
         self.leave = nn.Conv1d(channels, b, 1)
         with torch.no_grad():
@@ -35,13 +38,13 @@ class Mask(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        cells = self.bank(to_blocks(x, self.bank.stride))
+        cells = self.bank(to_blocks(x, self.bank.hop), self.bank.analysis)
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
         gain = torch.sigmoid(self.leave(self.blocks((self.enter(features) + self.position).unsqueeze(2))))
-        blocks = self.bank.back(cells * torch.cat([gain, gain], 1))
-        return from_blocks(blocks * self.bank.norm)
+        blocks = self.bank.back(cells * torch.cat([gain, gain], 1), self.bank.synthesis)
+        return from_blocks(blocks * self.norm)
 
 
 class Residual(nn.Module):

@@ -24,17 +24,21 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
+from radalt.core.mitigation.any_sweep import COLUMNS, FILTER_HOPS, HOP, Layout, factors_of
 from radalt.core.waveform import Waveform
 
 from .layers import (
     BandGain,
-    Dechirp,
     FourierBank,
     GatedStack,
+    Given,
     RowConv,
     Same,
+    Tables,
+    dechirped,
     from_blocks,
     log_power,
+    rechirped,
     to_blocks,
 )
 
@@ -48,13 +52,10 @@ _WIDE_CELLS = 75  # of the DFT: the surroundings that a gain's power is compared
 class CompactSettings:
     """Sizes and which stages exist.
 
-    ``hop`` has to divide the frame, ``kernel`` is three hops, ``reach`` bins on each side of zero beat are
-    kept. ``spectrum_step`` cells of the frame's DFT share a gain, whose input is the mean over ``spectrum_smooth``
-    such groups (odd).
+    ``reach`` bins on each side of zero beat are kept. ``spectrum_step`` cells of the frame's DFT share a gain, whose
+    input is the mean over ``spectrum_smooth`` such groups (odd).
     """
 
-    hop: int = 30
-    kernel: int = 90
     reach: int = 3
     channels: int = 32
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16, 32, 1)
@@ -62,26 +63,6 @@ class CompactSettings:
     spectrum: bool = True
     spectrum_step: int = 5
     spectrum_smooth: int = 5
-
-
-def _local_mean(hop: int) -> Tensor:
-    """(hop, 2, 3) weights that turn means over half blocks (of this and its neighbours) into the running mean
-    over three of them, interpolated linearly to the samples of a block."""
-    half = hop // 2
-    ramp = _ramp(half)[:, 0]  # (half, 3): from half block j - 1, j, j + 1
-    weights = torch.zeros(hop, 6)  # half blocks 2t - 2 ... 2t + 3
-    for which in (0, 1):
-        for tap in range(3):
-            for neighbour in (-1, 0, 1):
-                weights[which * half : (which + 1) * half, 1 + which + tap + neighbour] += ramp[:, tap] / 3
-    return weights.reshape(hop, 3, 2).transpose(1, 2).contiguous()
-
-
-def _ramp(hop: int) -> Tensor:
-    """(hop, 1, 3) weights of linear interpolation from block values to samples, as a convolution."""
-    position = (torch.arange(hop) + 0.5) / hop - 0.5
-    before, after = (-position).clamp(min=0), position.clamp(min=0)
-    return torch.stack([before, 1 - before - after, after], 1)[:, None]
 
 
 def _spread(blocks: Tensor, weights: Tensor) -> Tensor:
@@ -92,10 +73,9 @@ def _spread(blocks: Tensor, weights: Tensor) -> Tensor:
 class _Modulus(nn.Module):
     """Stage 1 on blocks: (B, 2, hop, L) -> (B, 2, hop, L)."""
 
-    def __init__(self, settings: CompactSettings, bins: int) -> None:
+    def __init__(self, bins: int) -> None:
         super().__init__()
-        hop, width = settings.hop, 16
-        self.hop = hop
+        width = 16
         self.enter = RowConv(bins + 5, width, 4, stride=2, padding=1)
         self.blocks = GatedStack(width, (1, 4))
         self.leave = nn.ConvTranspose1d(width, 3, 4, stride=2, padding=1)
@@ -103,20 +83,15 @@ class _Modulus(nn.Module):
             self.leave.weight.mul_(0.1)
             # subtract little, level nothing, hardly prefer samples near the mean modulus
             self.leave.bias.copy_(torch.tensor([-2.0, 3.0, -4.0]))
-        self.register_buffer("ramp", _ramp(hop), persistent=False)
-        self.register_buffer("local", _local_mean(hop), persistent=False)
-        halves = torch.zeros(2, hop)
-        halves[0, : hop // 2] = halves[1, hop // 2 :] = 2.0 / hop
-        self.register_buffer("halves", halves, persistent=False)
 
-    def forward(self, x: Tensor, beat_power: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, x: Tensor, beat_power: Tensor, tables: Tables) -> tuple[Tensor, Tensor, Tensor]:
         """Cleaned blocks, (B, 5, L) envelope features and log powers of the beat band's cells, from the frame and the
         powers of those cells."""
         squares = x * x
         power = squares[:, 0] + squares[:, 1]
         modulus = torch.sqrt(power + 1e-12)
-        halves = torch.matmul(self.halves, modulus)  # mean modulus of half blocks, (B, 2, L)
-        short = torch.matmul(self.halves, power).mean(1, keepdim=True)
+        halves = torch.matmul(tables.halves, modulus)  # mean modulus of half blocks, (B, 2, L)
+        short = torch.matmul(tables.halves, power).mean(1, keepdim=True)
         means = torch.cat([halves.mean(1, keepdim=True), short], 1)
         means = nnf.avg_pool1d(means, 3, 1, padding=1, count_include_pad=False)
         mean, mean_power = means[:, :1], means[:, 1:]
@@ -129,9 +104,9 @@ class _Modulus(nn.Module):
         envelope = torch.cat([over[:, :1], logs[:, :1], over[:, 1:2], logs[:, 1:2], level - over[:, :1]], 1)
         h = self.enter(torch.cat([envelope, over[:, 2:]], 1) * 0.25)
         control = self.leave(self.blocks(h))
-        subtract, keep = (_spread(torch.sigmoid(control[:, i : i + 1]), self.ramp) for i in (0, 1))
-        prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), self.ramp)
-        ratio = _spread(halves, self.local) / modulus[:, None]
+        subtract, keep = (_spread(torch.sigmoid(control[:, i : i + 1]), tables.ramp) for i in (0, 1))
+        prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), tables.ramp)
+        ratio = _spread(halves, tables.local) / modulus[:, None]
         off = 1 - ratio
         # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
         return (
@@ -144,11 +119,9 @@ class _Modulus(nn.Module):
 class _Spectrum(nn.Module):
     """Stage 2: soft limit on the smoothed spectrum, (B, 2, N) -> (B, 2, N)."""
 
-    def __init__(self, samples: int, settings: CompactSettings) -> None:
+    def __init__(self, settings: CompactSettings) -> None:
         super().__init__()
-        step = settings.spectrum_step
-        self.smooth, self.wide = settings.spectrum_smooth, _WIDE_CELLS // step | 1
-        self.dft = BandGain(_factors(samples, step), step)
+        self.smooth, self.wide = settings.spectrum_smooth, _WIDE_CELLS // settings.spectrum_step | 1
         self.hidden = nn.Conv1d(4, 8, 3, padding=1)
         self.out = nn.Conv1d(8, 2, 3, padding=1)
         # gain = (1 + S/(c H))^-a: c starts at 4, a at 1
@@ -158,9 +131,10 @@ class _Spectrum(nn.Module):
             self.out.weight.mul_(0.05)
             self.out.bias.zero_()
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, tables: Tables) -> Tensor:
         """See the class."""
-        spectrum, power = self.dft.analyse(x)
+        dft = BandGain(tables)
+        spectrum, power = dft.analyse(x)
         side = self.smooth // 2
         wrapped = torch.cat([power[..., -side:], power, power[..., :side]], 2)  # the band is a circle
         smooth = nnf.avg_pool1d(wrapped, self.smooth, 1) + 1e-6
@@ -174,18 +148,14 @@ class _Spectrum(nn.Module):
         exponent = self.depth * torch.exp(change[:, 1:])
         excess = torch.exp((over - self.offset + change[:, :1]).clamp(max=60.0))
         gain = torch.exp(-exponent * torch.log(1 + excess))
-        return self.dft.synthesise(spectrum, gain)
-
-
-def _factors(samples: int, step: int) -> tuple[int, int, int]:
-    """Three whole factors with the smallest sum, the first a multiple of ``step``: (15, 20, 25) for 7500 and 5."""
-    divisors = [d for d in range(1, samples + 1) if samples % d == 0]
-    triples = [(a, b, samples // (a * b)) for a in divisors for b in divisors if samples % (a * b) == 0]
-    return min((t for t in triples if t[0] % step == 0 and t[1] <= t[2]), key=sum)
+        return dft.synthesise(spectrum, gain)
 
 
 class Compact(nn.Module):
-    """The whole: (B, 2, N) float32 of joint unit RMS in, the same out."""
+    """The whole: (B, 2, N) float32 of joint unit RMS in, the same out.
+
+    Its weights belong to no sweep; `forward` takes those of the waveform, or the tables of another sweep.
+    """
 
     normalisation = "joint_rms"
 
@@ -193,19 +163,20 @@ class Compact(nn.Module):
         super().__init__()
         settings = settings or CompactSettings()
         self.settings = settings
-        samples = waveform.samples_per_frame
         bins = range(-settings.reach, settings.reach + 1)
-        self.dechirp = Dechirp(waveform, settings.hop)
-        self.bank = FourierBank(samples, settings.kernel, settings.hop, bins)
-        self.modulus = _Modulus(settings, len(bins)) if settings.modulus else None
-        self.spectrum = _Spectrum(samples, settings) if settings.spectrum else None
+        samples, group = waveform.samples_per_frame, settings.spectrum_step
+        layout = Layout(HOP, samples // HOP, group, factors_of(samples, group))
+        self.tables = Tables(waveform, layout)
+        self.bank = FourierBank(FILTER_HOPS * HOP, HOP, bins)
+        self.modulus = _Modulus(len(bins)) if settings.modulus else None
+        self.spectrum = _Spectrum(settings) if settings.spectrum else None
         c, b = settings.channels, len(bins)
         # what belongs to cells and what to whole columns apart: ONNX Runtime is fast with multiples of four channels,
         # 28 here, and with few
         cells, columns = (4 * b, 6) if settings.modulus else (3 * b, 1)
         self.enter = RowConv(cells, c, 4, stride=2, padding=1)
         self.enter_columns = RowConv(columns, c, 4, bias=False, stride=2, padding=1)
-        self.position = nn.Parameter(torch.zeros(1, c, self.bank.steps // 2))
+        self.position = nn.Parameter(torch.zeros(1, c, COLUMNS // 2))
         self.same = Same(c)
         self.blocks = GatedStack(c, settings.dilations)
         self.leave = nn.ConvTranspose1d(c, b, 4, stride=2, padding=1)
@@ -213,19 +184,27 @@ class Compact(nn.Module):
             self.leave.weight.mul_(0.1)
             self.leave.bias.fill_(2.0)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Clean frames."""
+    def forward(self, x: Tensor, tables: Tables | Given | None = None) -> Tensor:
+        """Clean frames of the own sweep, or of the one that ``tables`` are of."""
+        if tables is None:
+            tables, position = self.tables, self.position
+            analysis, synthesis = self.bank.analysis, self.bank.synthesis
+        else:
+            position = torch.matmul(self.position, tables.place)
+            analysis, synthesis = self.bank.filters(tables.stretch)
         envelope = raw = None
-        z = to_blocks(x, self.settings.hop)
+        hop = tables.cosine.shape[0]
+        z = to_blocks(x, hop)
         if self.modulus is not None:
-            z, envelope, raw = self.modulus(z, self.bank.power(self.bank(self.dechirp(z))))
+            power = self.bank.power(self.bank(dechirped(z, tables), analysis))
+            z, envelope, raw = self.modulus(z, power, tables)
         if self.spectrum is not None:
-            z = to_blocks(self.spectrum(from_blocks(z)), self.settings.hop)
-        cells = self.bank(self.dechirp(z))
-        blocks = self.bank.back(cells * self._gain(cells, envelope, raw))
-        return from_blocks(self.dechirp.back(blocks, self.bank.norm))
+            z = to_blocks(self.spectrum(from_blocks(z), tables), hop)
+        cells = self.bank(dechirped(z, tables), analysis)
+        gain = self._gain(cells, envelope, raw, position)
+        return from_blocks(rechirped(self.bank.back(cells * gain, synthesis), tables))
 
-    def _gain(self, cells: Tensor, envelope: Tensor | None, raw: Tensor | None) -> Tensor:
+    def _gain(self, cells: Tensor, envelope: Tensor | None, raw: Tensor | None, position: Tensor) -> Tensor:
         """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the envelope."""
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
@@ -237,6 +216,6 @@ class Compact(nn.Module):
             of_cells.append(0.25 * raw)
             of_columns.append(0.25 * envelope)
         entered = self.enter(torch.cat(of_cells, 1)) + self.enter_columns(torch.cat(of_columns, 1))
-        placed = entered.squeeze(2) + self.position
+        placed = entered.squeeze(2) + position
         gain = torch.sigmoid(self.leave(self.blocks(self.same(placed.unsqueeze(2)))))
         return torch.cat([gain, gain], 1)

@@ -3,24 +3,28 @@ blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
+from radalt.core.mitigation.any_sweep import Layout, tables_of
 from radalt.core.waveform import Waveform
 
 __all__ = [
     "BandGain",
-    "Dechirp",
     "FourierBank",
     "GatedStack",
+    "Given",
     "RowConv",
     "Same",
+    "Tables",
+    "dechirped",
     "from_blocks",
     "log_power",
+    "rechirped",
     "shifted",
     "to_blocks",
 ]
@@ -54,27 +58,39 @@ def shifted(x: Tensor, columns: int) -> Tensor:
     return nnf.pad(x, (columns, -columns)) if columns else x
 
 
-class Dechirp(nn.Module):
-    """``x conj(reference)`` and back on blocks, with the sweep as a constant of the graph.
+class Tables(nn.Module):
+    """The constants of a sweep (`radalt.core.mitigation.any_sweep.tables_of`) as buffers of a network."""
+
+    def __init__(self, waveform: Waveform, layout: Layout) -> None:
+        super().__init__()
+        for name, values in tables_of(waveform, layout).items():
+            self.register_buffer(name, _constant(values), persistent=False)
+
+    def state(self) -> dict[str, Tensor]:
+        """All by name."""
+        return dict(self.named_buffers())
+
+
+class Given:
+    """The same as inputs of a graph: attributes by name."""
+
+    def __init__(self, tables: Mapping[str, Tensor]) -> None:
+        vars(self).update(tables)
+
+
+def dechirped(x: Tensor, tables: Tables) -> Tensor:
+    """Blocks times the conjugate sweep: (i + jq)(c - js) = (ic + qs) + j (qc - is).
 
     Both halves keep their sign, so a return has beats of ``-k tau`` on the way up and ``+k tau`` on the way
     down and the product is continuous over the apex.
     """
+    return x * tables.cosine + x[:, [1, 0]] * torch.stack([tables.sine, -tables.sine])
 
-    def __init__(self, waveform: Waveform, hop: int) -> None:
-        super().__init__()
-        reference = waveform.reference.astype(np.complex128)
-        cosine, sine = to_blocks(torch.tensor(np.stack([reference.real, reference.imag]))[None], hop)[0]
-        self.register_buffer("cosine", cosine.float().contiguous(), persistent=False)
-        self.register_buffer("sine", torch.stack([sine, -sine]).float().contiguous(), persistent=False)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Towards the beat domain: (i + jq)(c - js) = (ic + qs) + j (qc - is)."""
-        return x * self.cosine + x[:, [1, 0]] * self.sine
-
-    def back(self, z: Tensor, norm: Tensor) -> Tensor:
-        """Back to the received band: (re + j im)(c + js) norm, constants that are multiplied when a model is loaded."""
-        return z * (self.cosine * norm) - z[:, [1, 0]] * (self.sine * norm)
+def rechirped(z: Tensor, tables: Tables) -> Tensor:
+    """Back to the received band, (re + j im)(c + js), with the filterbank's norm."""
+    sine = tables.sine * tables.norm
+    return z * (tables.cosine * tables.norm) - z[:, [1, 0]] * torch.stack([sine, -sine])
 
 
 class FourierBank(nn.Module):
@@ -83,17 +99,19 @@ class FourierBank(nn.Module):
 
     Parameters
     ----------
-    samples, kernel, stride : int
-        Length of the signal, of a filter, and hop: ``samples`` is a multiple of ``stride``, ``kernel`` an odd
-        one; ``kernel - stride`` is padded, half on each side.
+    kernel, hop : int
+        Samples of a filter, and of a block: ``kernel`` is an odd multiple of ``hop``.
     bins : sequence of int
         Which DFT bins of ``kernel`` points are kept.
+
+    Notes
+    -----
+    Both calls take matrices: the parameters ``analysis`` and ``synthesis``, or `filters` for blocks of another length.
     """
 
-    def __init__(self, samples: int, kernel: int, stride: int, bins: range) -> None:
+    def __init__(self, kernel: int, hop: int, bins: range) -> None:
         super().__init__()
-        self.stride, self.bins, self.steps = stride, len(bins), samples // stride
-        self.spans, pad = kernel // stride, (kernel - stride) // 2
+        self.hop, self.bins, self.spans = hop, len(bins), kernel // hop
         n = np.arange(kernel)
         window = 0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / kernel)
         atoms = window * np.exp(2j * np.pi * np.outer(list(bins), n - 0.5 * (kernel - 1)) / kernel)
@@ -101,132 +119,96 @@ class FourierBank(nn.Module):
         filters = np.stack(
             [np.concatenate([atoms.real, -atoms.imag]), np.concatenate([atoms.imag, atoms.real])], 1
         )
-        total = np.zeros(samples + 2 * pad)
-        for step in range(self.steps):
-            total[step * stride : step * stride + kernel] += window**2
-        norm = 1.0 / (kernel * total[pad : pad + samples])
-        # (2 bins, I and Q, blocks a filter spans, stride)
-        parts = filters.reshape(2 * self.bins, 2, self.spans, stride)
+        # (2 bins, I and Q, blocks a filter spans, hop)
+        parts = filters.reshape(2 * self.bins, 2, self.spans, hop)
         self.analysis = nn.Parameter(
-            _constant(parts.transpose(2, 0, 1, 3).reshape(-1, 2 * stride) / np.sqrt(kernel))
+            _constant(parts.transpose(2, 0, 1, 3).reshape(-1, 2 * hop) / np.sqrt(kernel))
         )
-        self.synthesis = nn.Parameter(_constant(parts.transpose(1, 3, 2, 0).reshape(2 * stride, -1)))
-        self.register_buffer(
-            "norm", _constant(norm.reshape(-1, stride).T * np.sqrt(kernel)), persistent=False
-        )
+        self.synthesis = nn.Parameter(_constant(parts.transpose(1, 3, 2, 0).reshape(2 * hop, -1)))
 
-    def forward(self, z: Tensor) -> Tensor:
-        """(B, 2, stride, steps) blocks -> (B, 2 bins, steps)."""
-        products = torch.matmul(self.analysis, z.reshape(-1, 2 * self.stride, self.steps))
-        parts = products.split(2 * self.bins, 1)
+    def filters(self, stretch: Tensor) -> tuple[Tensor, Tensor]:
+        """Matrices of both directions for blocks of another length: (spans 2 bins, 2 h) and (2 h, spans 2 bins)."""
+        spans, channels, hop = self.spans, 2 * self.bins, self.hop
+        there = self.analysis.reshape(spans, channels, 2, hop).permute(1, 2, 0, 3)
+        back = self.synthesis.reshape(2, hop, spans, channels).permute(3, 0, 2, 1)
+        there, back = (torch.matmul(w.reshape(-1, spans * hop), stretch) for w in (there, back))
+        there, back = (w.reshape(channels, 2, spans, -1) for w in (there, back))
+        return there.permute(2, 0, 1, 3).flatten(2).flatten(0, 1), back.permute(1, 3, 2, 0).flatten(
+            2
+        ).flatten(0, 1)
+
+    def forward(self, z: Tensor, analysis: Tensor) -> Tensor:
+        """(B, 2, h, L) blocks -> (B, 2 bins, L)."""
+        parts = torch.matmul(analysis, z.flatten(1, 2)).split(2 * self.bins, 1)
         return sum(shifted(part, self.spans // 2 - k) for k, part in enumerate(parts))
 
-    def back(self, cells: Tensor) -> Tensor:
-        """(B, 2 bins, steps) -> (B, 2, stride, steps), times ``norm`` the inverse over the band of the kept bins."""
+    def back(self, cells: Tensor, synthesis: Tensor) -> Tensor:
+        """(B, 2 bins, L) -> (B, 2, h, L), times ``norm`` the inverse over the band of the kept bins."""
         around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
-        return torch.matmul(self.synthesis, around).reshape(-1, 2, self.stride, self.steps)
+        blocks = torch.matmul(synthesis, around)
+        return blocks.reshape(blocks.shape[0], 2, -1, blocks.shape[2])
 
     def power(self, cells: Tensor) -> Tensor:
-        """(B, bins, steps) power of each cell."""
+        """(B, bins, L) power of each cell."""
         squares = cells * cells
         return squares[:, : self.bins] + squares[:, self.bins :]
 
 
-class BandGain(nn.Module):
-    """Gain over frequency: DFT of ``a b c`` points, power of ``step`` cells at a time, a gain for each, inverse DFT.
+class BandGain:
+    """Gain over frequency: DFT of ``a b c`` points, power of ``group`` cells at a time, a gain for each, inverse DFT.
 
     ONNX Runtime's own DFT takes 2.2 ms for 7500 points. What is exported is three matrix products and one twiddle
-    each way (J. W. Cooley and J. W. Tukey, 1965): with ``n = b c n1 + c n2 + n3`` and ``k = k1 + a k2 + a b k3`` the
-    first twiddle depends on ``k1`` and ``n2`` alone and lies in the second product's matrices, one for each ``k1``.
-    Cells stay in the order (k1, k2, k3) that the products leave them in; powers and gains, fewer by ``step``, are
-    brought into the order of frequency and back instead. Training uses `torch.fft`, which the check of the exported
-    model against PyTorch holds to the same result.
+    each way (`radalt.core.mitigation.any_sweep.dft_tables`). Cells stay in the order (k1, k2, k3) that the products
+    leave them in; powers and gains, fewer by ``group``, are brought into the order of frequency and back instead.
+    Training uses `torch.fft`, which the check of the exported model against PyTorch holds to the same result.
     """
 
-    def __init__(self, factors: tuple[int, int, int], step: int) -> None:
-        super().__init__()
-        a, b, c = self.factors = factors
-        if a % step:
-            raise ValueError(
-                f"the first factor, {a}, has to be a multiple of the {step} cells that share a gain"
-            )
-        self.step, self.samples = step, a * b * c
-        roots = [np.exp(-2j * np.pi * np.outer(np.arange(m), np.arange(m)) / m) for m in factors]
-        k1, n2 = np.arange(a)[:, None, None], np.arange(b)
-        second = roots[1] * np.exp(-2j * np.pi * k1 * n2 / (a * b))  # (k1, k2, n2)
-        place = np.arange(a)[:, None, None] + a * np.arange(b)[:, None]  # k1 + a k2
-        twiddle = np.exp(-2j * np.pi * place * np.arange(c) / self.samples)  # (k1, k2, n3)
-        third = _real_coded(roots[2])  # symmetric but for signs: rows times its transpose
-        paired = np.stack([_paired(_real_coded(m)) for m in second])
-        tables = {
-            # rows in pairs (real, imaginary) where the next step reads pairs
-            "first": _paired(_real_coded(roots[0])),
-            "second": paired,
-            "third": third.T,
-            "turn_re": np.repeat(twiddle.real[:, :, None], 2, 2),
-            "turn_im": np.stack([-twiddle.imag, twiddle.imag], 2),
-            # the inverse: each step's conjugate transpose, in the opposite order
-            "back_first": _paired(_real_coded(roots[0])).T / self.samples,
-            "back_second": paired.transpose(0, 2, 1),
-            "back_third": third,
-        }
-        for name, values in tables.items():
-            self.register_buffer(name, _constant(values), persistent=False)
+    def __init__(self, tables: Tables) -> None:
+        self.tables = tables
+        self.group = tables.group.shape[0]
+        self.factors = tuple(tables.turn_re.shape[k] for k in (0, 1, 3))
 
     def analyse(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """(B, 2, N) -> spectrum, to be handed to `synthesise`, and mean powers (B, 1, N / step) by frequency."""
+        """(B, 2, N) -> spectrum, to be handed to `synthesise`, and mean powers (B, 1, N / group) by frequency."""
         if torch.onnx.is_in_onnx_export():
             return self.analyse_matrices(x)
         spectrum = torch.fft.fft(torch.complex(x[:, 0], x[:, 1]))
         planes = torch.view_as_real(spectrum)
         power = (planes * planes).sum(2)
-        return spectrum, power.reshape(-1, 1, self.samples // self.step, self.step).mean(3)
+        return spectrum, power.reshape(x.shape[0], 1, -1, self.group).mean(3)
 
     def synthesise(self, spectrum: Tensor, gain: Tensor) -> Tensor:
-        """Spectrum of `analyse` times gains (B, 1, N / step) -> (B, 2, N)."""
+        """Spectrum of `analyse` times gains (B, 1, N / group) -> (B, 2, N)."""
         if torch.onnx.is_in_onnx_export():
             return self.synthesise_matrices(spectrum, gain)
-        wide = gain[:, 0].repeat_interleave(self.step, 1)
+        wide = gain[:, 0].repeat_interleave(self.group, 1)
         return torch.view_as_real(torch.fft.ifft(spectrum * wide)).transpose(1, 2)
 
     def analyse_matrices(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """`analyse` as exported; the spectrum is (B, a b, 2 c) in the order (k1, k2, real or imaginary, k3)."""
-        a, b, c = self.factors
-        y = torch.matmul(self.first, x.reshape(-1, 2 * a, b * c)).reshape(-1, a, 2 * b, c)
-        y = torch.matmul(self.second, y).reshape(-1, a, b, 2, c)
-        y = y * self.turn_re + y[:, :, :, [1, 0]] * self.turn_im
-        spectrum = torch.matmul(y.reshape(-1, a * b, 2 * c), self.third)
-        squares = (spectrum * spectrum).reshape(-1, a // self.step, self.step, 2 * b * c)
-        power = (
-            squares.sum(2).reshape(-1, a // self.step, b, 2, c).sum(3) / self.step
-        )  # (B, k1 // step, k2, k3)
+        t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
+        y = torch.matmul(t.first, x.reshape(-1, 2 * a, b * c)).reshape(-1, a, 2 * b, c)
+        y = torch.matmul(t.second, y).reshape(-1, a, b, 2, c)
+        y = y * t.turn_re + y[:, :, :, [1, 0]] * t.turn_im
+        spectrum = torch.matmul(y.reshape(-1, a * b, 2 * c), t.third)
+        squares = (spectrum * spectrum).reshape(-1, groups, self.group, 2 * b * c)
+        power = squares.sum(2).reshape(-1, groups, b, 2, c).sum(3) / self.group  # (B, k1 // group, k2, k3)
         # two plain transposes, of long runs and of a matrix: one that moves three axes takes three times as long
-        power = power.transpose(1, 2).reshape(-1, a * b // self.step, c).transpose(1, 2)
-        return spectrum, power.reshape(-1, 1, self.samples // self.step)
+        power = power.transpose(1, 2).reshape(-1, groups * b, c).transpose(1, 2)
+        return spectrum, power.reshape(-1, 1, groups * b * c)
 
     def synthesise_matrices(self, spectrum: Tensor, gain: Tensor) -> Tensor:
         """`synthesise` as exported."""
-        a, b, c = self.factors
-        groups = a // self.step
-        gain = gain.reshape(-1, c, b, groups).permute(0, 3, 2, 1)  # (B, k1 // step, k2, k3)
+        t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
+        gain = gain.reshape(-1, c, b, groups).permute(0, 3, 2, 1)  # (B, k1 // group, k2, k3)
         gain = torch.cat([gain, gain], 3).reshape(
             -1, groups, 1, 2 * b * c
         )  # long runs: short broadcasts are slow
-        y = (spectrum.reshape(-1, groups, self.step, 2 * b * c) * gain).reshape(-1, a * b, 2 * c)
-        y = torch.matmul(y, self.back_third).reshape(-1, a, b, 2, c)
-        y = y * self.turn_re - y[:, :, :, [1, 0]] * self.turn_im
-        y = torch.matmul(self.back_second, y.reshape(-1, a, 2 * b, c))
-        return torch.matmul(self.back_first, y.reshape(-1, 2 * a, b * c)).reshape(-1, 2, self.samples)
-
-
-def _paired(matrix: np.ndarray) -> np.ndarray:
-    """Rows (all real parts, all imaginary parts) as (real, imaginary) of the first, of the second ..."""
-    return matrix.reshape(2, -1, matrix.shape[1]).transpose(1, 0, 2).reshape(matrix.shape)
-
-
-def _real_coded(matrix: np.ndarray) -> np.ndarray:
-    """Complex (m, m) as real (2m, 2m) acting on stacked real and imaginary parts."""
-    return np.block([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]])
+        y = (spectrum.reshape(-1, groups, self.group, 2 * b * c) * gain).reshape(-1, a * b, 2 * c)
+        y = torch.matmul(y, t.back_third).reshape(-1, a, b, 2, c)
+        y = y * t.turn_re - y[:, :, :, [1, 0]] * t.turn_im
+        y = torch.matmul(t.back_second, y.reshape(-1, a, 2 * b, c))
+        return torch.matmul(t.back_first, y.reshape(-1, 2 * a, b * c)).reshape(-1, 2, a * b * c)
 
 
 class GatedBlock(nn.Module):

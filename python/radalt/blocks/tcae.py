@@ -53,4 +53,6 @@ class tcae(MitigationBlock):
             options["skip_clean"] = True
         if own_process:
             options["own_process"] = True
-        super().__init__("radalt_tcae", create("tcae", scene.waveform, batch=batch, **options), batch)
+        span_m = scene.altimeter_settings.max_altitude_m
+        method = create("tcae", scene.waveform, batch=batch, max_altitude_m=span_m, **options)
+        super().__init__("radalt_tcae", method, batch)

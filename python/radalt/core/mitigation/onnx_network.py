@@ -5,6 +5,8 @@ onnxruntime is imported when a model is loaded, never at module level: a scene w
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,11 @@ import numpy as np
 from ..paths import remedy
 from .base import MitigationError
 
-__all__ = ["OnnxNetwork"]
+__all__ = ["PROVIDERS", "OnnxNetwork"]
+
+_CPU = "CPUExecutionProvider"
+PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}  # of ONNX Runtime, first choice first
+_LOG = logging.getLogger(__name__)
 
 
 class OnnxNetwork:
@@ -25,6 +31,9 @@ class OnnxNetwork:
         Samples ``N`` of a frame.
     threads : int
         Intra-op threads.
+    provider : str
+        ``"cpu"``, or ``"cuda"`` where the user's onnxruntime has it; elsewhere one line says so and the processor runs
+        the network.
 
     Attributes
     ----------
@@ -41,11 +50,19 @@ class OnnxNetwork:
     Fill ``planes(n)``, then `run`; the array it returns is overwritten by the next run.
     """
 
-    def __init__(self, model: Path, samples: int, threads: int) -> None:
+    def __init__(self, model: Path, samples: int, threads: int, provider: str = "cpu") -> None:
         self.model, self._samples = model, samples
-        self._ort, self._session = _load(model, threads)
+        self._ort, self._session = _load(model, threads, provider)
         self._input, self._output = self._session.get_inputs()[0].name, self._session.get_outputs()[0].name
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self._tables: dict[str, np.ndarray] = {}
+        self._allocate(1)
+
+    def serve(self, samples: int, tables: Mapping[str, np.ndarray]) -> None:
+        """Take frames of ``samples`` from now on, with the constants of their sweep for the inputs of these names."""
+        names = {entry.name for entry in self._session.get_inputs()}
+        self._tables = {name: values for name, values in tables.items() if name in names}
+        self._samples = samples
         self._allocate(1)
 
     @property
@@ -72,7 +89,8 @@ class OnnxNetwork:
     def output_shape(self) -> tuple[int, ...]:
         """Shape that one frame comes out in, by running one; bound arrays take no other than (1, 2, N)."""
         try:
-            return self._session.run(None, {self._input: np.ones((1, 2, self._samples), np.float32)})[0].shape
+            frame = np.ones((1, 2, self._samples), np.float32)
+            return self._session.run(None, {self._input: frame, **self._tables})[0].shape
         except Exception as error:  # see run
             raise MitigationError(f"tcae model {self.model} failed to run: {_first_line(error)}") from None
 
@@ -85,11 +103,13 @@ class OnnxNetwork:
         binding = self._session.io_binding()
         value = self._ort.OrtValue.ortvalue_from_numpy
         binding.bind_ortvalue_input(self._input, value(self._planes[:n]))
+        for name, values in self._tables.items():
+            binding.bind_ortvalue_input(name, value(values))
         binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
         return binding
 
 
-def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the optional package
+def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
     try:
         import onnxruntime
     except ImportError:
@@ -102,10 +122,14 @@ def _load(model: Path, threads: int):  # noqa: ANN202 - the types live in the op
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
+    wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
     try:
-        session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+        names = [name for name in wanted if name in there]
+        session = onnxruntime.InferenceSession(str(model), options, providers=names)
     except Exception as error:  # see OnnxNetwork.run
         raise MitigationError(f"tcae model {model} is no readable ONNX file: {_first_line(error)}") from None
+    if wanted[0] not in session.get_providers():
+        _LOG.warning("tcae: no %s in this onnxruntime; the network runs on the processor", wanted[0])
     return onnxruntime, session
 
 

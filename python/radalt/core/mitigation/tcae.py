@@ -5,15 +5,17 @@ from __future__ import annotations
 import hashlib
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..parsing import shown
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle
+from .any_sweep import layout_of, resampled, tables_of
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 from .interference_detector import InterferenceDetector
-from .onnx_network import OnnxNetwork
+from .onnx_network import PROVIDERS, OnnxNetwork
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
@@ -28,6 +30,7 @@ CONTRACT_KEYS = (
     "radalt_centered",
 )
 _MOST_THREADS = 64
+ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
@@ -35,11 +38,15 @@ _LOUD = 1e15  # scale from which a network's output may leave float32
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
-def default_model_path() -> Path:
-    """The model that `tcae` runs unless another is named: in-tree ``models/``, else the installed share."""
+def default_model_path(waveform: Waveform | None = None) -> Path:
+    """The model that `tcae` runs unless another is named: in-tree ``models/``, else the installed share.
+
+    ``tcae.onnx`` for the sweep that it was trained on, or None; ``any_sweep.onnx`` for any other.
+    """
     from ..paths import model_path
 
-    return model_path("tcae.onnx")
+    own = waveform is None or replace(waveform, carrier_hz=Waveform.carrier_hz) == Waveform()
+    return model_path("tcae.onnx" if own else "any_sweep.onnx")
 
 
 def _is_default(sha256: str) -> bool:
@@ -73,7 +80,8 @@ class Tcae(Mitigation):
     ----------
     model : path, optional
         ONNX file, default `default_model_path`. Its metadata states frame length, layout, normalisation, rate and
-        centering; whatever does not fit the waveform is refused on construction in one line.
+        centering; whatever does not fit the waveform is refused on construction in one line. A network for ``any``
+        sweep takes the sweep's tables as inputs (`any_sweep`); frames are resampled where their length asks for it.
     threads : int
         Intra-op threads; 1 is fastest inside a flowgraph, whose other blocks want the cores.
     skip_clean : bool
@@ -114,22 +122,31 @@ class Tcae(Mitigation):
         skip_clean: bool = False,
         dither_db: float | None = -50.0,
         shift_check: bool | None = None,
+        provider: str = "cpu",
+        span_m: float | None = None,
     ) -> None:
         if shift_check not in (True, False, None):
             raise MitigationError(f"tcae.shift_check is {shift_check!r}; it has to be true, false or none")
         if dither_db is not None and not -120 <= dither_db <= 0:
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
-        self.model = Path(model) if model else default_model_path()
+        self.model = Path(model) if model else default_model_path(waveform)
         if not 1 <= threads <= _MOST_THREADS:
             raise MitigationError(f"tcae.threads is {threads!r}; it has to be within 1..{_MOST_THREADS}")
+        if provider not in PROVIDERS:
+            raise MitigationError(f"tcae.provider is {provider!r}; one of {', '.join(PROVIDERS)}")
         self.threads = threads
         if self.model.is_file() and not _is_shipped(self.model):
             rehearse("tcae model", self.name, self.model, waveform)
-        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads)
-        self._dither = None if dither_db is None else _dither(waveform.samples_per_frame, dither_db)
+        self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)
+        self._samples = waveform.samples_per_frame  # inside the network
+        if self.metadata["radalt_frame_samples"] == ANY:
+            layout = layout_of(waveform, span_m)
+            self._samples = layout.samples
+            self._network.serve(layout.samples, tables_of(waveform, layout))
+        self._dither = None if dither_db is None else _dither(self._samples, dither_db)
         self.normalisation = self.metadata["radalt_normalisation"]
         self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
         super().__init__(waveform)
@@ -156,11 +173,13 @@ class Tcae(Mitigation):
         }
         for key, wanted in expected.items():
             have = self.metadata[key]
+            if have == ANY and key != "radalt_layout":
+                continue
             same = _number(have) == float(wanted) if key == "radalt_rate_hz" else have == wanted
             if not same:
                 raise MitigationError(
                     f"tcae model {self.model} does not fit the scene: {key} is {shown(have)}, the scene needs "
-                    f"{wanted}; use a model trained for this waveform"
+                    f"{wanted}; use a model trained for this waveform, or leave model out"
                 )
         if self.metadata["radalt_normalisation"] not in NORMALISATIONS:
             raise MitigationError(
@@ -170,7 +189,7 @@ class Tcae(Mitigation):
 
     def _probe(self) -> None:
         """One frame through the network: shape and finiteness, before any flowgraph starts."""
-        shape, wanted = self._network.output_shape(), (1, 2, self.waveform.samples_per_frame)
+        shape, wanted = self._network.output_shape(), (1, 2, self._samples)
         if shape != wanted:
             raise MitigationError(f"tcae model {self.model} gives shape {shape}; expected {wanted}")
         if not np.isfinite(self._infer(self.waveform.reference[None]).view(np.float32)).all():
@@ -182,6 +201,16 @@ class Tcae(Mitigation):
         self.skipped_frames = 0
         self.unconfirmed_frames = 0
         self.flat_frames = 0
+
+    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """See `Mitigation.process_into`; frames that need nothing but the network are written where they belong."""
+        if self._detector is None and self._shift_check is None and frames.shape[-1] == self._samples:
+            filled = self._filled(frames)  # reads them; whatever looks at them next finds them in the cache
+            if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
+                self.frames += len(frames)
+                self._run(filled, out)
+                return
+        super().process_into(frames, out)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         flat = _constant_modulus(batch)
@@ -208,16 +237,29 @@ class Tcae(Mitigation):
         return out
 
     def _infer(self, batch: np.ndarray) -> np.ndarray:
-        out = np.empty(batch.shape, dtype=np.complex64)
-        planes = self._network.planes(len(batch))
-        levels, scales = zip(*map(self._fill, planes, batch), strict=True)
-        cleaned = self._network.run(len(batch))
+        if batch.shape[1] == self._samples:
+            return self._run(self._filled(batch), np.empty_like(batch))
+        scale = peak_scale(batch)  # squares may overflow
+        longer = resampled(batch / scale, self._samples).astype(np.complex64, copy=False)
+        cleaned = self._run(self._filled(longer), np.empty_like(longer))
+        return (resampled(cleaned, batch.shape[1]) * scale).astype(np.complex64, copy=False)
+
+    def _filled(self, batch: np.ndarray) -> tuple[tuple[float, ...], np.ndarray]:
+        """Put (n, N) complex64 of the network's length into its input; their levels, and what undoes their scales.
+
+        The level of a frame that is not finite is NaN.
+        """
+        levels, scales = zip(*map(self._fill, self._network.planes(len(batch)), batch), strict=True)
+        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)  # of both rails, or of each
+
+    def _run(self, filled: tuple[tuple[float, ...], np.ndarray], out: np.ndarray) -> np.ndarray:
+        """What was filled through the network into ``out`` (n, N); returns that."""
+        levels, scale = filled
+        cleaned = self._network.run(len(out))
         # what a network makes of 1e38 need not fit a float32; asked first, since errstate costs as much as a pass
         with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
-            for rails, scale in zip(cleaned, scales, strict=True):
-                rails *= scale
-        out.real = cleaned[:, 0]
-        out.imag = cleaned[:, 1]
+            np.multiply(cleaned[:, 0], scale[:, :1], out=out.real)
+            np.multiply(cleaned[:, 1], scale[:, -1:], out=out.imag)
         return out
 
     def _fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
@@ -227,9 +269,9 @@ class Tcae(Mitigation):
         """
         rails[0], rails[1] = frame.real, frame.imag
         level = _level(rails)
-        if level == 0.0:
+        if level == 0.0 or math.isnan(level):
             rails[:] = 0.0
-            return level, 0.0
+            return level, 0.0 * self._scale(rails, 1.0)
         scale = self._scale(rails, level)
         rails /= scale
         if self._dither is None:
@@ -268,10 +310,9 @@ class Tcae(Mitigation):
 
 def _constant_modulus(batch: np.ndarray) -> np.ndarray:
     """(n,) bool: frames (n, N) whose modulus stays within a thousandth; a few samples decide for almost all."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        flat = _even(np.abs(batch[:, ::500]))
-        if flat.any():
-            flat[flat] = _even(np.abs(batch[flat]))
+    flat = _even(np.abs(batch[:, ::500].astype(np.complex128)))  # squares of float32 fit a double
+    if flat.any():
+        flat[flat] = _even(np.abs(batch[flat].astype(np.complex128)))
     return flat
 
 
@@ -281,7 +322,7 @@ def _even(modulus: np.ndarray) -> np.ndarray:
 
 
 def _level(rails: np.ndarray) -> float:
-    """Root mean square magnitude of a frame (2, N) float32; 0 where it is zero or denormal.
+    """Root mean square magnitude of a frame (2, N) float32; 0 where it is zero or denormal, NaN where not finite.
 
     Squares in float32, in one pass; a frame whose squares leave its range is scaled by its peak first.
     """
@@ -291,6 +332,8 @@ def _level(rails: np.ndarray) -> float:
         peak = float(np.abs(flat).max())
         if peak < _TINY:
             return 0.0
+        if not math.isfinite(peak):
+            return math.nan
         flat = flat / peak
         energy = float(np.einsum("i,i", flat, flat))
     return peak * math.sqrt(energy / rails.shape[1])

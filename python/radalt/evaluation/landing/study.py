@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ...core.paths import model_path
+from ...core.mitigation.tcae import default_model_path
 from ..engine.study import Run, Study
 from ..overlap.study import check_methods
 from ..results.folder import RunFolder
@@ -88,7 +88,7 @@ class LandingStudy(Study):
             options = config.method_options.get(method, {})
             out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
             if method == "tcae" and not options.get("model"):
-                out["tcae model"] = model_path("tcae.onnx")
+                out["tcae model"] = default_model_path(config.waveform)
         return out
 
     def with_files(self, files: Mapping[str, Path]) -> LandingStudy:

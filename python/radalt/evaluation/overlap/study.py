@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...core.mitigation import CUSTOM, METHODS, MitigationError, create
-from ...core.paths import model_path
+from ...core.mitigation.tcae import default_model_path
 from ...core.scene import Scene, SceneError, scene_to_mapping
 from ..engine.study import Point, Run, Study
 from ..results.chain import seconds_per_frame
@@ -288,7 +288,7 @@ class OverlapStudy(Study):
             options = self.scene.method_options.get(method) or {}
             out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
             if method == "tcae" and not options.get("model"):
-                out["tcae model"] = model_path("tcae.onnx")
+                out["tcae model"] = default_model_path(self.scene.waveform)
         return out
 
     def with_files(self, files: Mapping[str, Path]) -> OverlapStudy:

@@ -1,0 +1,172 @@
+"""One set of weights for every sweep: sizes, tables, and what the network does at sweeps it was not trained on."""
+
+import re
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from radalt.core.interference import Interferer, QpskEmitter, interference_frames
+from radalt.core.mitigation import MitigationError, create
+from radalt.core.mitigation.any_sweep import (
+    COLUMNS,
+    FILTER_HOPS,
+    GROUP,
+    HOP,
+    SERVED,
+    layout_of,
+    resampled,
+    tables_of,
+)
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
+
+OWN = Waveform()
+SHORT = Waveform(2e6, 0.5e-3, 2e6)  # resampled, a quarter of the columns
+OVERSAMPLED = Waveform(5e6, 0.3e-3, 7.5e6)
+WRAPPED = Waveform(10e6, 1e-3, 10e6, centered=False)
+LONG = Waveform(1e6, 10e-3, 2e6)
+WIDE = Waveform(15e6, 1e-3, 15e6)
+OTHERS = (SHORT, OVERSAMPLED, WRAPPED, LONG, WIDE)
+
+
+def scene(waveform, trials, seed):
+    """Altitudes and returns at SNR 10 dB."""
+    rng = np.random.default_rng(seed)
+    altitude_m = rng.uniform(10.0, 1500.0, trials)
+    frames = point_return(waveform, altitude_m, phase_cycles=rng.random(trials))
+    noise = rng.standard_normal((*frames.shape, 2)).view(np.complex128)[..., 0]
+    return altitude_m, (frames + np.sqrt(0.05) * noise).astype(np.complex64)
+
+
+def correct(waveform, frames, altitude_m):
+    """Share of altitudes within 5 m, or a quarter of a resolution cell where that is more."""
+    result = Altimeter(waveform).process(frames)
+    limit_m = max(5.0, 0.25 * waveform.range_resolution_m)
+    return np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < limit_m))
+
+
+# -- sizes and tables --------------------------------------------------------------------------------------------------
+
+
+def test_own_sweep_has_the_sizes_of_the_training():
+    layout = layout_of(OWN)
+    assert (layout.hop, layout.columns, layout.group, layout.samples) == (HOP, COLUMNS, GROUP, 7500)
+    tables = tables_of(OWN, layout)
+    np.testing.assert_array_equal(tables["stretch"], np.eye(FILTER_HOPS * HOP))
+    np.testing.assert_array_equal(tables["place"], np.eye(COLUMNS // 2))
+
+
+@pytest.mark.parametrize("rate_hz", [2e6, 3.3e6, 7.5e6, 56e6])
+def test_every_sweep_that_is_served_has_a_layout(rate_hz):
+    bandwidths, periods = (1e6, 2e6, 7.1e6, 30e6, 56e6), (0.2e-3, 0.37e-3, 1e-3, 10e-3)
+    for bandwidth_hz, sweep_s in product(bandwidths, periods):
+        if bandwidth_hz > rate_hz:
+            continue
+        waveform = Waveform(bandwidth_hz, 2 * round(rate_hz * sweep_s / 2) / rate_hz, rate_hz)
+        layout = layout_of(waveform)
+        assert waveform.samples_per_frame <= layout.samples <= 1.15 * waveform.samples_per_frame
+        assert layout.hop % 2 == layout.columns % 2 == layout.factors[0] % layout.group == 0
+        assert np.prod(layout.factors) == layout.samples
+
+
+def test_a_column_passes_the_same_number_of_beat_cells():
+    """Twice the bandwidth has twice the beat cells up to 1500 m, half the sweep time the same number."""
+    assert layout_of(WIDE).columns == pytest.approx(2 * COLUMNS, rel=0.25)
+    assert layout_of(replace(OWN, sweep_s=0.5e-3)).columns == pytest.approx(COLUMNS, rel=0.25)
+    assert layout_of(OWN, span_m=3000.0).columns == pytest.approx(2 * COLUMNS, rel=0.25)
+
+
+def test_three_products_and_a_twiddle_are_a_dft():
+    layout = layout_of(OVERSAMPLED)
+    t, (a, b, c) = tables_of(OVERSAMPLED, layout), layout.factors
+    x = np.random.default_rng(0).standard_normal((layout.samples, 2)).view(np.complex128)[:, 0]
+    y = (t["first"] @ np.concatenate([x.real, x.imag]).reshape(2 * a, b * c)).reshape(a, 2 * b, c)
+    y = (t["second"] @ y).reshape(a, b, 2, c)
+    y = y * t["turn_re"] + y[:, :, [1, 0]] * t["turn_im"]
+    z = y.reshape(a * b, 2 * c) @ t["third"]
+    spectrum = (z[:, :c] + 1j * z[:, c:]).reshape(a, b, c).transpose(2, 1, 0).ravel()  # k1 + a k2 + a b k3
+    np.testing.assert_allclose(spectrum, np.fft.fft(x), atol=1e-3)
+
+
+@pytest.mark.parametrize("waveform", OTHERS)
+def test_stretched_filters_keep_their_gain(waveform):
+    """A constant filter stays constant; unit noise has unit power per cell whatever the number of taps."""
+    layout = layout_of(waveform)
+    taps = FILTER_HOPS * layout.hop
+    stretched = np.ones(FILTER_HOPS * HOP) @ tables_of(waveform, layout)["stretch"]
+    np.testing.assert_allclose(stretched, np.sqrt(FILTER_HOPS * HOP / taps), rtol=1e-5)
+
+
+def test_resampling_there_and_back_changes_nothing():
+    _, frames = scene(SHORT, 2, 1)
+    np.testing.assert_allclose(resampled(resampled(frames, 1008), 1000), frames, atol=1e-5)
+    assert resampled(frames, 1000) is frames
+
+
+@pytest.mark.parametrize("key", SERVED)
+def test_a_sweep_out_of_range_is_refused_in_one_line(key):
+    low, high = SERVED[key]
+    waveforms = {
+        "bandwidth_hz": lambda: replace(LONG, bandwidth_hz=0.5 * low),
+        "sweep_s": lambda: replace(OWN, sweep_s=2 * high),
+        "rate_hz": lambda: replace(OWN, rate_hz=2 * high),
+    }
+    with pytest.raises(
+        MitigationError, match=re.escape(f"; the network serves {low:g} to {high:g}: ")
+    ) as caught:
+        create("tcae", waveforms[key]())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_span_that_no_layout_passes_is_refused_in_one_line():
+    with pytest.raises(MitigationError, match=r"an altitude of 100000 m is .* too many .*max_altitude_m"):
+        layout_of(OWN, span_m=1e5)
+
+
+# -- the network -------------------------------------------------------------------------------------------------------
+
+
+def test_at_its_own_sweep_it_is_the_default_network(root):
+    """Same weights, same result but for rounding."""
+    _, frames = scene(OWN, 3, 2)
+    other = create("tcae", OWN, model=root / "models/any_sweep.onnx", shift_check=False).process(frames)
+    own = create("tcae", OWN).process(frames)
+    assert np.linalg.norm(other - own) < 1e-4 * np.linalg.norm(own)
+
+
+def test_which_file_serves_a_sweep():
+    files = [create("tcae", w).model.name for w in (OWN, replace(OWN, carrier_hz=4.25e9), WRAPPED)]
+    assert files == ["tcae.onnx", "tcae.onnx", "any_sweep.onnx"]
+
+
+@pytest.mark.parametrize("waveform", OTHERS)
+def test_without_interference_every_altitude_stays(waveform):
+    altitude_m, frames = scene(waveform, 12, 3)
+    assert correct(waveform, create("tcae", waveform).process(frames), altitude_m) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("waveform", "sir_db"),
+    [(SHORT, -30.0), (OVERSAMPLED, -35.0), (WRAPPED, -45.0), (LONG, -45.0), (WIDE, -45.0)],
+)
+def test_shaped_qpsk_is_removed_where_none_is_blind(waveform, sir_db):
+    altitude_m, frames = scene(waveform, 20, 4)
+    emitter = QpskEmitter(bandwidth_hz=0.267 * waveform.bandwidth_hz, pulse="rrc")
+    rng = np.random.default_rng(5)
+    frames = frames + interference_frames(
+        [Interferer(emitter, sir_db, 0.3)], *frames.shape, waveform.rate_hz, rng
+    )
+    cleaned = create("tcae", waveform, shift_check=False).process(frames)
+    assert correct(waveform, frames, altitude_m) < 0.5
+    assert correct(waveform, cleaned, altitude_m) >= 0.9
+
+
+def test_loud_and_silent_frames_come_out_finite():
+    _, frames = scene(SHORT, 3, 6)
+    method = create("tcae", SHORT)
+    out = method.process(np.stack([1e30 * frames[0], 1e-30 * frames[1], 0 * frames[2]]).astype(np.complex64))
+    assert np.isfinite(out.view(np.float32)).all()
+    assert not out[2].any()
