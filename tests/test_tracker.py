@@ -120,8 +120,6 @@ def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames
     assert np.all(status(np.full_like(cleaned, np.nan)) == Status.FAILURE)  # cleaned of what is no number
     # interference that hides everything says nothing against the altitude
     assert np.array_equal(status(cleaned + 1e3 * noise(rng, 400, 0.0)), status(cleaned))
-    # a return 53 dB below what was there in its cell, 89 dB in the frame: what no method can be trusted to have found
-    assert not np.any(status(cleaned + 3e4 * noise(rng, 400, 0.0)) == Status.NORMAL)
 
 
 def test_noise_alone_is_no_computed_data():

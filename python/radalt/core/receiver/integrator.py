@@ -179,11 +179,6 @@ class Integrator:
         out[~((spectra.scale > 0) & np.isfinite(spectra.scale) & (level > 0).all(axis=-1))] = np.nan
         return out
 
-    def floor(self, spectra: Spectra) -> np.ndarray:
-        """(n,) noise level of frames, mean of both half sweeps, in the units of their samples squared."""
-        level = _median(spectra.power[..., self.first : self.last]).mean(axis=-1)
-        return level.astype(float) * spectra.scale.astype(float) ** 2
-
     def integrate(self, ratio: np.ndarray, at: np.ndarray) -> Block:
         """A block from normalised spectra (m, 2, J) of usable frames and their places (m,) in the block."""
         return Block(self, ratio, at)

@@ -35,9 +35,6 @@ _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
 # how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
 # ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
-# of the received frames' noise level: what is weaker may be the interference that a method leaves. `tcae` leaves up to
-# -48 dB of it, at one altitude for seconds; a return at SIR -60 dB stands at -24 dB
-_FAINTEST = 1e-4
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
@@ -122,7 +119,7 @@ class AltitudeTracker:
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
-        self._offset_s, self._removed = np.empty((2, self.frames))
+        self._offset_s = np.empty(self.frames)
         self._here = np.empty(self.frames, dtype=np.int8)
         self.reset()
 
@@ -175,26 +172,16 @@ class AltitudeTracker:
             ratio = self.integrator.normalise(spectra)
             raw = ratio if received is None else self.integrator.normalise(received)
             self._beside = received is not None
-            removed = np.ones(n)  # noise level of what was received over that of what is left
-            if received is not None:
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    removed = self.integrator.floor(received) / self.integrator.floor(spectra)
             index = np.asarray(index)
             cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
             for first, last in zip([0, *cuts], [*cuts, n], strict=True):
                 part = slice(first, last)
-                self._take(ratio[part], raw[part], removed[part], index[part], offset[part], out)
+                self._take(ratio[part], raw[part], index[part], offset[part], out)
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
     def _take(
-        self,
-        ratio: np.ndarray,
-        raw: np.ndarray,
-        removed: np.ndarray,
-        index: np.ndarray,
-        offset: np.ndarray,
-        out: list[tuple],
+        self, ratio: np.ndarray, raw: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]
     ) -> None:
         """Frames of one block, index rising."""
         number = int(index[0]) // self.frames
@@ -210,7 +197,6 @@ class AltitudeTracker:
             self._started_at = int(index[0]) % self.frames
         at = index - number * self.frames
         self._ratio[at], self._received[at], self._offset_s[at] = ratio, raw, offset
-        self._removed[at] = removed
         self._here[at] = np.where(np.isnan(ratio[:, 0, 0]) | np.isnan(raw[:, 0, 0]), 2, 1)
         self._next_in_block = int(index[-1]) + 1
         if at[-1] == self.frames - 1:
@@ -249,7 +235,6 @@ class AltitudeTracker:
         self._before = None
         if self._beside:
             self._before = self.integrator.integrate(self._received[at], at.astype(float))
-        self._faintest = _FAINTEST * float(np.median(self._removed[at]))
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
@@ -422,8 +407,6 @@ class AltitudeTracker:
         s, t = self.settings, self.integrator
         if track.hits < 2 and found.strength < self._search_threshold:
             return False  # back from coasting: one weak return may be noise
-        if self._beside and found.power < self._faintest:
-            return False
         away = block.away_from(found)
         same_speed = block.strongest(away & self._speeds(track)[:, None])
         any_speed = block.strongest(away)
