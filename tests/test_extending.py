@@ -97,14 +97,14 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
     assert "hopper" in (out / "report.md").read_text(encoding="utf-8")
 
 
-def test_method_has_its_title_and_style_in_figures(outside):
+def test_method_has_its_name_and_style_in_figures(outside):
     _, env = outside
     code = (
         "from gnuradio.radalt.evaluation.overlap.figures import series_style\n"
         "style = series_style('clipper', ['none', 'clipper'])\n"
         "print(style['label'], style['color'], style['marker'], style['linestyle'])"
     )
-    assert run(env, "-c", code).stdout.strip() == "spectral clipping #5D3A9B p :"
+    assert run(env, "-c", code).stdout.strip() == "clipper #5D3A9B p :"
 
 
 def test_method_computes_in_a_process_of_its_own(outside):

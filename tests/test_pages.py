@@ -80,11 +80,24 @@ def _detection(path):
 
 def _realtime(path):
     measured = Measurement(
-        2.0, 1.0, {"segmenter": 0.5}, 0.8, {"none": 2000}, {"none": np.linspace(1.0, 9.0, 100)}, 0, 0, 0, 1, 0
+        2.0,
+        1.0,
+        {"segmenter": 0.5},
+        0.8,
+        {"segmenter": 9},
+        {"none": 2000},
+        {"none": np.linspace(1.0, 9.0, 100)},
+        0,
+        0,
+        0,
+        1,
+        0,
     )
     head = {"study": "realtime", "command": RUN.command, "scene": {"name": "paper"}, "methods": ["none"]}
     folder = RunFolder(path, head | {"versions": {"radalt": "0"}})
-    return write_benchmark(folder, {"held to real time": Benchmark(measured, 4e-5)}, 1e-3, RUN)
+    return write_benchmark(
+        folder, {"held to real time": Benchmark(measured, 4e-5, {"segmenter": 0.1})}, 1e-3, RUN
+    )
 
 
 def _measured(name, root, path):

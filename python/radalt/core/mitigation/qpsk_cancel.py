@@ -59,7 +59,6 @@ class QpskCancel(Mitigation):
     """
 
     name = "qpsk_cancel"
-    title = "QPSK cancellation"
     style = PlotStyle("#44AA99", "h", (0, (3, 1, 1, 1)))
 
     def __init__(self, waveform: Waveform) -> None:
