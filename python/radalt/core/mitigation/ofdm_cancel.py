@@ -26,6 +26,7 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
+_MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
@@ -313,7 +314,11 @@ class OfdmCancel(Mitigation):
         heard = own.sum(axis=1)
         sending = (sent > _SILENT) & (heard > _IDLE * heard.max())
         readable = sending & (misread <= _READABLE)
-        if not readable.any() or readable.sum() < _FEWEST * sending.sum():
+        if (
+            not readable.any()
+            or middle(misread[sending]) > _MOSTLY
+            or readable.sum() < _FEWEST * sending.sum()
+        ):
             return None
         self.busy = float(sending.mean())
         level = power(received.channel)

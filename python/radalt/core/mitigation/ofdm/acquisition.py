@@ -211,6 +211,8 @@ def course(agreement: np.ndarray) -> np.ndarray:
     step = 2 * np.pi * (best - _COURSES * (best > _COURSES // 2)) / _COURSES
     away = np.angle(agreement * np.exp(-1j * (np.angle(spectrum[best]) + step * index)))
     weight = weight * (np.abs(away) < np.pi / 2)
+    if np.count_nonzero(weight) < 3:
+        return np.angle(agreement)
     weight /= weight.sum()
     index -= weight @ index
     away -= weight @ away
