@@ -198,7 +198,13 @@ class OfdmCancel(Mitigation):
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             grid = Grid(
-                starts, lock.first_long, received.symbols, received.phase, received.channel, lock.used, received.angles
+                starts,
+                lock.first_long,
+                received.symbols,
+                received.phase,
+                received.channel,
+                lock.used,
+                received.angles,
             )
             late = received.late
             received = demodulate(grid, clear, numerology, AGAIN)
