@@ -189,10 +189,16 @@ def test_hybrid_gives_it_the_frames_that_it_can_read():
     frames, _, _ = received(QpskReceivedEmitter(), -30.0, count=2, seed=14)
     paper, _, _ = received(QpskEmitter(), -30.0, count=2, seed=15)
     short, _, _ = received(QpskReceivedEmitter(), -30.0, count=2, seed=16, overlap=0.2)
-    method = create("hybrid", W, other="whitening")
-    cleaned = method.process(np.concatenate([frames, paper, short]))
-    np.testing.assert_array_equal(cleaned[:2], create("qpsk_cancel", W).process(frames))
-    # what is not understood, and what leaves most of the frame alone, goes to the other method
-    np.testing.assert_array_equal(cleaned[2:4], create("whitening", W).process(paper))
-    np.testing.assert_array_equal(cleaned[4:], create("whitening", W).process(short))
-    assert method.status()["cancelled"] == 2
+    for other, knows_paper in (("whitening", False), ("tcae", True)):
+        method = create("hybrid", W, other=other)
+        cleaned = method.process(np.concatenate([frames, paper, short]))
+        read = create("qpsk_cancel", W).process(np.concatenate([frames, paper]))
+        np.testing.assert_array_equal(cleaned[:2], read[:2])
+        if knows_paper:
+            network = create(other, W)
+            read[2:] = np.concatenate([network.process(frame[None]) for frame in paper])
+        np.testing.assert_array_equal(cleaned[2:4], read[2:])
+        # a short burst leaves enough of the sweep to the other method
+        rest = create(other, W)
+        np.testing.assert_array_equal(cleaned[4:], np.concatenate([rest.process(f[None]) for f in short]))
+        assert method.status()["cancelled"] == (2 if knows_paper else 4)

@@ -14,7 +14,7 @@ from .whitening import Whitening
 __all__ = ["Hybrid"]
 
 _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
-_DEPTH_DB = 18.0  # of cancelled QPSK: less is QPSK that is not understood, and the network knows the paper's
+_SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
@@ -54,6 +54,7 @@ class Hybrid(Mitigation):
         self._ofdm = OfdmCancel(waveform, span_m=span_m)
         self._qpsk = QpskCancel(waveform)
         self._other = _OTHERS[other](waveform)
+        self._knows_paper = other == "tcae"  # QPSK switched on the sample grid, without a filter
         super().__init__(waveform)
 
     def reset(self) -> None:
@@ -90,6 +91,13 @@ class Hybrid(Mitigation):
         if out is not None and self._ofdm.busy >= _BURST:
             return out
         out = self._qpsk.cancel(frame)
-        if out is not None and self._qpsk.busy >= _BURST and self._qpsk.depth_db >= _DEPTH_DB:
-            return out
-        return None
+        if out is None or self._qpsk.busy < _BURST or (self._knows_paper and _spread(frame) < _SPREAD):
+            return None
+        return out
+
+
+def _spread(frame: np.ndarray) -> float:
+    """Standard deviation of an (N,) frame's modulus over its mean, where it is loud."""
+    size = np.abs(frame[::3])
+    loud = size[size > 0.5 * np.quantile(size, 0.9)]
+    return float(loud.std() / loud.mean())
