@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -169,3 +170,92 @@ def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
     assert (out / "rows.csv").read_bytes() == rows
     code, error = run("--resume", "--clean-trials", "4")
     assert code == 2 and error.count("\n") == 1 and "special_trials is 3 there and 4 here" in error
+
+
+# -- sweeps, frames without a return, recordings ----------------------------------------------------------------------
+
+
+def test_sweeps_of_training_are_of_all_kinds_and_need_no_resampling(data):
+    config = data.CONFIGS["any_sweep"]
+    sweeps = [data.sweep_of(config, number, W) for number in range(60)]
+    others = [sweep for sweep in sweeps if sweep != W]
+    assert 0.5 < len(others) / len(sweeps) < 0.9
+    assert min(s.bandwidth_hz for s in others) < 2e6 < 8e6 < max(s.bandwidth_hz for s in others)
+    assert {s.centered for s in others} == {True, False}
+    assert all(layout_of(s).samples == s.samples_per_frame for s in others)
+    assert data.sweep_of(data.CONFIGS["ground"], 3, W) == W
+
+
+def test_a_frame_without_a_return_has_its_noise_as_target(data):
+    config = replace(data.CONFIGS["any_sweep"], empty=1.0, converter=0.0, counts=(1.0,))
+    received, clean, _ = data.example(config, W, 1, 0)
+    np.testing.assert_array_equal(received, clean)
+    assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.0, abs=0.1)
+    assert np.abs(np.fft.fft(clean * W.reference.conj())).max() ** 2 / 7500 < 30  # no line at any beat
+
+
+def test_a_second_return_is_part_of_the_target(data):
+    config = replace(data.CONFIGS["any_sweep"], second=1.0, empty=0.0, multipath=0.0, extended=0.0)
+    config = replace(config, max_vertical_speed_m_per_s=0.0)
+    seen = 0
+    for index in range(8):
+        _, clean, _ = data.example(config, W, 1, index)
+        lines = np.abs(np.fft.fft((clean * W.reference.conj())[:3750])) ** 2
+        first = lines.argmax()
+        others = np.delete(lines, np.arange(first - 8, first + 9) % 3750)
+        seen += others.max() > 0.01 * lines[first]
+    assert seen >= 4  # others lie within eight cells of the first, or 15 dB and a straddled cell below
+
+
+def recording(folder, name, seed):
+    """A short SigMF recording of noise."""
+    samples = np.random.default_rng(seed).standard_normal(2 * 40_000).astype(np.float32)
+    samples.tofile(folder / f"{name}.sigmf-data")
+    head = {
+        "core:datatype": "cf32_le",
+        "core:sample_rate": 1e6,
+        "core:version": "1.0.0",
+        "core:num_channels": 1,
+    }
+    meta = {"global": head, "captures": [{"core:sample_start": 0}], "annotations": []}
+    (folder / f"{name}.sigmf-meta").write_text(json.dumps(meta))
+    return str(folder / f"{name}.sigmf-meta")
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+def test_no_recording_is_in_both_training_and_validation(data, tmp_path, count):
+    """Told apart by their samples, so a copy under another name does not help."""
+    files = [recording(tmp_path, f"r{k}", k) for k in range(count)]
+    copies = [recording(tmp_path, f"copy{k}", k) for k in range(count)]
+    train, validation = data.split_recordings(files + copies)
+    digests = [{data._digest(name) for name in part} for part in (train, validation)]
+    assert not digests[0] & digests[1]
+    assert len(digests[0]) + len(digests[1]) == len(train) + len(validation) == count
+    assert (len(validation) > 0) == (count > 1)
+
+
+def test_training_hears_the_recordings_of_its_part_only(data, tmp_path, monkeypatch):
+    heard = []
+
+    class Listed(data.RecordingEmitter):
+        def samples(self, count, rate_hz, rng):
+            heard.append(self.file)
+            return np.ones(count, dtype=complex)
+
+    monkeypatch.setattr(data, "RecordingEmitter", Listed)
+    files = tuple(recording(tmp_path, f"r{k}", k) for k in range(5))
+    train, validation = data.split_recordings(files)
+    config = replace(data.CONFIGS["paper"], recordings=files, counts=(0.0, 1.0), size=0)
+    next(data.batches(config, W, 40))
+    assert set(heard) <= set(train) and len(heard) > 5
+    heard.clear()
+    list(data.validation_batches(config, W, 40, 20))
+    assert set(heard) <= set(validation) and heard
+
+
+def test_a_recording_that_is_not_there_is_one_line(data, tmp_path):
+    with pytest.raises(
+        ValueError, match=r"recording .*none.sigmf-data: No such file.*; name a .sigmf-meta"
+    ) as caught:
+        data.split_recordings([str(tmp_path / "none.sigmf-meta")])
+    assert "\n" not in str(caught.value)

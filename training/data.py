@@ -9,15 +9,17 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -72,6 +74,8 @@ class SceneConfig:
         Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
     any_sweep : bool
         Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate.
+    recordings : tuple of str
+        SigMF files of one's own; a third of the interferers are cut from them. See `split_recordings`.
     size, validation : int
         Examples of a finite set and of its validation part; 0 stands for endless fresh data.
     seed : int
@@ -97,6 +101,7 @@ class SceneConfig:
     empty: float = 0.0
     second: float = 0.0
     any_sweep: bool = False
+    recordings: tuple[str, ...] = ()
     size: int = 0
     validation: int = 0
     seed: int = 1
@@ -205,6 +210,33 @@ def sweep_of(config: SceneConfig, batch: int, waveform: Waveform) -> Waveform:
             return drawn
 
 
+_RECORDED = 1 / 3  # of the interferers, where there are recordings
+
+
+def _digest(recording: str) -> str:
+    """SHA-256 of a recording's samples: a copy under another name is the same recording."""
+    meta = Path(recording)
+    data = meta.with_suffix(".sigmf-data") if meta.suffix == ".sigmf-meta" else meta
+    try:
+        return hashlib.sha256(data.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ValueError(
+            f"recording {data}: {error.strerror}; name a .sigmf-meta file beside its .sigmf-data"
+        ) from None
+
+
+def split_recordings(recordings: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Recordings to train with and to validate with, told apart by their samples; none is in both.
+
+    Every fourth by digest validates, one of two or three as well; a single one trains. Whole files: parts of one
+    recording share transmitter, channel and receiver.
+    """
+    files = {_digest(name): name for name in recordings}
+    ordered = [files[digest] for digest in sorted(files)]
+    validation = ordered[::4] if len(ordered) > 1 else []
+    return tuple(name for name in ordered if name not in validation), tuple(validation)
+
+
 @lru_cache(maxsize=1)
 def _shaped_bank(rate_hz: float) -> list[np.ndarray]:
     """Long root-raised-cosine QPSK signals of many bandwidths: shaping 7500 samples anew costs 8 ms."""
@@ -299,7 +331,14 @@ def _interference(config: SceneConfig, waveform: Waveform, rng: np.random.Genera
     weights = np.array([weight for _, weight in config.kinds])
     total = np.zeros(n, dtype=np.complex128)
     for _ in range(rng.choice(len(config.counts), p=config.counts)):
-        emitter = _emitter(str(rng.choice(names, p=weights / weights.sum())), rate_hz, rng)
+        if config.recordings and rng.random() < _RECORDED:
+            file, offset_hz = (
+                str(rng.choice(config.recordings)),
+                float(rng.choice([0.0, 0.2, -0.2])) * rate_hz,
+            )
+            emitter = RecordingEmitter(file=file, offset_hz=offset_hz)
+        else:
+            emitter = _emitter(str(rng.choice(names, p=weights / weights.sum())), rate_hz, rng)
         overlap = 1.0 if rng.random() < config.full_overlap else float(rng.uniform(0.02, 1.0))
         part = interference_frame(Interferer(emitter, float(rng.uniform(-10, 0)), overlap), n, rate_hz, rng)
         total += _impair(part, rate_hz, rng) if rng.random() < config.impaired else part
@@ -401,7 +440,7 @@ def batches(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, Waveform]]:
     """Endless training batches from example ``first`` on, with their sweep; a finite set repeats in a new order every
     epoch."""
-    position = first
+    position, config = first, replace(config, recordings=split_recordings(config.recordings)[0])
     while True:
         if config.size == 0:
             sweep = sweep_of(config, position // batch, waveform)
@@ -421,7 +460,8 @@ def batches(
 def validation_batches(
     config: SceneConfig, waveform: Waveform, count: int, batch: int = 32
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, Waveform]]:
-    """Examples that no training batch holds: the set's own validation part, else another seed."""
+    """Examples that no training batch holds: the set's own validation part, else another seed; other recordings."""
+    config = replace(config, recordings=split_recordings(config.recordings)[1])
     if config.size:
         first, count = config.size, min(count, config.validation)
     else:
@@ -434,7 +474,8 @@ def validation_batches(
 def description(config: SceneConfig) -> str:
     """The configuration as canonical JSON, without later entries where they are 0, so that older hashes stay."""
     entries = asdict(config)
-    for name in ("converter", "empty", "second", "any_sweep"):
+    entries["recordings"] = sorted(map(_digest, config.recordings))
+    for name in ("converter", "empty", "second", "any_sweep", "recordings"):
         if not entries[name]:
             del entries[name]
     return json.dumps(entries, sort_keys=True)

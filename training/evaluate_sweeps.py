@@ -23,6 +23,7 @@ from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.mitigation.any_sweep import SERVED
 from radalt.core.mitigation.tcae import default_model_path
+from radalt.core.paths import model_path
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
 from radalt.evaluation.engine.study import Point, Run, Study
@@ -55,7 +56,7 @@ CHAINS = (
     Chain("none", "none"),
     Chain("whitening", "whitening"),
     Chain("tcae", "tcae"),
-    Chain("tcae, unchecked", "tcae", (("shift_check", False),)),
+    Chain.of_model(model_path("any_sweep.onnx"), "any_sweep, unchecked", options=(("shift_check", False),)),
 )
 COLUMNS = Columns(
     (

@@ -282,6 +282,7 @@ def main() -> int:
     )
     parser.add_argument("recipe", choices=sorted(RECIPES))
     parser.add_argument("--name", help="run below training/runs (default: the recipe's name)")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of all runs (default: training/runs)")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--precision", choices=PRECISIONS, default="float32")
     parser.add_argument("--weights", type=Path, help="exported float32 model to take the weights from")
@@ -297,7 +298,7 @@ def main() -> int:
     if args.weights:
         network.load_state_dict(exported_weights(args.weights))
     elif not args.untrained:
-        state = torch.load(RUNS / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
+        state = torch.load(args.runs / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
         network.load_state_dict(state["network"])
     entries = exported_metadata(args.weights) if args.weights else metadata(args.recipe, state, network)
     args.out.parent.mkdir(parents=True, exist_ok=True)

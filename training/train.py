@@ -1,7 +1,7 @@
 """Train one recipe: resumable, one CSV row a report interval, curves drawn at the end.
 
-    make train ARGS="compact"            # or: PYTHONPATH=python .venv-train/bin/python training/train.py
-    compact
+    make train ARGS="compact"    # or: PYTHONPATH=python .venv-train/bin/python training/train.py compact
+    make train ARGS="compact --start models/tcae.onnx --recordings city.sigmf-meta harbour.sigmf-meta --name mine"
 
 State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from data import CONFIGS, batches, validation_batches
+from data import CONFIGS, SceneConfig, batches, validation_batches
 from google.protobuf.message import DecodeError
 from losses import BeatLoss, sample_loss
 from networks import build
@@ -45,15 +45,15 @@ def normalise(planes: Tensor, kind: str) -> Tensor:
     return planes / planes.abs().amax(dim=dims, keepdim=True).clamp(min=1e-30)
 
 
-def _produce(queue: multiprocessing.Queue, recipe: Recipe, first: int) -> None:
+def _produce(queue: multiprocessing.Queue, config: SceneConfig, recipe: Recipe, first: int) -> None:
     """Worker: fills the queue with batches for ever."""
     torch.set_num_threads(1)
-    for received, clean, _, sweep in batches(CONFIGS[recipe.data], Waveform(), recipe.batch, first):
+    for received, clean, _, sweep in batches(config, Waveform(), recipe.batch, first):
         queue.put((received, clean, sweep))
 
 
 def exported_weights(model: Path) -> dict[str, Tensor]:
-    """Trained weights by parameter name, as `export.py` wrote them in float32.
+    """Trained weights by parameter name, as `export.py` wrote them; those stored in fewer bits widened.
 
     Raises
     ------
@@ -67,11 +67,16 @@ def exported_weights(model: Path) -> dict[str, Tensor]:
     except DecodeError:
         raise ValueError(f"--start {model} is no ONNX file") from None
     names = {entry.key: entry.value for entry in read.metadata_props}.get("radalt_weights", "").split(",")
-    have = {t.name: torch.tensor(numpy_helper.to_array(t)) for t in read.graph.initializer if t.name in names}
-    if len(have) != len(names):
-        raise ValueError(
-            f"--start {model} does not hold its weights in float32; name one that export.py made so"
-        )
+    stored = {t.name: numpy_helper.to_array(t) for t in read.graph.initializer}
+    have = {}
+    for name in names:
+        if name + ".int8" in stored:
+            values = stored[name + ".int8"] * stored[name + ".scale"]
+        else:
+            values = stored.get(name, stored.get(name + ".float16"))
+        if values is None:
+            raise ValueError(f"--start {model} does not hold its weights; name one that export.py made")
+        have[name.removeprefix("network.")] = torch.tensor(values, dtype=torch.float32)
     return have
 
 
@@ -93,10 +98,19 @@ class Trainer:
     """State of one run; `run` goes on from wherever it stands."""
 
     def __init__(
-        self, name: str, recipe: Recipe, *, device: str, interval: int, start: Path | None = None
+        self,
+        name: str,
+        recipe: Recipe,
+        *,
+        device: str,
+        interval: int,
+        start: Path | None = None,
+        runs: Path = RUNS,
+        recordings: Sequence[str] = (),
+        validation: int = 256,
     ) -> None:
         self.recipe, self.device, self.interval = recipe, torch.device(device), interval
-        self.folder = RUNS / name
+        self.runs, self.folder = runs, runs / name
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(0)
         self.waveform = Waveform()
@@ -104,7 +118,8 @@ class Trainer:
         self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
         self.step, self.seconds, self.last = 0, 0.0, recipe.stop or recipe.steps
         self._resume(start)
-        sets = validation_batches(CONFIGS[recipe.data], self.waveform, 256)
+        self.config = replace(CONFIGS[recipe.data], recordings=tuple(recordings))
+        sets = validation_batches(self.config, self.waveform, validation)
         self.validation = [(received, clean, sweep) for received, clean, _, sweep in sets]
 
     def _resume(self, start: Path | None) -> None:
@@ -119,7 +134,7 @@ class Trainer:
         elif start is not None:
             weights = exported_weights(start)
         elif self.recipe.start_from:
-            start = RUNS / self.recipe.start_from / "checkpoint.pt"
+            start = self.runs / self.recipe.start_from / "checkpoint.pt"
             weights = torch.load(start, map_location=self.device, weights_only=True)["network"]
         if weights is None:
             return
@@ -189,7 +204,9 @@ class Trainer:
         """Train to the recipe's end or to the wall-clock time ``until`` (seconds since the epoch)."""
         queue: multiprocessing.Queue = multiprocessing.Queue(4)
         worker = multiprocessing.Process(
-            target=_produce, args=(queue, self.recipe, self.step * self.recipe.batch), daemon=True
+            target=_produce,
+            args=(queue, self.config, self.recipe, self.step * self.recipe.batch),
+            daemon=True,
         )
         worker.start()
         recent: list[float] = []
@@ -208,7 +225,7 @@ class Trainer:
             worker.join()
 
     def _report(self, train_loss: float) -> None:
-        size = CONFIGS[self.recipe.data].size
+        size = self.config.size
         examples = self.step * self.recipe.batch
         row = (self.step, examples, f"{examples / size:.3f}" if size else "", f"{self.seconds:.1f}")
         row += (f"{self.rate():.3g}", f"{train_loss:.4f}", f"{self.validate():.4f}")
@@ -245,10 +262,10 @@ def draw_curves(folder: Path) -> None:
     plt.close(figure)
 
 
-def _missing_before(recipe: Recipe) -> list[str]:
+def _missing_before(recipe: Recipe, runs: Path) -> list[str]:
     """Recipes to be trained before this one where there is no checkpoint, in this order."""
     names: list[str] = []
-    while recipe.start_from in RECIPES and not (RUNS / recipe.start_from / "checkpoint.pt").is_file():
+    while recipe.start_from in RECIPES and not (runs / recipe.start_from / "checkpoint.pt").is_file():
         names.insert(0, recipe.start_from)
         recipe = RECIPES[recipe.start_from]
     return names
@@ -261,7 +278,13 @@ def main() -> None:
     )
     parser.add_argument("recipe", nargs="?", default="compact", choices=sorted(RECIPES))
     parser.add_argument("--name", help="folder below training/runs (default: the recipe's name)")
-    parser.add_argument("--start", type=Path, metavar="FILE", help="exported model (float32) to start from")
+    parser.add_argument("--start", type=Path, metavar="FILE", help="exported model to start from")
+    parser.add_argument(
+        "--recordings", nargs="+", default=[], metavar="FILE", help="SigMF files to train against"
+    )
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of all runs (default: training/runs)")
+    parser.add_argument("--batch", type=int, help="examples per step instead of the recipe's")
+    parser.add_argument("--validation", type=int, default=256, help="validation examples")
     parser.add_argument("--steps", type=int, help="instead of the recipe's number")
     parser.add_argument("--minutes", type=float, default=1e6, help="stop, resumable, after this long")
     parser.add_argument("--interval", type=int, default=250, help="steps between reports and checkpoints")
@@ -270,20 +293,32 @@ def main() -> None:
     args = parser.parse_args()
     recipe = RECIPES[args.recipe]
     if args.steps:
-        recipe = replace(recipe, steps=args.steps)
+        recipe = replace(recipe, steps=args.steps, stop=0)
+    if args.batch:
+        recipe = replace(recipe, batch=args.batch)
     torch.set_num_threads(args.threads)
-    for name in [] if args.start else _missing_before(recipe):
+    where = {
+        "device": args.device,
+        "interval": args.interval,
+        "runs": args.runs,
+        "validation": args.validation,
+    }
+    for name in [] if args.start else _missing_before(recipe, args.runs):
         print(f"{args.recipe} starts from {name}: training that first", flush=True)
-        earlier = Trainer(name, RECIPES[name], device=args.device, interval=args.interval)
+        earlier = Trainer(name, RECIPES[name], **where)
         earlier.run(time.time() + 60 * args.minutes)
         draw_curves(earlier.folder)
-    where = {"device": args.device, "interval": args.interval, "start": args.start}
     try:
-        trainer = Trainer(args.name or args.recipe, recipe, **where)
+        trainer = Trainer(
+            args.name or args.recipe, recipe, start=args.start, recordings=args.recordings, **where
+        )
     except ValueError as error:
         parser.error(str(error))
-    if args.start and trainer.step:
-        print(f"goes on from its own checkpoint at step {trainer.step}, not from {args.start}", flush=True)
+    if trainer.step:
+        beside = f", not from {args.start}" if args.start else ""
+        print(f"goes on from its own checkpoint at step {trainer.step}{beside}", flush=True)
+    elif args.start:
+        print(f"goes on from the weights of {args.start}; step count and optimiser start anew", flush=True)
     trainer.run(time.time() + 60 * args.minutes)
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..receiver.altimeter import AltimeterSettings, shared_altimeter
+from ..receiver.altimeter import AltimeterSettings, Reason, shared_altimeter
 from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
 from .interference_detector import InterferenceDetector
@@ -86,10 +86,14 @@ class ShiftCheck:
         if shown.any():
             before[shown] = self._moved_and_back(received[shown], cleaned[shown], clean)
         both = np.concatenate([cleaned, before])
-        held = np.ones(n, dtype=bool)
+        held, moving_m = np.ones(n, dtype=bool), None
         for altimeter in self._altimeters:
             result = altimeter.process(both)
             found, again = result["altitude_m"][:n], result["altitude_m"][n:]  # NaN where nothing is found
+            if moving_m is None:
+                moving_m = again
+            # halves may agree to a cell before and just not afterwards: a long sweep sees a speed as that
+            again = np.where(result["reason"][n:] == Reason.SWEEPS_DISAGREE, moving_m, again)
             held &= ~result["valid"][:n] | (np.abs(again - found) <= self._tolerance_m)
         return held
 

@@ -1,0 +1,80 @@
+"""A tiny training run through the same programs: loss falls, export loads, contract holds.
+
+Needs the training environment (`make train ARGS="--help"` makes it); skipped without.
+"""
+
+import csv
+import os
+import subprocess
+
+import numpy as np
+import pytest
+
+from radalt.core.mitigation import create
+from radalt.core.waveform import Waveform
+
+SWEEP = Waveform(5e6, 0.3e-3, 7.5e6)
+
+
+@pytest.fixture(scope="module")
+def training(root):
+    """A program of `training/` in the training environment."""
+    python = root / ".venv-train/bin/python"
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+
+    def run(program, *arguments):
+        environment = {**os.environ, "PYTHONPATH": str(root / "python"), "OMP_NUM_THREADS": "1"}
+        command = [python, root / "training" / program, *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=500)
+        return done.returncode, done.stdout, done.stderr
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def runs(training, tmp_path_factory):
+    """Folder of a run from nothing: 25 steps, validated every 5."""
+    folder = tmp_path_factory.mktemp("runs")
+    small = ("--runs", folder, "--batch", "4", "--validation", "8", "--threads", "1", "--interval", "5")
+    status, _, errors = training("train.py", "compact_first", "--steps", "25", *small)
+    assert status == 0, errors
+    return folder, small
+
+
+def test_loss_falls(runs):
+    with (runs[0] / "compact_first/log.csv").open() as file:
+        losses = [float(row["validation_loss"]) for row in csv.DictReader(file)]
+    assert len(losses) == 5
+    assert losses[-1] < losses[0]
+
+
+def test_a_stopped_run_goes_on_where_it_was(training, runs):
+    folder, small = runs
+    status, said, errors = training("train.py", "compact_first", "--steps", "30", *small)
+    assert status == 0, errors
+    assert "goes on from its own checkpoint at step 25" in said
+    assert (folder / "compact_first/log.csv").read_text().splitlines()[-1].startswith("30,")
+
+
+def test_export_for_every_sweep_loads_and_keeps_its_contract(training, root, tmp_path):
+    model = tmp_path / "any.onnx"
+    chosen = ("compact", "--weights", root / "models/tcae.onnx", "--any-sweep", "--out", model)
+    status, said, errors = training("export.py", *chosen)
+    assert status == 0, errors
+    assert "against PyTorch: relative error" in said
+    frame = SWEEP.reference[None].copy()
+    mine, shipped = (
+        create("tcae", SWEEP, model=file, shift_check=False).process(frame)
+        for file in (model, root / "models/any_sweep.onnx")
+    )
+    np.testing.assert_allclose(mine, shipped, atol=0.2 * np.abs(shipped).max())
+
+
+def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
+    """`fc.onnx` stores int8; its training goes on from there."""
+    folder, small = runs
+    start = ("--start", root / "models/fc.onnx", "--name", "on")
+    status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
+    assert status == 0, errors
+    assert "goes on from the weights of" in said
