@@ -20,6 +20,8 @@ __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
+_UNEVEN = 1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less than 1.5
+_BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
@@ -162,6 +164,9 @@ class OfdmCancel(Mitigation):
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, acquired without earlier frames; None if none can be demodulated."""
+        size = power(frame)
+        if np.vdot(size, size) < _UNEVEN * size.size:
+            return None  # a sweep meets itself a symbol later, too
         prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
         prefix, (numerology, ridge) = max(
             zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
@@ -179,10 +184,14 @@ class OfdmCancel(Mitigation):
             if again or not _COARSE < abs(step) < _TURNS:
                 break
             carrier += step
-        level = power(grid.symbols).sum(axis=0)
+        own = power(grid.symbols)
+        level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
         clear = ridge.clear(grid.starts, carrier)
+        beside = clear & grid.used
+        if own.mean(where=beside) < _BESIDE * own.mean(where=~clear & grid.used):
+            return None
         received = demodulate(grid, clear, numerology, FIRST)
         if received.drift is not None or _astray(received, clear & grid.used) > _HARDLY:
             moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
