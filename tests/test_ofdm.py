@@ -101,6 +101,22 @@ def test_frames_without_ofdm_pass_bit_for_bit(emitter):
     np.testing.assert_array_equal(single(alone), alone)
 
 
+@pytest.mark.parametrize("beyond_m", [0.0, 1500.0])
+@pytest.mark.parametrize("snr_db", [0.0, 10.0, 20.0, 40.0])
+def test_a_sweep_is_not_taken_for_ofdm(snr_db, beyond_m):
+    """A linear sweep meets itself one symbol later as a tone, and stands over the scatter where there is no noise."""
+    altitude_m = beyond_m + np.linspace(20, 1480, 8)
+    rng = np.random.default_rng(12)
+    frames = point_return(W, altitude_m) + 10 ** (-snr_db / 20) * noise(8, rng)
+    ground = point_return(W, 300 + rng.exponential(40, 60), phase_cycles=rng.random(60)) * rng.rayleigh(
+        1, (60, 1)
+    )
+    frames = np.vstack([frames, ground.sum(axis=0) / 8 + 10 ** (-snr_db / 20) * noise(1, rng)]).astype(
+        np.complex64
+    )
+    assert create("ofdm_cancel", W).process(frames).tobytes() == frames.tobytes()
+
+
 @pytest.mark.parametrize("inr_db", [20, 40, 60])
 def test_nothing_is_invented_where_there_is_no_return(inr_db):
     rng = np.random.default_rng([8, inr_db])

@@ -20,7 +20,9 @@ __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
-_UNEVEN = 1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less than 1.5
+_UNEVEN = (
+    1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
+)
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
