@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import landing_eval
 import numpy as np
@@ -75,8 +76,21 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     report = json.loads((one / "report.json").read_text())
     assert report["schema"] == SCHEMA and report["seed"] == 3
     assert {p.name for p in one.iterdir()} == {
-        *(*TABLES, "report.json", "report.md", "study.yaml", "run.json", "points.jsonl", ".lock"),
-        *report["figures"],
+        *(
+            *TABLES,
+            "report.json",
+            "report.md",
+            "report.html",
+            "study.yaml",
+            "run.json",
+            "points.jsonl",
+            ".lock",
+        ),
+        *(
+            str(Path(name).with_suffix(kind))
+            for name in report["figures"]
+            for kind in (".png", ".svg", ".pdf")
+        ),
     }
     assert len(report["figures"]) == 3
     assert any("onnxruntime was not imported" in line for line in report["left_out"])

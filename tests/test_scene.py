@@ -129,7 +129,7 @@ WRONG = [
         {"interference": {"laser": {}}},
         "'interference.laser'",
         "laser",
-        "nr, pulsed_radar, qpsk, recording, tones",
+        "nr, pulsed_radar, qpsk, qpsk_received, recording, tones",
     ),
     ({"interference": [{"qpsk": {}, "tones": {}}]}, "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ({"interference": 7}, "interference", "7", "expected a mapping"),
