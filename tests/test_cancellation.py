@@ -8,6 +8,7 @@ from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
+from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
 from gnuradio.radalt.evaluation.engine.run import run
 
@@ -72,15 +73,18 @@ def test_bursts_and_locked_jammers_start_anew():
         assert stream.interferers[0] is interferer
 
 
-def test_study_end_to_end(tmp_path):
+def test_study_end_to_end(tmp_path, monkeypatch):
+    flown = dict(list(FLIGHTS.items())[:1])  # all kinds take half a minute
+    monkeypatch.setattr("gnuradio.radalt.evaluation.cancellation.study.FLIGHTS", flown)
     study = CancellationStudy(
         ("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, flights=1, seed=5
     )
     page = run(study, Options(tmp_path / "a", jobs=1))
     text = page.read_text(encoding="utf-8")
     assert "10 MHz, 64QAM" in text and "## Behind the tracker" in text and "## Where it stops" in text
-    for name in ("pd.png", "frame.png", "rows.csv", "tracked.csv"):
+    for name in ("pd.png", "frame.png", "rows.csv"):
         assert (tmp_path / "a" / name).stat().st_size > 1000
+    assert len((tmp_path / "a" / "tracked.csv").read_text().splitlines()) == 1 + 4  # a flight, four methods
     rows = study.measure(study.points()[0])
     held = [row for row in rows if row["method"] == "ofdm_cancel"]
     assert [row["sir_db"] for row in held] == list(SIRS_DB)

@@ -43,7 +43,10 @@ def _landing(root):
 STUDIES = {
     "stability": lambda root: (StabilityStudy(compared_chains(["none"]), ("numbers",)), slice(3)),
     "integrity": lambda root: (IntegrityStudy(("none",), frames=80), slice(0, 400, 150)),
-    "cancellation": lambda root: (CancellationStudy(("none",), ("nr10_64qam",), frames=1), slice(None)),
+    "cancellation": lambda root: (
+        CancellationStudy(("none",), ("nr10_64qam",), frames=1, flights=1),
+        slice(2),
+    ),
     "landing": lambda root: (_landing(root), slice(None)),
     "error_vs_runtime": lambda root: (
         RuntimeStudy(CHAINS, (-15.0, -45.0), frames=2, rounds=1, interferers=("5 tones, all",)),
