@@ -59,7 +59,7 @@ class QpskCancel(Mitigation):
     """
 
     name = "qpsk_cancel"
-    style = PlotStyle("#44AA99", "h", (0, (3, 1, 1, 1)))
+    style = PlotStyle("#997700", "h", (0, (2, 1)))
 
     def __init__(self, waveform: Waveform) -> None:
         if waveform.samples_per_frame < _SHORTEST:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -161,10 +162,12 @@ def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
                 markersize=3.5,
                 **series_style(method, methods),
             )
-        axis.set_title(CASES[case].title, fontsize=7.5)
+        axis.set_title(fill(CASES[case].title, 44), fontsize=7.5)
         axis.grid(alpha=0.3)
     for axis in axes[len(cases) :]:
         axis.set_axis_off()
+    for axis in axes[max(0, len(cases) - across) : len(cases)]:
+        axis.tick_params(labelbottom=True)  # also where the last line is not full
     axes[0].invert_xaxis()
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=8)
