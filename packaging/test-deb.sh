@@ -21,6 +21,8 @@ if [ "${TEST_DEB_INSIDE:-}" != yes ]; then
 fi
 
 if [ ! -e "$bare/etc/debian_version" ]; then
+    command -v debootstrap >/dev/null || apt-get -q -y install --no-install-recommends debootstrap </dev/null ||
+        { echo "test-deb: no debootstrap here, and apt-get could not install it" >&2; exit 2; }
     debootstrap --variant=minbase --include=ca-certificates "$suite" "$bare" "${MIRROR:-http://deb.debian.org/debian}"
     apt-config dump | grep -E '^Acquire::(https?|Check|Retries)' >"$bare/etc/apt/apt.conf.d/90host" || true
     cp /usr/local/share/ca-certificates/*.crt "$bare/usr/local/share/ca-certificates/" 2>/dev/null &&

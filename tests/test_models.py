@@ -4,7 +4,10 @@ Everything is read from the ONNX files themselves, without PyTorch and without t
 """
 
 import hashlib
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from math import prod
 
@@ -271,3 +274,16 @@ def test_a_frame_of_constant_modulus_passes_as_it_is(compact):
     np.testing.assert_array_equal(compact.process(one_bit), one_bit)
     assert compact.flat_frames == before + 1
     assert compact.status()["threads"] == 1
+
+
+def test_a_run_tells_nobody_and_leaves_nothing(root, tmp_path):
+    """ONNX Runtime's telemetry keeps an identifier in the home or temporary folder; off, it keeps nothing."""
+    code = (
+        "import numpy; from radalt.core.mitigation import create; from radalt.core.waveform import "
+        "Waveform; create('tcae', Waveform()).process(numpy.ones((1, 7500), numpy.complex64))"
+    )
+    telling = {"ORT_DISABLE_TELEMETRY", "CI", "XDG_CACHE_HOME"}
+    environ = {name: value for name, value in os.environ.items() if name not in telling}
+    environ |= {"TMPDIR": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": str(root / "python")}
+    subprocess.run([sys.executable, "-c", code], env=environ, check=True, timeout=60)
+    assert list(tmp_path.rglob("*")) == []

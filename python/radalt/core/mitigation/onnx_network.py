@@ -6,6 +6,7 @@ onnxruntime is imported when a model is loaded, never at module level: a scene w
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -110,6 +111,8 @@ class OnnxNetwork:
 
 
 def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
+    # ONNX Runtime's packages tell their maker of every session unless this says no before the import
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
         import onnxruntime
     except ImportError:

@@ -14,6 +14,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,7 @@ def versions(with_network: bool) -> dict[str, str]:
     else:
         out["gnuradio"] = gr.version()
     if with_network:
-        import onnxruntime
-
-        out["onnxruntime"] = onnxruntime.__version__
+        out["onnxruntime"] = metadata.version("onnxruntime")
     return out
 
 
