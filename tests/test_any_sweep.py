@@ -132,7 +132,8 @@ def test_a_span_that_no_layout_passes_is_refused_in_one_line():
 def test_at_its_own_sweep_it_is_the_default_network(root):
     """Same weights, same result but for rounding."""
     _, frames = scene(OWN, 3, 2)
-    other = create("tcae", OWN, model=root / "models/any_sweep.onnx", shift_check=False).process(frames)
+    unchecked = {"shift_check": False, "skip_white": False}
+    other = create("tcae", OWN, model=root / "models/any_sweep.onnx", **unchecked).process(frames)
     own = create("tcae", OWN).process(frames)
     assert np.linalg.norm(other - own) < 1e-4 * np.linalg.norm(own)
 
@@ -162,6 +163,17 @@ def test_shaped_qpsk_is_removed_where_none_is_blind(waveform, sir_db):
     cleaned = create("tcae", waveform, shift_check=False).process(frames)
     assert correct(waveform, frames, altitude_m) < 0.5
     assert correct(waveform, cleaned, altitude_m) >= 0.9
+
+
+@pytest.mark.parametrize("waveform", [SHORT, OVERSAMPLED, LONG])
+def test_noise_alone_passes_bit_for_bit(waveform):
+    """The network makes altitudes of noise at sweeps it never saw; what it does not touch it cannot invent."""
+    rng = np.random.default_rng(11)
+    noise = rng.standard_normal((40, waveform.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    noise = noise.astype(np.complex64)
+    method = create("tcae", waveform)
+    np.testing.assert_array_equal(method.process(noise), noise)
+    assert method.status()["skipped_frames"] == 40
 
 
 def test_loud_and_silent_frames_come_out_finite():

@@ -233,6 +233,13 @@ def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
     assert capsys.readouterr().out.startswith("usage:")
 
 
+def test_a_training_program_says_where_it_lies():
+    environ = os.environ | {"PYTHONPATH": str(ROOT / "python")}
+    program = [sys.executable, str(ROOT / "training" / "evaluate_sweeps.py"), "--help"]
+    done = subprocess.run(program, env=environ, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.startswith("usage: PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py")
+
+
 @pytest.mark.parametrize(
     "tool",
     sorted([*ROOT.glob("tools/*.*"), *ROOT.glob("cmake/*.py")]),

@@ -75,3 +75,27 @@ def test_frames_without_signal_or_not_finite_are_not_let_pass():
 def test_a_threshold_out_of_range_is_named():
     with pytest.raises(ValueError, match="within -15..10"):
         InterferenceDetector(W, threshold_db=20.0)
+
+
+@pytest.mark.parametrize("snr_db", [-40.0, -20.0, -10.0])
+def test_a_return_in_white_noise_is_seen_as_that(snr_db):
+    rng = np.random.default_rng(12)
+    assert InterferenceDetector(W).white(clean(rng, snr_db)).all()
+
+
+@pytest.mark.parametrize("sir_db", [-5.0, -50.0])
+@pytest.mark.parametrize("overlap", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("name", ["qpsk", "tones", "pulses", "nr"])
+def test_interference_with_room_beside_it_is_not_white(name, overlap, sir_db):
+    rng = np.random.default_rng(13)
+    frames = clean(rng, 10.0) + interference_frames(
+        [Interferer(emitter(name), sir_db=sir_db, overlap=overlap)],
+        FRAMES, W.samples_per_frame, W.rate_hz, rng, return_power=1.0,
+    )  # fmt: skip
+    assert not InterferenceDetector(W).white(frames).any()
+
+
+def test_what_is_not_finite_or_silent_is_not_called_white():
+    frames = np.zeros((3, W.samples_per_frame), dtype=np.complex64)
+    frames[1], frames[2, 7] = np.inf, np.nan
+    assert not InterferenceDetector(W).white(frames).any()

@@ -85,8 +85,8 @@ LIMITS = {
     ),
     "any_sweep": (
         "Sweeps of 1 to 56 MHz, 0.2 to 10 ms and 2 to 56 MS/s, frames aligned with the sweep, returns at 0-1500 m. "
-        "The smaller bandwidth times time, the less there is to tell a return from an interferer, and the more the "
-        "network invents: see the table for noise alone. Otherwise as `tcae.onnx`."
+        "Without the test for white noise it makes altitudes of noise at some sweeps; what the checks leave of that "
+        "stands in the table. Otherwise as `tcae.onnx`."
     ),
     "paper": (
         "Same frames. Trained on rectangular QPSK and tones at SIR -20..0 dB: it gains 3 to 5 dB on rectangular QPSK "

@@ -97,6 +97,11 @@ class Tcae(Mitigation):
         counted in ``unconfirmed_frames``. It costs a second run of the network in frames that show interference and an
         altitude. None: on for every model but the shipped default, which docs/stability.md shows to pass without.
 
+    skip_white : bool or None
+        Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
+        in ``skipped_frames``: a network that sees other sweeps than it was trained on makes altitudes of noise. None:
+        on for a network of any sweep. 5G wider than the sweep looks white, too.
+
     Notes
     -----
     A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
@@ -122,11 +127,13 @@ class Tcae(Mitigation):
         skip_clean: bool = False,
         dither_db: float | None = -50.0,
         shift_check: bool | None = None,
+        skip_white: bool | None = None,
         provider: str = "cpu",
         span_m: float | None = None,
     ) -> None:
-        if shift_check not in (True, False, None):
-            raise MitigationError(f"tcae.shift_check is {shift_check!r}; it has to be true, false or none")
+        for name, value in (("shift_check", shift_check), ("skip_white", skip_white)):
+            if value not in (True, False, None):
+                raise MitigationError(f"tcae.{name} is {value!r}; it has to be true, false or none")
         if dither_db is not None and not -120 <= dither_db <= 0:
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
@@ -142,7 +149,11 @@ class Tcae(Mitigation):
         self.metadata = self._network.metadata
         self._check(waveform)
         self._samples = waveform.samples_per_frame  # inside the network
-        if self.metadata["radalt_frame_samples"] == ANY:
+        any_sweep = self.metadata["radalt_frame_samples"] == ANY
+        self._white = (
+            InterferenceDetector(waveform) if (any_sweep if skip_white is None else skip_white) else None
+        )
+        if any_sweep:
             layout = layout_of(waveform, span_m)
             self._samples = layout.samples
             self._network.serve(layout.samples, tables_of(waveform, layout))
@@ -204,7 +215,8 @@ class Tcae(Mitigation):
 
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """See `Mitigation.process_into`; frames that need nothing but the network are written where they belong."""
-        if self._detector is None and self._shift_check is None and frames.shape[-1] == self._samples:
+        plain = self._detector is None and self._white is None and self._shift_check is None
+        if plain and frames.shape[-1] == self._samples:
             filled = self._filled(frames)  # reads them; whatever looks at them next finds them in the cache
             if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
                 self.frames += len(frames)
@@ -215,13 +227,15 @@ class Tcae(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         flat = _constant_modulus(batch)
         self.flat_frames += int(np.count_nonzero(flat))
-        if self._detector is None and not flat.any():
-            return self._confirmed(batch)
-        out = batch.copy()
         present = ~flat
         if self._detector is not None:
             present &= self._detector.present(batch)
-            self.skipped_frames += int(np.count_nonzero(~(present | flat)))
+        if self._white is not None:
+            present &= ~self._white.white(batch)
+        self.skipped_frames += int(np.count_nonzero(~(present | flat)))
+        if present.all():
+            return self._confirmed(batch)
+        out = batch.copy()
         if present.any():
             out[present] = self._confirmed(np.ascontiguousarray(batch[present]))
         return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import shlex
 import sys
 import time
@@ -142,6 +143,8 @@ def _resuming(options: Options) -> str:
     """The command that goes on with this run, as it was typed."""
     called, *arguments = sys.argv
     words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
+    if Path(called).resolve().parent.name == "training":  # these programs find the package by it
+        words.insert(0, f"PYTHONPATH={os.environ.get('PYTHONPATH', '')}")
     if not any(word == "--out" or word.startswith("--out=") for word in words):
         words += ["--out", str(options.out)]
     return shlex.join(words if options.resume else [*words, "--resume"])

@@ -165,7 +165,11 @@ class Options:
 def typed(program: str) -> str:
     """What a user types to run a program: ``radalt eval`` where that was typed, else its script."""
     called = sys.argv[0]  # see evaluation/programs.py
-    return called if called.startswith("radalt ") else f".venv/bin/python flowgraphs/{program}.py"
+    if called.startswith("radalt "):
+        return called
+    if Path(called).resolve().parent.name == "training":
+        return f"PYTHONPATH=python .venv/bin/python training/{program}.py"
+    return f".venv/bin/python flowgraphs/{program}.py"
 
 
 class Parser(argparse.ArgumentParser):
