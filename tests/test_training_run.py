@@ -78,3 +78,26 @@ def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     status, said, errors = training("train.py", "fc", "--steps", "1", *start, *small)
     assert status == 0, errors
     assert "goes on from the weights of" in said
+
+
+DYING = """
+import multiprocessing, os, sys
+sys.path.insert(0, "training")
+import train
+queue = multiprocessing.Queue(1)
+worker = multiprocessing.Process(target=os._exit, args=(3,))
+worker.start()
+try:
+    train._take(queue, worker)
+except ChildProcessError as error:
+    print(error)
+"""
+
+
+def test_a_data_process_that_dies_is_not_waited_for(root):
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+    command = [root / ".venv-train/bin/python", "-c", DYING]
+    environment = {**os.environ, "PYTHONPATH": str(root / "python")}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=60)
+    assert "ended with status 3" in done.stdout, done.stderr

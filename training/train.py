@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from queue import Empty
 
 import numpy as np
 import onnx
@@ -50,6 +51,19 @@ def _produce(queue: multiprocessing.Queue, config: SceneConfig, recipe: Recipe, 
     torch.set_num_threads(1)
     for received, clean, _, sweep in batches(config, Waveform(), recipe.batch, first):
         queue.put((received, clean, sweep))
+
+
+def _take(queue: multiprocessing.Queue, worker: multiprocessing.Process) -> tuple:
+    """The next batch; ChildProcessError where the worker has ended, which otherwise would be waited for for ever."""
+    while True:
+        try:
+            return queue.get(timeout=5.0)
+        except Empty:
+            if not worker.is_alive():
+                raise ChildProcessError(
+                    f"the process that makes examples ended with status {worker.exitcode}; what is trained is kept, "
+                    "the same command goes on"
+                ) from None
 
 
 def exported_weights(model: Path) -> dict[str, Tensor]:
@@ -213,7 +227,7 @@ class Trainer:
         mark = time.monotonic()
         try:
             while self.step < self.last and time.time() < until:
-                recent.append(self.train_step(*queue.get()))
+                recent.append(self.train_step(*_take(queue, worker)))
                 if self.step % self.interval == 0 or self.step == self.last:
                     self.seconds += time.monotonic() - mark
                     mark = time.monotonic()
@@ -319,7 +333,10 @@ def main() -> None:
         print(f"goes on from its own checkpoint at step {trainer.step}{beside}", flush=True)
     elif args.start:
         print(f"goes on from the weights of {args.start}; step count and optimiser start anew", flush=True)
-    trainer.run(time.time() + 60 * args.minutes)
+    try:
+        trainer.run(time.time() + 60 * args.minutes)
+    except ChildProcessError as error:
+        parser.error(str(error))
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)
 
