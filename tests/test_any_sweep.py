@@ -85,7 +85,8 @@ def test_three_products_and_a_twiddle_are_a_dft():
     x = np.random.default_rng(0).standard_normal((layout.samples, 2)).view(np.complex128)[:, 0]
     y = (t["first"] @ np.concatenate([x.real, x.imag]).reshape(2 * a, b * c)).reshape(a, 2 * b, c)
     y = (t["second"] @ y).reshape(a, b, 2, c)
-    y = y * t["turn_re"] + y[:, :, [1, 0]] * t["turn_im"]
+    y = (y[:, :, 0] + 1j * y[:, :, 1]) * (t["turn_re"] + 1j * t["turn_im"])
+    y = np.stack([y.real, y.imag], 2)
     z = y.reshape(a * b, 2 * c) @ t["third"]
     spectrum = (z[:, :c] + 1j * z[:, c:]).reshape(a, b, c).transpose(2, 1, 0).ravel()  # k1 + a k2 + a b k3
     np.testing.assert_allclose(spectrum, np.fft.fft(x), atol=1e-3)

@@ -144,9 +144,11 @@ def _write(
             str(path),
             dynamo=False,
             opset_version=17,
+            do_constant_folding=False,  # weights keep their names; ONNX Runtime folds when it loads
             input_names=[name for name in axes if name != "clean"],
             output_names=["clean"],
             dynamic_axes=axes,
+            custom_opsets={"com.microsoft": 1},
         )
     model = onnx.load(str(path))
     helper.set_model_props(model, entries)
@@ -159,15 +161,17 @@ def narrow(source: Path, target: Path, precision: str) -> None:
     if precision == "int8-dynamic":
         from onnxruntime.quantization import QuantType, quantize_dynamic
 
-        quantize_dynamic(source, target, per_channel=True, weight_type=QuantType.QInt8)
+        _fold(source, target)
+        quantize_dynamic(target, target, per_channel=True, weight_type=QuantType.QInt8)
         entries = exported_metadata(source)
         model = onnx.load(str(target))
     elif precision == "int8-static":
         from onnxruntime.quantization import QuantType, quantize_static
 
         entries = exported_metadata(source)
+        _fold(source, target)
         quantize_static(
-            source,
+            target,
             target,
             _Calibration(entries),
             op_types_to_quantize=["Conv"],
@@ -182,6 +186,14 @@ def narrow(source: Path, target: Path, precision: str) -> None:
         _store(model, precision)
     helper.set_model_props(model, entries | {"radalt_precision": precision})
     onnx.save(model, str(target))
+
+
+def _fold(source: Path, target: Path) -> None:
+    """Write a model whose constants are computed: the quantiser takes no weights that a node scales."""
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(target)
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
+    onnxruntime.InferenceSession(str(source), options, providers=["CPUExecutionProvider"])
 
 
 class _Calibration:

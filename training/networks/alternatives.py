@@ -26,6 +26,7 @@ class Mask(nn.Module):
         super().__init__()
         self.bank = FourierBank(75, 15, range(-37, 38))
         b, columns = self.bank.bins, waveform.samples_per_frame // 15
+        self.columns = columns
         norm = torch.tensor(filterbank_norm(columns, 15, 5), dtype=torch.float32)
         self.register_buffer("norm", norm, persistent=False)
         self.enter = nn.Conv1d(3 * b, channels, 1)
@@ -38,13 +39,13 @@ class Mask(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        cells = self.bank(to_blocks(x, self.bank.hop), self.bank.analysis)
+        cells = self.bank(to_blocks(x, self.bank.hop, self.columns), self.bank.analysis)
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
         gain = torch.sigmoid(self.leave(self.blocks((self.enter(features) + self.position).unsqueeze(2))))
         blocks = self.bank.back(cells * torch.cat([gain, gain], 1), self.bank.synthesis)
-        return from_blocks(blocks * self.norm)
+        return from_blocks(blocks, self.bank.hop, self.columns) * self.norm
 
 
 class Residual(nn.Module):

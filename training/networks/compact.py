@@ -39,6 +39,7 @@ from .layers import (
     from_blocks,
     log_power,
     rechirped,
+    sizes_of,
     to_blocks,
 )
 
@@ -66,12 +67,12 @@ class CompactSettings:
 
 
 def _spread(blocks: Tensor, weights: Tensor) -> Tensor:
-    """(B, C, L) values of blocks -> (B, 1, hop, L) of samples, the outermost blocks going on outside."""
-    return nnf.conv1d(nnf.pad(blocks, (1, 1), mode="replicate"), weights)[:, None]
+    """(B, C, L) values of blocks -> (B, hop, L) of samples, the outermost blocks going on outside."""
+    return nnf.conv1d(nnf.pad(blocks, (1, 1), mode="replicate"), weights)
 
 
 class _Modulus(nn.Module):
-    """Stage 1 on blocks: (B, 2, hop, L) -> (B, 2, hop, L)."""
+    """Stage 1: (B, 2, N) -> (B, 2, N)."""
 
     def __init__(self, bins: int) -> None:
         super().__init__()
@@ -85,11 +86,11 @@ class _Modulus(nn.Module):
             self.leave.bias.copy_(torch.tensor([-2.0, 3.0, -4.0]))
 
     def forward(self, x: Tensor, beat_power: Tensor, tables: Tables) -> tuple[Tensor, Tensor, Tensor]:
-        """Cleaned blocks, (B, 5, L) envelope features and log powers of the beat band's cells, from the frame and the
+        """Cleaned frame, (B, 5, L) envelope features and log powers of the beat band's cells, from the frame and the
         powers of those cells."""
-        squares = x * x
-        power = squares[:, 0] + squares[:, 1]
-        modulus = torch.sqrt(power + 1e-12)
+        hop, columns = sizes_of(tables)
+        power = (x * x).sum(1).reshape(-1, columns, hop).transpose(1, 2) + 1e-12
+        modulus = torch.sqrt(power)
         halves = torch.matmul(tables.halves, modulus)  # mean modulus of half blocks, (B, 2, L)
         short = torch.matmul(tables.halves, power).mean(1, keepdim=True)
         means = torch.cat([halves.mean(1, keepdim=True), short], 1)
@@ -102,18 +103,16 @@ class _Modulus(nn.Module):
         average = level.mean(2, keepdim=True)
         over = logs[:, 2:] - average
         envelope = torch.cat([over[:, :1], logs[:, :1], over[:, 1:2], logs[:, 1:2], level - over[:, :1]], 1)
-        h = self.enter(torch.cat([envelope, over[:, 2:]], 1) * 0.25)
+        features = torch.cat([envelope, over[:, 2:]], 1)
+        h = self.enter(features, [0.25] * features.shape[1])
         control = self.leave(self.blocks(h))
         subtract, keep = (_spread(torch.sigmoid(control[:, i : i + 1]), tables.ramp) for i in (0, 1))
         prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), tables.ramp)
-        ratio = _spread(halves, tables.local) / modulus[:, None]
+        ratio = _spread(halves, tables.local) / modulus
         off = 1 - ratio
         # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
-        return (
-            x * (keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))),
-            envelope,
-            logs[:, 4:],
-        )
+        factor = keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))
+        return x * factor.transpose(1, 2).reshape(-1, 1, hop * columns), envelope, logs[:, 4:]
 
 
 class _Spectrum(nn.Module):
@@ -144,10 +143,13 @@ class _Spectrum(nn.Module):
         middle = level.mean(2, keepdim=True)
         over = level - torch.log(floor)
         features = torch.cat([over, torch.log(wide) - level, level - middle, over - (level - middle)], 1)
-        change = self.out(torch.tanh(self.hidden(0.3 * features)))
-        exponent = self.depth * torch.exp(change[:, 1:])
-        excess = torch.exp((over - self.offset + change[:, :1]).clamp(max=60.0))
-        gain = torch.exp(-exponent * torch.log(1 + excess))
+        # factors and offsets go into the weights, which are constants once exported
+        hidden = torch.tanh(nnf.conv1d(features, 0.3 * self.hidden.weight, self.hidden.bias, padding=1))
+        bias = self.out.bias - torch.stack([self.offset, torch.zeros_like(self.offset)])
+        change = nnf.conv1d(hidden, self.out.weight, bias, padding=1)
+        exponent = -self.depth * torch.exp(change[:, 1:])
+        excess = torch.exp((over + change[:, :1]).clamp(max=60.0))
+        gain = torch.exp(exponent * torch.log(1 + excess))
         return dft.synthesise(spectrum, gain)
 
 
@@ -193,16 +195,14 @@ class Compact(nn.Module):
             position = torch.matmul(self.position, tables.place)
             analysis, synthesis = self.bank.filters(tables.stretch)
         envelope = raw = None
-        hop = tables.cosine.shape[0]
-        z = to_blocks(x, hop)
         if self.modulus is not None:
-            power = self.bank.power(self.bank(dechirped(z, tables), analysis))
-            z, envelope, raw = self.modulus(z, power, tables)
+            power = self.bank.power(self.bank(to_blocks(dechirped(x, tables), *sizes_of(tables)), analysis))
+            x, envelope, raw = self.modulus(x, power, tables)
         if self.spectrum is not None:
-            z = to_blocks(self.spectrum(from_blocks(z), tables), hop)
-        cells = self.bank(dechirped(z, tables), analysis)
+            x = self.spectrum(x, tables)
+        cells = self.bank(to_blocks(dechirped(x, tables), *sizes_of(tables)), analysis)
         gain = self._gain(cells, envelope, raw, position)
-        return from_blocks(rechirped(self.bank.back(cells * gain, synthesis), tables))
+        return rechirped(from_blocks(self.bank.back(cells * gain, synthesis), *sizes_of(tables)), tables)
 
     def _gain(self, cells: Tensor, envelope: Tensor | None, raw: Tensor | None, position: Tensor) -> Tensor:
         """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the envelope."""
@@ -210,12 +210,17 @@ class Compact(nn.Module):
         total = power.sum(1, keepdim=True)
         level = log_power(total)
         average = level.mean(2, keepdim=True)
-        of_cells = [0.5 * (log_power(power) - average), cells / torch.sqrt(total + 1e-9)]
-        of_columns = [0.5 * (level - average)]
+        bins = self.bank.bins
+        of_cells = [log_power(power) - average, cells / torch.sqrt(total + 1e-9)]
+        of_columns = [level - average]
+        scales, column_scales = [0.5] * bins + [1.0] * 2 * bins, [0.5]
         if envelope is not None:
-            of_cells.append(0.25 * raw)
-            of_columns.append(0.25 * envelope)
-        entered = self.enter(torch.cat(of_cells, 1)) + self.enter_columns(torch.cat(of_columns, 1))
+            of_cells.append(raw)
+            of_columns.append(envelope)
+            scales += [0.25] * bins
+            column_scales += [0.25] * 5
+        entered = self.enter(torch.cat(of_cells, 1), scales)
+        entered = entered + self.enter_columns(torch.cat(of_columns, 1), column_scales)
         placed = entered.squeeze(2) + position
         gain = torch.sigmoid(self.leave(self.blocks(self.same(placed.unsqueeze(2)))))
         return torch.cat([gain, gain], 1)

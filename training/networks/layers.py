@@ -26,6 +26,7 @@ __all__ = [
     "log_power",
     "rechirped",
     "shifted",
+    "sizes_of",
     "to_blocks",
 ]
 
@@ -39,18 +40,18 @@ def log_power(power: Tensor) -> Tensor:
     return torch.log(power + 1e-9)
 
 
-def to_blocks(x: Tensor, hop: int) -> Tensor:
-    """(B, 2, N) -> (B, 2, hop, N / hop): sample ``hop t + m`` at row m, column t.
+def to_blocks(x: Tensor, hop: int, columns: int) -> Tensor:
+    """(B, 2, N) -> (B, 2 hop, columns): sample ``hop t + m`` in column t at row m, its quadrature ``hop`` rows below.
 
     Sums over a block, steps from block to block and the filterbank are matrix products in this order, where
     strided convolutions over 7500 samples spend their time gathering.
     """
-    return x.reshape(x.shape[0], 2, -1, hop).transpose(2, 3)
+    return x.reshape(-1, 2, columns, hop).transpose(2, 3).reshape(-1, 2 * hop, columns)
 
 
-def from_blocks(z: Tensor) -> Tensor:
+def from_blocks(z: Tensor, hop: int, columns: int) -> Tensor:
     """Inverse of `to_blocks`."""
-    return z.transpose(2, 3).reshape(z.shape[0], 2, -1)
+    return z.reshape(-1, 2, hop, columns).transpose(2, 3).reshape(-1, 2, columns * hop)
 
 
 def shifted(x: Tensor, columns: int) -> Tensor:
@@ -78,19 +79,61 @@ class Given:
         vars(self).update(tables)
 
 
-def dechirped(x: Tensor, tables: Tables) -> Tensor:
-    """Blocks times the conjugate sweep: (i + jq)(c - js) = (ic + qs) + j (qc - is).
+def sizes_of(tables: Tables | Given) -> tuple[int, int]:
+    """Samples per column, columns. From the tables, not from a frame: then they are constants of an exported graph."""
+    hop = tables.halves.shape[1]
+    return hop, tables.cosine.shape[1] // hop
+
+
+class _Rotation(torch.autograd.Function):
+    """`rotated` as one operator of ONNX Runtime, 1.17 and later: made for the position embedding of language models."""
+
+    @staticmethod
+    def forward(ctx: object, rows: Tensor, first: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
+        """See `rotated`."""
+        del ctx, first
+        return _rotated(rows, cosine, sine)
+
+    @staticmethod
+    def symbolic(graph, rows, first, cosine, sine):  # noqa: ANN001, ANN205 - values of a graph
+        """The operator, whose output is shaped as its first input."""
+        return graph.op("com.microsoft::RotaryEmbedding", rows, first, cosine, sine).setType(rows.type())
+
+
+def rotated(rows: Tensor, cosine: Tensor, sine: Tensor, tables: Tables | Given) -> Tensor:
+    """(B, L, 2 h) rows of real, then imaginary parts times ``cosine + j sine``, each (L, h).
+
+    A network of its own sweep is exported with one operator for it, which takes a quarter of the time of plain ones.
+    CUDA has it for short rows only, so `any_sweep.onnx`, which runs there, keeps to the plain ones.
+    """
+    if torch.onnx.is_in_onnx_export() and isinstance(tables, Tables):
+        return _Rotation.apply(rows, torch.zeros(1, dtype=torch.int64), cosine, sine)
+    return _rotated(rows, cosine, sine)
+
+
+def _rotated(rows: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
+    size = rows.shape[1:]
+    swapped = rows.reshape(-1, size[0], 2, size[1] // 2)[:, :, [1, 0]].reshape(-1, *size)
+    return rows * torch.cat([cosine, cosine], 1) + swapped * torch.cat([-sine, sine], 1)
+
+
+def dechirped(x: Tensor, tables: Tables | Given) -> Tensor:
+    """Frames (B, 2, N) times the conjugate sweep.
 
     Both halves keep their sign, so a return has beats of ``-k tau`` on the way up and ``+k tau`` on the way
     down and the product is continuous over the apex.
     """
-    return x * tables.cosine + x[:, [1, 0]] * torch.stack([tables.sine, -tables.sine])
+    return _times(x, tables.cosine, -tables.sine, tables)
 
 
-def rechirped(z: Tensor, tables: Tables) -> Tensor:
-    """Back to the received band, (re + j im)(c + js), with the filterbank's norm."""
-    sine = tables.sine * tables.norm
-    return z * (tables.cosine * tables.norm) - z[:, [1, 0]] * torch.stack([sine, -sine])
+def rechirped(x: Tensor, tables: Tables | Given) -> Tensor:
+    """Back to the received band, with the filterbank's norm."""
+    return _times(x, tables.cosine * tables.norm, tables.sine * tables.norm, tables)
+
+
+def _times(x: Tensor, cosine: Tensor, sine: Tensor, tables: Tables | Given) -> Tensor:
+    samples = cosine.shape[1]
+    return rotated(x.reshape(-1, 1, 2 * samples), cosine, sine, tables).reshape(-1, 2, samples)
 
 
 class FourierBank(nn.Module):
@@ -138,15 +181,14 @@ class FourierBank(nn.Module):
         ).flatten(0, 1)
 
     def forward(self, z: Tensor, analysis: Tensor) -> Tensor:
-        """(B, 2, h, L) blocks -> (B, 2 bins, L)."""
-        parts = torch.matmul(analysis, z.flatten(1, 2)).split(2 * self.bins, 1)
+        """(B, 2 h, L) blocks -> (B, 2 bins, L)."""
+        parts = torch.matmul(analysis, z).split(2 * self.bins, 1)
         return sum(shifted(part, self.spans // 2 - k) for k, part in enumerate(parts))
 
     def back(self, cells: Tensor, synthesis: Tensor) -> Tensor:
-        """(B, 2 bins, L) -> (B, 2, h, L), times ``norm`` the inverse over the band of the kept bins."""
+        """(B, 2 bins, L) -> (B, 2 h, L), times ``norm`` the inverse over the band of the kept bins."""
         around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
-        blocks = torch.matmul(synthesis, around)
-        return blocks.reshape(blocks.shape[0], 2, -1, blocks.shape[2])
+        return torch.matmul(synthesis, around)
 
     def power(self, cells: Tensor) -> Tensor:
         """(B, bins, L) power of each cell."""
@@ -166,7 +208,7 @@ class BandGain:
     def __init__(self, tables: Tables) -> None:
         self.tables = tables
         self.group = tables.group.shape[0]
-        self.factors = tuple(tables.turn_re.shape[k] for k in (0, 1, 3))
+        self.factors = tuple(tables.turn_re.shape)
 
     def analyse(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 2, N) -> spectrum, to be handed to `synthesise`, and mean powers (B, 1, N / group) by frequency."""
@@ -184,29 +226,33 @@ class BandGain:
         wide = gain[:, 0].repeat_interleave(self.group, 1)
         return torch.view_as_real(torch.fft.ifft(spectrum * wide)).transpose(1, 2)
 
+    def _turn(self) -> tuple[Tensor, Tensor]:
+        """Twiddles as rows, (a b, c)."""
+        return self.tables.turn_re.flatten(0, 1), self.tables.turn_im.flatten(0, 1)
+
     def analyse_matrices(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """`analyse` as exported; the spectrum is (B, a b, 2 c) in the order (k1, k2, real or imaginary, k3)."""
         t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
         y = torch.matmul(t.first, x.reshape(-1, 2 * a, b * c)).reshape(-1, a, 2 * b, c)
-        y = torch.matmul(t.second, y).reshape(-1, a, b, 2, c)
-        y = y * t.turn_re + y[:, :, :, [1, 0]] * t.turn_im
-        spectrum = torch.matmul(y.reshape(-1, a * b, 2 * c), t.third)
-        squares = (spectrum * spectrum).reshape(-1, groups, self.group, 2 * b * c)
-        power = squares.sum(2).reshape(-1, groups, b, 2, c).sum(3) / self.group  # (B, k1 // group, k2, k3)
-        # two plain transposes, of long runs and of a matrix: one that moves three axes takes three times as long
-        power = power.transpose(1, 2).reshape(-1, groups * b, c).transpose(1, 2)
+        y = torch.matmul(t.second, y).reshape(-1, a * b, 2 * c)
+        spectrum = torch.matmul(rotated(y, *self._turn(), t), t.third)
+        power = (spectrum * spectrum).reshape(-1, groups, self.group, 2 * b * c).sum(2)
+        power = power.reshape(-1, groups, b, 2 * c).transpose(1, 2).reshape(-1, groups * b, 2 * c)
+        # sums real and imaginary part's and transposes in one: (B, k3, (k2, k1 // group))
+        power = torch.matmul(t.both / self.group, power.transpose(1, 2))
         return spectrum, power.reshape(-1, 1, groups * b * c)
 
     def synthesise_matrices(self, spectrum: Tensor, gain: Tensor) -> Tensor:
         """`synthesise` as exported."""
         t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
-        gain = gain.reshape(-1, c, b, groups).permute(0, 3, 2, 1)  # (B, k1 // group, k2, k3)
-        gain = torch.cat([gain, gain], 3).reshape(
-            -1, groups, 1, 2 * b * c
-        )  # long runs: short broadcasts are slow
+        gain = torch.matmul(
+            gain.reshape(-1, c, b * groups).transpose(1, 2), t.both
+        )  # (B, (k2, k1 // group), 2 c)
+        gain = gain.reshape(-1, b, groups, 2 * c).transpose(1, 2)
+        gain = gain.reshape(-1, groups, 1, 2 * b * c)  # long runs: short broadcasts are slow
         y = (spectrum.reshape(-1, groups, self.group, 2 * b * c) * gain).reshape(-1, a * b, 2 * c)
-        y = torch.matmul(y, t.back_third).reshape(-1, a, b, 2, c)
-        y = y * t.turn_re - y[:, :, :, [1, 0]] * t.turn_im
+        cosine, sine = self._turn()
+        y = rotated(torch.matmul(y, t.back_third), cosine, -sine, t)
         y = torch.matmul(t.back_second, y.reshape(-1, a, 2 * b, c))
         return torch.matmul(t.back_first, y.reshape(-1, 2 * a, b * c)).reshape(-1, 2, a * b * c)
 
@@ -240,9 +286,10 @@ class RowConv(nn.Conv2d):
         row = {name: (1 if name == "stride" else 0, value) for name, value in shape.items()}
         super().__init__(entering, leaving, (1, kernel), bias=bias, **row)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """See the class."""
-        return super().forward(x.unsqueeze(2))
+    def forward(self, x: Tensor, scales: Sequence[float]) -> Tensor:
+        """See the class; ``scales`` of the input's channels go into the weights, which are constants once exported."""
+        weights = self.weight * self.weight.new_tensor(scales)[:, None, None]
+        return self._conv_forward(x.unsqueeze(2), weights, self.bias)
 
 
 class GatedStack(nn.Sequential):

@@ -165,18 +165,17 @@ def tables_of(waveform: Waveform, layout: Layout) -> dict[str, np.ndarray]:
 
     ``hop`` samples h, ``L`` columns, ``a, b, c`` factors, ``K = 3 h`` taps:
 
-    - ``cosine``, ``sine`` (h, L): the reference sweep; ``norm`` (h, L): inverse of the filterbank's squared windows;
+    - ``cosine``, ``sine`` (1, N): the reference sweep; ``norm`` (1, N): inverse of the filterbank's squared windows;
     - ``stretch`` (90, K): learned filters to K taps; ``place`` (125, L / 2): learned positions to half the columns;
     - ``ramp`` (h, 1, 3), ``local`` (h, 2, 3), ``halves`` (2, h): interpolation and means within columns;
     - ``group`` (group,): only its length counts;
     - ``first`` ... ``back_third``: the DFT of a b c points, see `dft_tables`.
     """
     reference = resampled(waveform.reference.astype(np.complex128), layout.samples)
-    blocks = reference.reshape(layout.columns, layout.hop).T
     kernel = FILTER_HOPS * layout.hop
     tables = {
-        "cosine": blocks.real,
-        "sine": blocks.imag,
+        "cosine": reference.real[None],
+        "sine": reference.imag[None],
         # the scales of both filters to a kernel of other length: one in `stretch`, its square root over here
         "norm": filterbank_norm(layout.columns, layout.hop, FILTER_HOPS)
         * np.sqrt(kernel / (FILTER_HOPS * HOP)),
@@ -191,14 +190,14 @@ def tables_of(waveform: Waveform, layout: Layout) -> dict[str, np.ndarray]:
 
 
 def filterbank_norm(columns: int, hop: int, spans: int) -> np.ndarray:
-    """(hop, L) one over the sum of a filterbank's squared Hann windows of ``spans`` columns, over ``sqrt(kernel)``."""
+    """(1, N) one over the sum of a filterbank's squared Hann windows of ``spans`` columns, over ``sqrt(kernel)``."""
     kernel = spans * hop
     squares = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(kernel) + 0.5) / kernel)) ** 2
     total = np.zeros((columns + spans - 1) * hop)
     for column in range(columns):
         total[column * hop : column * hop + kernel] += squares
     total = total[(spans - 1) // 2 * hop :][: columns * hop]
-    return (1.0 / (np.sqrt(kernel) * total)).reshape(columns, hop).T
+    return (1.0 / (np.sqrt(kernel) * total))[None]
 
 
 def _stretch(old: int, new: int) -> np.ndarray:
@@ -252,8 +251,8 @@ def dft_tables(layout: Layout) -> dict[str, np.ndarray]:
 
     J. W. Cooley and J. W. Tukey, 1965: with ``n = b c n1 + c n2 + n3`` and ``k = k1 + a k2 + a b k3`` the first twiddle
     depends on ``k1`` and ``n2`` alone and lies in the second product's matrices, one for each ``k1``. ``first`` has
-    shape (2a, 2a), ``second`` (a, 2b, 2b), ``third`` (2c, 2c), ``turn_re`` and ``turn_im`` (a, b, 2, c); ``back_...``
-    is the inverse.
+    shape (2a, 2a), ``second`` (a, 2b, 2b), ``third`` (2c, 2c), ``turn_re`` and ``turn_im`` (a, b, c); ``back_...`` is
+    the inverse. ``both`` (c, 2c) doubles c values for real and imaginary parts, and its transpose sums theirs.
     """
     a, b, c = layout.factors
     roots = [np.exp(-2j * np.pi * np.outer(np.arange(m), np.arange(m)) / m) for m in layout.factors]
@@ -268,8 +267,9 @@ def dft_tables(layout: Layout) -> dict[str, np.ndarray]:
         "first": _paired(_real_coded(roots[0])),
         "second": paired,
         "third": third.T,
-        "turn_re": np.repeat(twiddle.real[:, :, None], 2, 2),
-        "turn_im": np.stack([-twiddle.imag, twiddle.imag], 2),
+        "turn_re": twiddle.real,
+        "turn_im": twiddle.imag,
+        "both": np.tile(np.eye(c), 2),
         # each step's conjugate transpose, in the opposite order
         "back_first": _paired(_real_coded(roots[0])).T / layout.samples,
         "back_second": paired.transpose(0, 2, 1),

@@ -15,7 +15,7 @@ import numpy as np
 from ..paths import remedy
 from .base import MitigationError
 
-__all__ = ["PROVIDERS", "OnnxNetwork"]
+__all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there"]
 
 _CPU = "CPUExecutionProvider"
 PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}  # of ONNX Runtime, first choice first
@@ -108,6 +108,17 @@ class OnnxNetwork:
             binding.bind_ortvalue_input(name, value(values))
         binding.bind_ortvalue_output(self._output, value(self._cleaned[:n]))
         return binding
+
+
+def gpu_there(provider: str) -> bool:
+    """Whether a provider is one of a GPU that this onnxruntime has."""
+    if PROVIDERS[provider] == PROVIDERS["cpu"]:
+        return False
+    try:
+        import onnxruntime
+    except ImportError:
+        return False  # loading says so
+    return PROVIDERS[provider][0] in onnxruntime.get_available_providers()
 
 
 def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package

@@ -15,7 +15,7 @@ from ..waveform import Waveform
 from .any_sweep import layout_of, resampled, tables_of
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 from .interference_detector import InterferenceDetector
-from .onnx_network import PROVIDERS, OnnxNetwork
+from .onnx_network import PROVIDERS, OnnxNetwork, gpu_there
 from .rehearsal import rehearse
 from .shift_check import ShiftCheck
 
@@ -38,15 +38,16 @@ _LOUD = 1e15  # scale from which a network's output may leave float32
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
-def default_model_path(waveform: Waveform | None = None) -> Path:
+def default_model_path(waveform: Waveform | None = None, *, gpu: bool = False) -> Path:
     """The model that `tcae` runs unless another is named: in-tree ``models/``, else the installed share.
 
-    ``tcae.onnx`` for the sweep that it was trained on, or None; ``any_sweep.onnx`` for any other.
+    ``tcae.onnx`` for the sweep that it was trained on, or None; ``any_sweep.onnx`` for any other, and on a GPU: CUDA
+    lacks an operator of the first for rows as long as a frame.
     """
     from ..paths import model_path
 
     own = waveform is None or replace(waveform, carrier_hz=Waveform.carrier_hz) == Waveform()
-    return model_path("tcae.onnx" if own else "any_sweep.onnx")
+    return model_path("tcae.onnx" if own and not gpu else "any_sweep.onnx")
 
 
 def _is_default(sha256: str) -> bool:
@@ -137,11 +138,11 @@ class Tcae(Mitigation):
         if dither_db is not None and not -120 <= dither_db <= 0:
             raise MitigationError(f"tcae.dither_db is {dither_db!r}; it has to be within -120..0, or none")
         self._detector = InterferenceDetector(waveform) if skip_clean else None
-        self.model = Path(model) if model else default_model_path(waveform)
         if not 1 <= threads <= _MOST_THREADS:
             raise MitigationError(f"tcae.threads is {threads!r}; it has to be within 1..{_MOST_THREADS}")
         if provider not in PROVIDERS:
             raise MitigationError(f"tcae.provider is {provider!r}; one of {', '.join(PROVIDERS)}")
+        self.model = Path(model) if model else default_model_path(waveform, gpu=gpu_there(provider))
         self.threads = threads
         if self.model.is_file() and not _is_shipped(self.model):
             rehearse("tcae model", self.name, self.model, waveform)
