@@ -11,8 +11,8 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, MOVING, Received, demodulate, gain, misfit
-from .ofdm.lattice import middle, power, unit
+from .ofdm.demodulator import AGAIN, FIRST, MORE, MOVING, Received, demodulate, gain, misfit, once_more
+from .ofdm.lattice import BLOCK, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 
@@ -29,9 +29,14 @@ _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_MOST_READINGS = 8  # of a frame whose channel moves
+_MENDS = 0.97  # of the error that was left, for one more reading
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
 _FEWEST = 0.3  # of the symbols that send have to be readable
+_PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
+_AMISS = 0.2  # mean error of the elements around one whose channel is wrong
+_SYMBOLS_BESIDE = 2  # before and after, that tell so
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.1  # error over power of a subcarrier that is of no use
@@ -66,6 +71,14 @@ def _astray(received: Received, trusted: np.ndarray) -> float:
     """Share of the subcarriers whose channel is wrong."""
     error = (np.minimum(received.error, 1) * trusted).sum(axis=0) / np.maximum(trusted.sum(axis=0), 1)
     return float((error > _WRONG).mean())
+
+
+def _amid(error: np.ndarray, heard: np.ndarray) -> np.ndarray:
+    """(L, K) mean error of the ``heard`` elements around each one, in cells, each at most 1."""
+    number = np.arange(len(error))
+    near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
+    told = near @ box(heard.astype(np.float32), BLOCK)
+    return near @ box(np.minimum(error, 1) * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 class OfdmCancel(Mitigation):
@@ -199,6 +212,7 @@ class OfdmCancel(Mitigation):
             moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
+            received = self._settled(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
@@ -225,18 +239,7 @@ class OfdmCancel(Mitigation):
         received = demodulate(grid, clear, numerology, AGAIN)
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
-            grid = Grid(
-                starts,
-                lock.first_long,
-                received.symbols,
-                received.phase,
-                received.channel,
-                lock.used,
-                received.angles,
-            )
-            late = received.late
-            received = demodulate(grid, clear, numerology, AGAIN)
-            received.late += late
+            received = once_more(grid, clear, received, numerology, AGAIN)
         straight, received = self._still(straight, grid, clear, received, numerology)
         misread = received.misread
         usual = middle(misread)
@@ -289,6 +292,16 @@ class OfdmCancel(Mitigation):
         turn = turn.astype(np.complex64).ravel()[: frame.size]
         return turn, frame * turn
 
+    @staticmethod
+    def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
+        """The frame read again and again while that mends symbols: what is right spreads to its neighbours."""
+        for _ in range(_MOST_READINGS):
+            better = once_more(grid, clear, received, numerology, MORE)
+            if better.misread.mean() > _MENDS * received.misread.mean():
+                break
+            received = better
+        return received
+
     def _still(
         self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[np.ndarray, Received]:
@@ -299,13 +312,7 @@ class OfdmCancel(Mitigation):
         places, offsets = self._gather(grid.starts, numerology)
         frame = frame - self._samples(moving, received.weight > 0)[places] * offsets
         symbols = transforms(frame, grid.starts, numerology) * received.phase
-        grid = replace(
-            grid, symbols=symbols, phase=received.phase, channel=received.channel, angles=received.angles
-        )
-        late = received.late
-        received = demodulate(grid, clear, numerology, AGAIN)
-        received.late += late
-        return frame, received
+        return frame, once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
 
     def _subtract(
         self,
@@ -322,8 +329,8 @@ class OfdmCancel(Mitigation):
         # between bursts there is nothing to take away, and a return that is strong would be read as data
         sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
         own = power(received.symbols)
-        heard = own.sum(axis=1)
-        sending = (sent > _SILENT) & (heard > _IDLE * heard.max())
+        loud = own.sum(axis=1)
+        sending = (sent > _SILENT) & (loud > _IDLE * loud.max())
         readable = sending & (misread <= _READABLE)
         if (
             not readable.any()
@@ -340,8 +347,17 @@ class OfdmCancel(Mitigation):
         # where no return can be, all of an element goes
         model = np.where(both, received.channel * received.points, received.symbols)
         both &= readable[:, None]
-        kept = expected_return(received, both, trusted & readable[:, None], lock.sir_db)
+        partly = misread.mean() > _PARTLY
+        heard = trusted & readable[:, None]
+        asked = both & (_amid(received.error, heard) < _AMISS) if partly else both
+        kept = expected_return(received, asked, heard, lock.sir_db)
         lock.sir_db = None
+        if kept is None:
+            # misread elements go as a whole
+            model[both & ~asked] = received.symbols[both & ~asked]
+        elif partly:
+            # where the return is larger than a cell, that makes little difference
+            kept = expected_return(received, both, heard, kept[1])
         if kept is not None:
             model[both] = received.symbols[both] - kept[0]
             lock.sir_db = kept[1]

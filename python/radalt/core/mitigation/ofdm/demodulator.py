@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ __all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
 # turn; in the end each subcarrier for itself
 FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0), (1, 1, 1.0))
 MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
+MORE = ((9, 2, 1.0), (3, 2, 1.0))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
@@ -193,6 +194,22 @@ def demodulate(
         symbols, phase, channel, _drift(channel, grid.used, noise), found.points, found.few, kinds, found.error,
         off, noise, angles, weight.sum(axis=1), late,
     )  # fmt: skip
+
+
+def once_more(
+    grid: Grid,
+    clear: np.ndarray,
+    received: Received,
+    numerology: Numerology,
+    turns: Sequence[tuple[int, int, float]],
+) -> Received:
+    """`demodulate` again, from what was ``received`` before on the same ``grid``."""
+    grid = replace(
+        grid, symbols=received.symbols, phase=received.phase, channel=received.channel, angles=received.angles
+    )
+    again = demodulate(grid, clear, numerology, turns)
+    again.late += received.late
+    return again
 
 
 def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
