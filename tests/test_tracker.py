@@ -253,6 +253,20 @@ def test_the_ground_is_not_given_up_for_a_stronger_return_near_by_while_it_is_th
     assert not np.any(outputs["status"][7:] == Status.NORMAL)
 
 
+def test_a_method_that_takes_the_ground_away_does_not_hand_the_track_to_a_stronger_return():
+    """The received frames still show the ground, 13 dB below what the method has left."""
+    rng = np.random.default_rng(24)
+    received = flight(rng, np.full(1600, 500.0), 0.0)
+    cleaned = received.copy()
+    second = 10.0 ** (13.0 / 20.0) * point_return(W, np.full(1320, 620.0))
+    received[280:] += second
+    cleaned[280:] = second + noise(rng, 1320, 0.0)
+    tracker = AltitudeTracker(ALTIMETER)
+    status = tracker.process(ALTIMETER.spectra(cleaned), received=ALTIMETER.spectra(received))["status"]
+    assert np.all(status[3:7] == Status.NORMAL)
+    assert not np.any(status[7:] == Status.NORMAL)
+
+
 def test_an_altitude_beyond_all_that_are_possible_is_no_computed_data():
     """Half a resolution cell (10 m) beyond the span is searched; the protection level is 2.3 m there."""
     altimeter = Altimeter(W, AltimeterSettings(min_altitude_m=100.0, max_altitude_m=1000.0))

@@ -233,7 +233,7 @@ class AltitudeTracker:
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
-        self._at = at
+        self._at, self._before = at, None
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
@@ -246,8 +246,9 @@ class AltitudeTracker:
         normal = False
         if self._track is not None:
             found = self._continue(self._track, block, middle)
-            state = State.TRACK if found else self._missed()
-            if found and self._track.filter.nis > _INCONSISTENT:
+            kept = found or self._kept(self._track, middle)
+            state = State.TRACK if kept else self._missed()
+            if kept and self._track.filter.nis > _INCONSISTENT:
                 found, state, self._track = None, State.LOST, None
             normal = found is not None and self._undisputed(self._track, block, found)
         else:
@@ -304,7 +305,18 @@ class AltitudeTracker:
         spare = _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
         return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
 
-    def _continue(self, track: Track, block: Block, middle: float) -> Measurement | None:
+    def _kept(self, track: Track, middle: float) -> Measurement | None:
+        """The received frames' measurement of a track that a method has taken away: it goes on, without an altitude."""
+        if not self._beside:
+            return None
+        seen = track.seen
+        found = self._continue(track, self._received_block(), middle, cleaned=False)
+        track.seen |= seen
+        return found
+
+    def _continue(
+        self, track: Track, block: Block, middle: float, *, cleaned: bool = True
+    ) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the return is not there."""
         mask = self._gate(track)
         found = block.best(block.at_peaks(mask))
@@ -313,7 +325,8 @@ class AltitudeTracker:
             return None
         t = self.integrator
         found = self._calibrated(found)
-        track.evidence.add(*block.differences(found, self._reach))
+        if cleaned:  # evidence is about what gives the altitude
+            track.evidence.add(*block.differences(found, self._reach))
         threshold = _threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
         track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found)):
@@ -419,13 +432,19 @@ class AltitudeTracker:
             return False
         return not (self._beside and self._received_rival(found, here, near_m))
 
+    def _received_block(self) -> Block:
+        """The block's frames as they were received, summed once and only if asked for."""
+        if self._before is None:
+            self._before = self.integrator.integrate(self._received[self._at], self._at.astype(float))
+        return self._before
+
     def _received_rival(self, found: Measurement, here_m: float, near_m: float) -> bool:
         """Whether the received frames show a rival, near by or far, that a method may have taken away.
 
         Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
         """
         t = self.integrator
-        before = t.integrate(self._received[self._at], self._at.astype(float))
+        before = self._received_block()
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
         if beside is not None and beside.strength >= self._search_threshold:
