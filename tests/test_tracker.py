@@ -105,7 +105,7 @@ def test_one_frame_of_forty_decides_nothing():
     assert not np.any(tracked(frames)["state"] == State.TRACK)
 
 
-@pytest.mark.parametrize("rival_m", [700.0, 250.0])
+@pytest.mark.parametrize("rival_m", [700.0, 250.0, 480.0, 320.0])
 def test_a_return_that_a_method_has_taken_away_is_a_rival_if_the_received_frames_show_it(rival_m):
     rng = np.random.default_rng(20)
     cleaned = flight(rng, np.full(400, 400.0), 0.0)
@@ -240,6 +240,41 @@ def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, 
     outputs = tracked(frames)
     assert np.all(outputs["status"][3:10] == Status.NORMAL)
     assert not np.any(outputs["status"][12:] == Status.NORMAL)
+
+
+@pytest.mark.parametrize("apart_m", [80.0, -80.0])
+def test_the_ground_is_not_given_up_for_a_stronger_return_near_by_while_it_is_there(apart_m):
+    """13 dB, for 1.8 s: alone the stronger one would be called NORMAL, since the ground is far below it."""
+    rng = np.random.default_rng(22)
+    frames = flight(rng, np.full(2080, 500.0), 0.0)
+    frames[280:] += 10.0 ** (13.0 / 20.0) * point_return(W, np.full(1800, 500.0 + apart_m))
+    outputs = tracked(frames)
+    assert np.all(outputs["status"][3:7] == Status.NORMAL)
+    assert not np.any(outputs["status"][7:] == Status.NORMAL)
+
+
+def test_a_method_that_takes_the_ground_away_does_not_hand_the_track_to_a_stronger_return():
+    """The received frames still show the ground, 13 dB below what the method has left."""
+    rng = np.random.default_rng(24)
+    received = flight(rng, np.full(1600, 500.0), 0.0)
+    cleaned = received.copy()
+    second = 10.0 ** (13.0 / 20.0) * point_return(W, np.full(1320, 620.0))
+    received[280:] += second
+    cleaned[280:] = second + noise(rng, 1320, 0.0)
+    tracker = AltitudeTracker(ALTIMETER)
+    status = tracker.process(ALTIMETER.spectra(cleaned), received=ALTIMETER.spectra(received))["status"]
+    assert np.all(status[3:7] == Status.NORMAL)
+    assert not np.any(status[7:] == Status.NORMAL)
+
+
+def test_an_altitude_beyond_all_that_are_possible_is_no_computed_data():
+    """Half a resolution cell (10 m) beyond the span is searched; the protection level is 2.3 m there."""
+    altimeter = Altimeter(W, AltimeterSettings(min_altitude_m=100.0, max_altitude_m=1000.0))
+    rng = np.random.default_rng(23)
+    for altitude_m, normal in ((93.0, False), (99.0, True), (1007.0, False)):
+        outputs = tracked(flight(rng, np.full(240, altitude_m), 0.0), altimeter)
+        assert np.all(outputs["state"][2:] == State.TRACK)
+        assert np.all((outputs["status"][2:] == Status.NORMAL) == normal)
 
 
 def test_a_weak_second_return_above_the_ground_changes_nothing():

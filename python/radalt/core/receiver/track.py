@@ -135,7 +135,6 @@ class Track:
     missed: int = 0  # consecutive
     confirmed: bool = False
     seen: bool = True  # something that is no side lobe stands where the track is expected
-    outdone: int = 0  # consecutive blocks in which a rival near by was stronger
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
     history: deque = field(

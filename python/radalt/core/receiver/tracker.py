@@ -36,7 +36,6 @@ _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
 # ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
-_YIELD_S = 1.0  # a track whose rival near by has been stronger for so long gives way
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
 
@@ -111,6 +110,8 @@ class AltitudeTracker:
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
         t = self.integrator
+        self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
+        self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
         self._reach = t.last - t.first
         self._search_threshold = _threshold(settings.search_pfa, t.trials)
@@ -232,9 +233,7 @@ class AltitudeTracker:
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
-        self._before = None
-        if self._beside:
-            self._before = self.integrator.integrate(self._received[at], at.astype(float))
+        self._at, self._before = at, None
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
@@ -247,8 +246,9 @@ class AltitudeTracker:
         normal = False
         if self._track is not None:
             found = self._continue(self._track, block, middle)
-            state = State.TRACK if found else self._missed()
-            if found and self._track.filter.nis > _INCONSISTENT:
+            kept = found or self._kept(self._track, middle)
+            state = State.TRACK if kept else self._missed()
+            if kept and self._track.filter.nis > _INCONSISTENT:
                 found, state, self._track = None, State.LOST, None
             normal = found is not None and self._undisputed(self._track, block, found)
         else:
@@ -270,7 +270,9 @@ class AltitudeTracker:
             if status == Status.NORMAL:
                 level = self._protection_m(self._track)
                 altitude, speed = (float(v) for v in self._track.filter.mean)
-                if not level <= self.settings.max_protection_m:
+                lowest, highest = self._possible_m
+                nowhere = altitude + level < lowest or altitude - level > highest
+                if nowhere or not level <= self.settings.max_protection_m:
                     status, altitude, speed, level = Status.NO_COMPUTED_DATA, np.nan, np.nan, np.nan
         return last, status, state, altitude, speed, level, age, strength, frames
 
@@ -303,7 +305,18 @@ class AltitudeTracker:
         spare = _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
         return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
 
-    def _continue(self, track: Track, block: Block, middle: float) -> Measurement | None:
+    def _kept(self, track: Track, middle: float) -> Measurement | None:
+        """The received frames' measurement of a track that a method has taken away: it goes on, without an altitude."""
+        if not self._beside:
+            return None
+        seen = track.seen
+        found = self._continue(track, self._received_block(), middle, cleaned=False)
+        track.seen |= seen
+        return found
+
+    def _continue(
+        self, track: Track, block: Block, middle: float, *, cleaned: bool = True
+    ) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the return is not there."""
         mask = self._gate(track)
         found = block.best(block.at_peaks(mask))
@@ -312,7 +325,8 @@ class AltitudeTracker:
             return None
         t = self.integrator
         found = self._calibrated(found)
-        track.evidence.add(*block.differences(found, self._reach))
+        if cleaned:  # evidence is about what gives the altitude
+            track.evidence.add(*block.differences(found, self._reach))
         threshold = _threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
         track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found)):
@@ -371,11 +385,7 @@ class AltitudeTracker:
             strong = found is not None and found.strength >= self._search_threshold
             if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
                 self._candidate = self._start(block, self._calibrated(found), middle)
-        elif (
-            candidate.confirmed
-            and track is not None
-            and (not track.seen or track.outdone * self.settings.output_s >= _YIELD_S)
-        ):
+        elif candidate.confirmed and track is not None and not track.seen:
             self._track = None  # the ground has stepped: the old altitude is no longer there
 
     def _start(self, block: Block, found: Measurement, middle: float) -> Track:
@@ -404,7 +414,7 @@ class AltitudeTracker:
 
     def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
-        s, t = self.settings, self.integrator
+        t = self.integrator
         if track.hits < 2 and found.strength < self._search_threshold:
             return False  # back from coasting: one weak return may be noise
         away = block.away_from(found)
@@ -412,26 +422,40 @@ class AltitudeTracker:
         any_speed = block.strongest(away)
         outdone = same_speed is not None and _exceeds(same_speed, found, 0.0)
         outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
-        here = found.altitude_m + self._shift_m
-        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
-        near = any_speed is not None and abs(any_speed.altitude_m - here) <= near_m
-        track.outdone = track.outdone + 1 if outdone and near else 0
         if outdone or block.contradicted(found):
             return False
-        shares = 10.0 ** (-s.rival_db / 10.0), 10.0 ** (-s.nearer_rival_db / 10.0)
-        if block.second_return(found, round(near_m / t.cell_m), *shares):
+        here = found.altitude_m + self._shift_m
+        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
+        if block.second_return(found, round(near_m / t.cell_m), *self._shares):
             return False
-        if self._rival(block, found.power, here, near_m, shares):
+        if self._rival(block, found.power, here, near_m):
             return False
-        before = self._before
-        return before is None or not self._rival(before, before.power_at(found), here, near_m, shares)
+        return not (self._beside and self._received_rival(found, here, near_m))
 
-    def _rival(
-        self, block: Block, power: float, here_m: float, near_m: float, shares: tuple[float, float]
-    ) -> bool:
+    def _received_block(self) -> Block:
+        """The block's frames as they were received, summed once and only if asked for."""
+        if self._before is None:
+            self._before = self.integrator.integrate(self._received[self._at], self._at.astype(float))
+        return self._before
+
+    def _received_rival(self, found: Measurement, here_m: float, near_m: float) -> bool:
+        """Whether the received frames show a rival, near by or far, that a method may have taken away.
+
+        Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
+        """
+        t = self.integrator
+        before = self._received_block()
+        found = replace(found, power=before.power_at(found))
+        beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
+        if beside is not None and beside.strength >= self._search_threshold:
+            if before.second_return(found, round(near_m / t.cell_m), *self._shares):
+                return True
+        return self._rival(before, found.power, here_m, near_m)
+
+    def _rival(self, block: Block, power: float, here_m: float, near_m: float) -> bool:
         """Whether a return beyond ``near_m`` of one of some power is strong enough to be the ground."""
         apart = self.integrator.altitude_m - here_m
-        for mask, share in ((apart > near_m, shares[0]), (apart < -near_m, shares[1])):
+        for mask, share in zip((apart > near_m, apart < -near_m), self._shares, strict=True):
             rival = block.strongest(mask)
             if (
                 rival is not None
