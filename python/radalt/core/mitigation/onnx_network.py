@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -122,6 +123,7 @@ def gpu_there(provider: str) -> bool:
 
 
 def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
+    """The package and a session, which is shared by all who run the same file: making one takes 0.1 s."""
     # ONNX Runtime's packages tell their maker of every session unless this says no before the import
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
@@ -132,19 +134,28 @@ def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types
         ) from None
     if not model.is_file():
         raise MitigationError(f"tcae model {model} does not exist; name one with --model")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3
     wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
     try:
-        names = [name for name in wanted if name in there]
-        session = onnxruntime.InferenceSession(str(model), options, providers=names)
+        written = model.stat()
+        names = tuple(name for name in wanted if name in there)
+        session = _session(str(model), threads, names, (written.st_mtime_ns, written.st_size))
     except Exception as error:  # see OnnxNetwork.run
         raise MitigationError(f"tcae model {model} is no readable ONNX file: {_first_line(error)}") from None
     if wanted[0] not in session.get_providers():
         _LOG.warning("tcae: no %s in this onnxruntime; the network runs on the processor", wanted[0])
     return onnxruntime, session
+
+
+@lru_cache(maxsize=2)
+def _session(model: str, threads: int, providers: tuple[str, ...], written: tuple[int, int]):  # noqa: ANN202 - see _load
+    import onnxruntime
+
+    del written  # another file of the same name is another key
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(model, options, providers=list(providers))
 
 
 def _first_line(error: Exception) -> str:

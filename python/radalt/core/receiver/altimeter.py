@@ -571,7 +571,7 @@ def _joint(cells: Significance, pair: np.ndarray) -> np.ndarray:
     return np.take_along_axis(cells.value, near, axis=-1).max(axis=-1).sum(axis=-1) + cells.spared
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def shared_altimeter(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
     """One altimeter for all callers with the same sweep and settings: it has tables, but no state."""
     return Altimeter(waveform, settings)

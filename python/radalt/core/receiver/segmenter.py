@@ -20,7 +20,7 @@ from scipy.linalg import blas
 from ..programme import Programme
 from ..returns.point import point_return
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter import Altimeter, AltimeterSettings
+from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
@@ -164,7 +164,7 @@ class FrameSegmenter:
         halves[1, self._n // 2 :] = waveform.reference[self._n // 2 :]
         self._reference_fft = np.conj(fft.fft(halves, axis=1))
         span = 3.0 * waveform.range_resolution_m
-        self._fine = Altimeter(
+        self._fine = shared_altimeter(
             waveform,
             AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
         )

@@ -15,9 +15,10 @@ from ...core.interference.emitters.tones import ToneEmitter
 from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation
+from ...core.receiver.altimeter import shared_altimeter
 from ...core.receiver.tracker import AltitudeTracker
 from ...core.returns.point import point_return
-from ..results.chain import Chain, altimeter_of
+from ..results.chain import Chain
 from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity
 from ..results.rows import Columns
 from ..results.score import score_frames
@@ -73,7 +74,7 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dic
         WAVEFORM, parts, seed=int(rng.integers(2**31)), free_running=True, total_sir_db=None
     )
     stream.next_frame()  # it begins within this one
-    altimeter = altimeter_of(WAVEFORM, Chain("none", "none").settings)
+    altimeter = shared_altimeter(WAVEFORM, Chain("none", "none").settings)
     trackers = {method: AltitudeTracker(altimeter) for method in methods}
     results, outputs = {m: [] for m in methods}, {m: [] for m in methods}
     for method in methods:

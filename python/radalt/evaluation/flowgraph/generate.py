@@ -6,6 +6,7 @@ import contextlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,25 @@ def grc_dirs() -> list[str]:
     return [str(own)]
 
 
+@lru_cache(maxsize=1)
+def _platform(*own: str) -> Any:
+    """GNU Radio's compiler with its library of blocks, which is read once: hundreds of files."""
+    from gnuradio import gr
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        # the compiler keeps the stdout of its first import for its messages: it would warn of a missing throttle, but
+        # the source is finite
+        from gnuradio.grc.core.platform import Platform
+
+    platform = Platform(
+        version=gr.version(),
+        version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
+        prefs=gr.prefs(),
+    )
+    platform.build_library([p for p in platform.config.block_paths if p not in own] + list(own))
+    return platform
+
+
 def generate(data: dict[str, Any], folder: Path) -> Path:
     """Write the .grc and have GNU Radio's compiler make Python of it.
 
@@ -60,24 +80,11 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
     FlowgraphError
         If a block is missing or the flowgraph is not valid; names the first error.
     """
-    from gnuradio import gr
-
-    with contextlib.redirect_stdout(io.StringIO()):
-        # the compiler keeps the stdout of its first import for its messages: it would warn of a missing throttle, but
-        # the source is finite
-        from gnuradio.grc.core.platform import Platform
-
     folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]
     path = folder / f"{name}.grc"
     save_grc(data, path)
-    platform = Platform(
-        version=gr.version(),
-        version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
-        prefs=gr.prefs(),
-    )
-    paths = [p for p in platform.config.block_paths if p not in grc_dirs()]
-    platform.build_library(paths + grc_dirs())
+    platform = _platform(*grc_dirs())
     flow_graph = platform.make_flow_graph(str(path))
     flow_graph.grc_file_path = str(path)
     flow_graph.rewrite()

@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings
+from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
 from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
 from ..engine.study import Point, Run, Study
-from ..results.chain import Chain, altimeter_of, seconds_per_frame
+from ..results.chain import Chain, seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.integrity import (
     COUNTS,
@@ -98,7 +98,7 @@ def judge(
     frames_of_flight: Iterable[tuple[np.ndarray, ...]], frames: int, chains: Sequence[Chain]
 ) -> dict[str, Judged]:
     """Every chain's tracked and per-frame altitudes of the same received frames."""
-    altimeter = altimeter_of(WAVEFORM, SETTINGS)
+    altimeter = shared_altimeter(WAVEFORM, SETTINGS)
     trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
     outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
     spent = dict.fromkeys(chains, 0.0)

@@ -39,12 +39,12 @@ def check_scene(scene: Scene) -> None:
         One line.
     """
     from ...core.channel.simulated import SimulatedChannel
-    from ...core.receiver.altimeter import Altimeter
+    from ...core.receiver.altimeter import shared_altimeter
 
     try:
         programme = scene.altitude.programme
         true_delay = programme if scene.altitude.mode == "true_delay" else None
-        Altimeter(scene.waveform, scene.altimeter_settings)
+        shared_altimeter(scene.waveform, scene.altimeter_settings)
         frames = programme.total_frames
         SimulatedChannel(scene.waveform, scene.channel, true_delay=true_delay, frames=frames)
         for interferer in scene.interference:

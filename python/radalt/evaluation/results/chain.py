@@ -13,18 +13,12 @@ from typing import Any
 import numpy as np
 
 from ...core.mitigation import Mitigation, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings, Spectra, shared_altimeter
 from ...core.waveform import Waveform
 
-__all__ = ["Chain", "altimeter_of", "chains_with", "model_files", "seconds_per_frame"]
+__all__ = ["Chain", "chains_with", "model_files", "seconds_per_frame"]
 
 _CHUNK = 20  # frames processed at once where only the error counts
-
-
-@lru_cache(maxsize=64)
-def altimeter_of(waveform: Waveform, settings: AltimeterSettings) -> Altimeter:
-    """An altimeter, made once per process for all who measure alike."""
-    return Altimeter(waveform, settings)
 
 
 @dataclass(frozen=True)
@@ -96,7 +90,7 @@ class Chain:
         """
         method = _method_of(self, waveform)
         method.reset()
-        altimeter = altimeter_of(waveform, self.settings)
+        altimeter = shared_altimeter(waveform, self.settings)
         step = self.looks * max(1, _CHUNK // self.looks)
         parts = []
         for k in range(0, len(frames), step):

@@ -31,14 +31,22 @@ def say(axis: Any, x: Sequence[float], y: Sequence[float], texts: Sequence[str])
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Write PNG (``path``), PDF and SVG beside each other: without dates, the same bytes for the same rows."""
+    """Write PNG (``path``), PDF and SVG beside each other: without dates, the same bytes for the same rows.
+
+    By the canvases themselves: `savefig` draws every file twice, the first time for a layout that is made once here.
+    """
     import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6}):
-        figure.savefig(path, metadata={"Software": "gr-radalt"})
-        figure.set_layout_engine("none")  # it is laid out now
-        figure.savefig(path.with_suffix(".pdf"), metadata={"Creator": "gr-radalt", "CreationDate": None})
+        figure.get_layout_engine().execute(figure)
+        figure.set_layout_engine("none")
+        FigureCanvasAgg(figure).print_png(path, metadata={"Software": "gr-radalt"})
+        metadata = {"Creator": "gr-radalt", "CreationDate": None}
+        FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"), metadata=metadata)
         texts = []
         for axis, x, y, text in getattr(figure, "radalt_said", []):
             if np.isfinite(x) and np.isfinite(y):
@@ -46,7 +54,7 @@ def save_figure(figure: Any, path: Path) -> None:
                 axis.plot([x], [y], "o", ms=9, alpha=0.0, gid=f"say{len(texts)}", scalex=False, scaley=False)
                 texts.append(text)
         svg = io.StringIO()
-        figure.savefig(svg, format="svg", metadata={"Creator": "gr-radalt", "Date": None})
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Creator": "gr-radalt", "Date": None})
     drawn = re.sub(
         r'<g id="say(\d+)">',
         lambda found: f"{found[0]}<title>{escape(texts[int(found[1])])}</title>",

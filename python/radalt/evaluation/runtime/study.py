@@ -19,12 +19,12 @@ import numpy as np
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.mitigation import Mitigation, create
-from ...core.receiver.altimeter import Altimeter, AltimeterSettings
+from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 from ..engine.run import peak_memory_bytes
 from ..engine.study import Point, Run, Study
-from ..results.chain import Chain, altimeter_of, chains_with, model_files, seconds_per_frame
+from ..results.chain import Chain, chains_with, model_files, seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
@@ -261,7 +261,7 @@ def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
 def _warmed_up(chains: tuple[Chain, ...]) -> tuple[np.ndarray, list[tuple[str, Mitigation, Altimeter]]]:
     """Frames to be timed, and every chain built; each has been run once, so that nothing is first in what counts."""
     frames, _ = frames_of("QPSK rectangular, 30 %", -20.0, 2 * max(_BATCHES), 99)
-    built = [(c.label, c.build(_W), altimeter_of(_W, c.settings)) for c in chains]
+    built = [(c.label, c.build(_W), shared_altimeter(_W, c.settings)) for c in chains]
     for _, method, altimeter in built:
         for batch in _BATCHES:
             list(_timed(method, altimeter, frames, batch))
@@ -293,7 +293,7 @@ def _timed(
 
 def _facts(chain: Chain) -> dict[str, Any]:
     """What does not depend on the frames: precision, bytes of model and memory, decimation and FFT size."""
-    method, altimeter = chain.build(_W), altimeter_of(_W, chain.settings)
+    method, altimeter = chain.build(_W), shared_altimeter(_W, chain.settings)
     return {
         "chain": chain.label,
         "precision": getattr(method, "metadata", {}).get("radalt_precision", chain.precision),

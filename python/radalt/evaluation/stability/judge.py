@@ -17,9 +17,9 @@ from scipy.stats import binom
 
 from ...core.mitigation import Mitigation, MitigationError
 from ...core.mitigation.tcae import default_model_path
-from ...core.receiver.altimeter import Altimeter, Reason
+from ...core.receiver.altimeter import Altimeter, Reason, shared_altimeter
 from ...core.returns.point import point_return
-from ..results.chain import Chain, altimeter_of
+from ..results.chain import Chain
 from .cases import CLEAN_ALTITUDE_M, Case, noisy
 from .reference import REFERENCES, covariance_condition, reference_altitude_m
 
@@ -54,7 +54,7 @@ def judge(case: Case, chain: Chain) -> dict[str, Any]:
         note = str(error).replace(str(model), model.name)
         return row | _empty(f"refused: {note}") | {"verdict": "refused"}
     row["precision"] = getattr(method, "metadata", {}).get("radalt_precision", chain.precision)
-    altimeter = altimeter_of(case.waveform, case.settings)
+    altimeter = shared_altimeter(case.waveform, case.settings)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # an overflow that nobody expected shows as an exception here
         try:
