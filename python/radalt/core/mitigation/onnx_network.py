@@ -18,6 +18,9 @@ from .base import MitigationError
 
 __all__ = ["PROVIDERS", "OnnxNetwork", "gpu_there"]
 
+# ONNX Runtime's packages tell their maker of every session unless this says no before they are imported
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
 _CPU = "CPUExecutionProvider"
 PROVIDERS = {"cpu": (_CPU,), "cuda": ("CUDAExecutionProvider", _CPU)}  # of ONNX Runtime, first choice first
 _LOG = logging.getLogger(__name__)
@@ -124,8 +127,6 @@ def gpu_there(provider: str) -> bool:
 
 def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
     """The package and a session, which is shared by all who run the same file: making one takes 0.1 s."""
-    # ONNX Runtime's packages tell their maker of every session unless this says no before the import
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     try:
         import onnxruntime
     except ImportError:
