@@ -299,3 +299,17 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
         assert method.status()["cancelled"] == 2
     with pytest.raises(MitigationError, match="hybrid.other is 'lms'; one of tcae, whitening"):
         create("hybrid", W, other="lms")
+
+
+def test_hybrid_sums_network_and_whitening_where_neither_is_enough():
+    """Tones, QPSK and 5 MHz NR at once, over the whole frame: both outputs hold the return, their errors differ."""
+    altitude_m, frames = returns(60, 36)
+    parts = [Interferer(e, 0.0) for e in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=6, frame_count=2))]
+    rng = np.random.default_rng(37)
+    frames = frames + interference_frames(parts, 60, W.samples_per_frame, W.rate_hz, rng, total_sir_db=-32.5)
+    frames = frames.astype(np.complex64)
+    cleaned = {m: create(m, W).process(frames) for m in ("hybrid", "tcae", "whitening")}
+    pd = {m: right(out, altitude_m) for m, out in cleaned.items()}
+    valid = {m: np.mean(ALTIMETER.detect(ALTIMETER.spectra(out))["valid"]) for m, out in cleaned.items()}
+    assert pd["hybrid"] >= pd["tcae"] + 0.05
+    assert valid["hybrid"] - pd["hybrid"] < valid["whitening"] - pd["whitening"]  # fewer wrong ones

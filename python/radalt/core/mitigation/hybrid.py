@@ -1,4 +1,4 @@
-"""Three methods, one of them per frame: OFDM or QPSK that fills the frame is cancelled, all else goes to the other."""
+"""OFDM or QPSK that fills the frame is cancelled; all other frames go to the network, or to it and whitening."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
+from .interference_detector import InterferenceDetector
 from .ofdm_cancel import OfdmCancel
 from .qpsk_cancel import QpskCancel
 from .tcae import Tcae
@@ -15,15 +16,21 @@ __all__ = ["Hybrid"]
 
 _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
 _SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
+_UNCLEAR_DB = (
+    -3.0
+)  # of what is no return over the return, in the network's output: more, and it is at its limit
+_SHARE = 2.0  # amplitude of the whitened frame beside that output
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
 class Hybrid(Mitigation):
     """`OfdmCancel` or `QpskCancel` where one can demodulate what fills the frame, the network or whitening elsewhere.
 
-    Card: *choice by signal.* Each frame goes through one method. A chain gains nothing, since the first leaves a signal
-    that the second is not made for. The choice depends on what was demodulated, not on which output looks better. So no
-    frame is chosen for its altitude, and false altitudes are as rare as those of the method that had the frame.
+    Card: *choice by signal.* Each frame goes to the method that knows its interference. A chain gains nothing, since
+    the first leaves a signal that the second is not made for. The choice depends on what was demodulated, not on
+    which output looks better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the
+    method that had the frame. Where the network's output holds more than half a return's power beside the return, the
+    whitened frame is added to it. Both hold the return, but their errors differ.
 
     Parameters
     ----------
@@ -54,6 +61,8 @@ class Hybrid(Mitigation):
         self._ofdm = OfdmCancel(waveform, span_m=span_m)
         self._qpsk = QpskCancel(waveform)
         self._other = _OTHERS[other](waveform)
+        self._beside = Whitening(waveform) if other == "tcae" else None
+        self._detector = InterferenceDetector(waveform)
         self._knows_paper = other == "tcae"  # QPSK switched on the sample grid, without a filter
         super().__init__(waveform)
 
@@ -64,6 +73,8 @@ class Hybrid(Mitigation):
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()
+        if self._beside is not None:
+            self._beside.reset()
 
     @property
     def sha256(self) -> str | None:
@@ -79,11 +90,20 @@ class Hybrid(Mitigation):
         for row, frame in zip(out, batch, strict=True):
             cancelled = self._cancelled(frame)
             if cancelled is None:
-                row[:] = self._other.process(frame)
+                row[:] = self._elsewhere(frame)
             else:
                 row[:] = cancelled
                 self.cancelled += 1
         return out
+
+    def _elsewhere(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) frame that holds nothing to cancel, behind the other method."""
+        out = self._other.process(frame)
+        if self._beside is None or not self._detector.residual_db(out[None])[0] > _UNCLEAR_DB:
+            return out
+        white = self._beside.process(frame)
+        level, white_level = np.linalg.norm(out), np.linalg.norm(white)
+        return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
 
     def _cancelled(self, frame: np.ndarray) -> np.ndarray | None:
         """The frame without the OFDM or QPSK that fills it; None where neither does."""

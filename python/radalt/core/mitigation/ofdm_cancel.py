@@ -295,7 +295,7 @@ class OfdmCancel(Mitigation):
     @staticmethod
     def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
         """The frame read again and again while that mends symbols: what is right spreads to its neighbours."""
-        for _ in range(_MOST_READINGS):
+        for _ in range(_MOST_READINGS if received.misread.mean() > _PARTLY else 0):
             better = once_more(grid, clear, received, numerology, MORE)
             if better.misread.mean() > _MENDS * received.misread.mean():
                 break
