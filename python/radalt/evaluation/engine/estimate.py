@@ -14,6 +14,7 @@ __all__ = ["AROUND_S", "estimate", "shared", "slowdown"]
 
 AROUND_S = 5.0  # start of the workers, report and figures of a whole run
 _TRIAL_S = 0.3
+_HOLDS_S = 10.0  # that a trial is good for: a study asks before it starts and again when it does
 
 
 def estimate(
@@ -47,11 +48,18 @@ def _scale(sample: tuple[tuple[Study, Point], ...]) -> float:
 
 def slowdown(jobs: int) -> float:
     """Wall time over CPU time of so many workers beside what else computes here now, from a moment's work."""
+    return shared(jobs, _cores(), *_trial(int(time.monotonic() / _HOLDS_S)))
+
+
+@lru_cache(maxsize=1)
+def _trial(when: int) -> tuple[float, ...]:
+    """Seconds of a moment's work by the clock, of this process and of idle cores; once per ``when``."""
+    del when
     begin = time.monotonic(), time.process_time(), _idle_s()
     while time.monotonic() < begin[0] + _TRIAL_S:
         sum(range(1000))
     end = time.monotonic(), time.process_time(), _idle_s()
-    return shared(jobs, _cores(), *(b - a for a, b in zip(begin, end, strict=True)))
+    return tuple(b - a for a, b in zip(begin, end, strict=True))
 
 
 def shared(jobs: int, cores: int, wall_s: float, own_s: float, idle_s: float) -> float:
