@@ -16,9 +16,7 @@ __all__ = ["Hybrid"]
 
 _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
 _SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
-_UNCLEAR_DB = (
-    -3.0
-)  # of what is no return over the return, in the network's output: more, and it is at its limit
+_UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
@@ -51,7 +49,7 @@ class Hybrid(Mitigation):
     """
 
     name = "hybrid"
-    style = PlotStyle("#000000", "X", (0, (8, 1)))
+    style = PlotStyle("#EE3377", "X", (0, (8, 1)))
     batch = 1  # the network's last bits depend on the batch
     runs_network = True
 
