@@ -271,7 +271,7 @@ def test_an_altitude_beyond_all_that_are_possible_is_no_computed_data():
     """Half a resolution cell (10 m) beyond the span is searched; the protection level is 2.3 m there."""
     altimeter = Altimeter(W, AltimeterSettings(min_altitude_m=100.0, max_altitude_m=1000.0))
     rng = np.random.default_rng(23)
-    for altitude_m, normal in ((93.0, False), (99.0, True), (1007.0, False)):
+    for altitude_m, normal in ((93.0, False), (99.0, True), (999.0, True), (1007.0, False)):
         outputs = tracked(flight(rng, np.full(240, altitude_m), 0.0), altimeter)
         assert np.all(outputs["state"][2:] == State.TRACK)
         assert np.all((outputs["status"][2:] == Status.NORMAL) == normal)
