@@ -310,7 +310,7 @@ class OfdmCancel(Mitigation):
             return frame, received
         moving = received.drift * received.points * received.phase.conj() * grid.used
         places, offsets = self._gather(grid.starts, numerology)
-        frame = frame - self._samples(moving, received.weight > 0)[places] * offsets
+        frame = frame - self._samples(moving, received.weight > 0).take(places) * offsets
         symbols = transforms(frame, grid.starts, numerology) * received.phase
         return frame, once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
 
@@ -364,7 +364,7 @@ class OfdmCancel(Mitigation):
         back = received.phase.conj()
         model *= back
         places, _ = self._gather(grid.starts, lock.numerology)
-        out = frame - self._samples(model, readable)[places]
+        out = frame - self._samples(model, readable).take(places)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
@@ -378,7 +378,7 @@ class OfdmCancel(Mitigation):
         last."""
         count, useful = elements.shape
         out = np.zeros(count * useful + 1, dtype=np.complex64)
-        lowest_last = np.fft.ifftshift(elements, axes=1)
+        lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
         out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
             out[:-1].reshape(count, useful)[~readable] = 0

@@ -30,6 +30,7 @@ _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
 _MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
 _BETTER = 0.8  # of the error, for a mended channel to be taken
+_WHOLE = 0.01  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
@@ -167,7 +168,7 @@ def demodulate(
                     phase[odd] *= _EIGHTH
                     angles[odd] -= np.pi / 4
                     heard[odd] = False
-            if not first:
+            if not first and off.mean() > _WHOLE:
                 channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         near = np.abs(times)[:, None] <= share
         sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard & near
@@ -252,15 +253,22 @@ def _again(
     found: Decisions, symbols: np.ndarray, channel: np.ndarray, ridge: np.ndarray, kinds: np.ndarray
 ) -> None:
     """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``found`` is set."""
-    values = symbols[ridge] / np.broadcast_to(channel, symbols.shape)[ridge]
-    kinds, few = kinds[ridge], found.few[ridge]
-    chosen, cells = sparse(values, power(values)), np.where(few, FEW_CELL, _CELLS[kinds])
+    at = np.flatnonzero(ridge)
+    here = channel[at % channel.size] if channel.ndim == 1 else channel.ravel()[at]
+    values = symbols.ravel()[at] / here
+    kinds, few = kinds.ravel()[at], found.few.ravel()[at]
+    usual = kinds[kinds.size // 2] if kinds.size else 0
+    chosen = nearest(values, DENSE[usual])
     for kind, dense in enumerate(DENSE):
-        here = (kinds == kind) & ~few
-        if here.any():
-            chosen[here] = nearest(values[here], dense)
-    found.points[ridge] = chosen
-    found.error[ridge] = power(values - chosen) / cells
+        part = np.flatnonzero((kinds == kind) & ~few)
+        if kind != usual and part.size:
+            chosen[part] = nearest(values[part], dense)
+    part = np.flatnonzero(few)
+    chosen[part] = sparse(values[part], power(values[part]))
+    cells = _CELLS[kinds]
+    cells[part] = FEW_CELL
+    np.put(found.points, at, chosen)
+    np.put(found.error, at, power(values - chosen) / cells)
 
 
 def _best_order(
