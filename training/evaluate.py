@@ -274,6 +274,7 @@ def describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"{rows[0]['interferer']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
 
 
+@options.command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = options.Parser(PROGRAM, __doc__)

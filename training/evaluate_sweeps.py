@@ -304,6 +304,7 @@ def describe(rows: Sequence[Row]) -> str:
     return f"{rows[0]['sweep']}, {rows[0]['interferer']}: declared {about}"
 
 
+@options.command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = options.Parser(PROGRAM, __doc__)

@@ -68,6 +68,9 @@ def run_tasks(
 
     if not tasks:
         return
+    # Threads of BLAS would wait for each other on a worker's one core: twice the time. Workers inherit this.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
     context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(tasks))
