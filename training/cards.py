@@ -90,9 +90,9 @@ LIMITS = {
         "stands in the table. Otherwise as `tcae.onnx`."
     ),
     "paper": (
-        "Same frames. Trained on rectangular QPSK and tones at SIR -20..0 dB: it gains 3 to 5 dB on rectangular QPSK "
-        "and loses up to 8 dB against no mitigation on everything else. Needs several times a frame's duration a "
-        "frame on one core."
+        "Same frames. Trained on rectangular QPSK and tones at SIR -20..0 dB: it gains 4 to 17 dB on rectangular QPSK "
+        "and on short bursts, and loses up to 5 dB against no mitigation on what fills the frame. Needs several times "
+        "a frame's duration per frame on one core."
     ),
     "cnn": "Same frames. A row for the comparison, not for use.",
     "fc": "Same frames. A row for the comparison, not for use.",
