@@ -20,6 +20,7 @@ SWEEP = Waveform(5e6, 0.3e-3, 7.5e6)
 def training(root):
     """A program of `training/` in the training environment."""
     python = root / ".venv-train/bin/python"
+    # 1.3 GB of PyTorch are no part of the set-up of `make test`
     if not (root / ".venv-train/.training").is_file():
         pytest.skip("no training environment; make train ARGS=--help makes it")
 
@@ -95,6 +96,7 @@ except ChildProcessError as error:
 
 
 def test_a_data_process_that_dies_is_not_waited_for(root):
+    # 1.3 GB of PyTorch are no part of the set-up, as for the tests above
     if not (root / ".venv-train/.training").is_file():
         pytest.skip("no training environment; make train ARGS=--help makes it")
     command = [root / ".venv-train/bin/python", "-c", DYING]
