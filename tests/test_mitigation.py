@@ -388,6 +388,25 @@ def test_shift_check_silences_a_constant_error_where_the_frame_itself_shows_bett
     assert not ALTIMETER.process(method.process(frames))["valid"].any()
 
 
+def lifts_peaks(planes):
+    """What is strong in the beat spectrum of either half comes out stronger: peaks of the noise, too."""
+    sweep = W.reference.reshape(2, -1)
+    beats = np.fft.fft((planes[:, 0] + 1j * planes[:, 1]).reshape(-1, *sweep.shape) * sweep.conj())
+    out = (np.fft.ifft(beats * np.abs(beats) ** 0.5) * sweep).reshape(len(planes), -1)
+    return np.stack([out.real, out.imag], axis=1)
+
+
+def test_shift_check_silences_peaks_of_the_noise_that_a_network_lifts(fake):
+    """They move with the frame, as a return does, but the received frame does not show them."""
+    frames, _ = scene(100, Interferer(QpskEmitter(), -15.0, 0.3), 16)
+    frames -= point_return(W, scene(100, None, 16)[1])  # noise and interference are left
+    made = {
+        check: ALTIMETER.process(fake(lifts_peaks, shift_check=check).process(frames))["valid"].sum()
+        for check in (True, False)
+    }
+    assert made[False] >= 15 > 5 >= made[True]
+
+
 def test_frames_without_interference_run_the_network_once(fake):
     method = fake(lambda planes: planes)
     before = method._network.runs

@@ -2,7 +2,8 @@
 
 The received frame is beat-shifted by a known altitude, cleaned again and shifted back. A return is then where it was
 before; an altitude that the network invents is not. A frame that shows no interference needs no second run: its
-altitude has to be the one measured before the network.
+altitude has to be the one measured before the network. So does an altitude from a weak peak: a network can lift a peak
+of the noise, which moves with the frame as a return does.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from .interference_detector import InterferenceDetector
 __all__ = ["ShiftCheck"]
 
 _SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
+_WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
+_SLOW_M_PER_S = 10.0  # what an aircraft does in almost every frame
 _PFA = 2e-3  # 20 times what an altimeter usually has, so that nothing is declared that is not looked at here
 
 
@@ -32,18 +35,21 @@ class ShiftCheck:
     Notes
     -----
     Altitudes are searched over the altimeter's default span (1500 m, or the sweep's limit where that is lower). The
-    search is made twice: for half sweeps that agree to a cell, and for those that differ by a Doppler of up to 150 m/s.
+    search is made twice: for half sweeps that differ by a Doppler of up to 150 m/s, and for those that agree to a cell,
+    where a cell is wider than the Doppler of 10 m/s (in a longer sweep no return's halves agree).
     The altitudes have to agree within a quarter of a resolution cell (5 m). A frame without a declared altitude passes.
-    What a network makes of noise alone may move with the noise: such false alarms stay.
 
     Costs a second run of the network in frames that show interference, a transform, and two calls of an altimeter.
     """
 
     def __init__(self, waveform: Waveform) -> None:
+        searches = [(None, _PFA)]
+        if waveform.vertical_speed_to_doppler_hz(_SLOW_M_PER_S) * waveform.sweep_s / 2.0 < 1.0:
+            # with partners for Doppler a pair's threshold is higher: as high as this one's at a pfa of 1e-4
+            searches.append((0.0, _PFA / 20.0))
         self._altimeters = [
             shared_altimeter(waveform, AltimeterSettings(max_vertical_speed_m_per_s=speed, pfa=pfa))
-            # with partners for Doppler a pair's threshold is higher: as high as the other's at a pfa of 1e-4
-            for speed, pfa in ((None, _PFA), (0.0, _PFA / 20.0))
+            for speed, pfa in searches
         ]
         self._detector = InterferenceDetector(waveform)
         top_m = self._altimeters[0].settings.max_altitude_m
@@ -95,6 +101,10 @@ class ShiftCheck:
             # halves may agree to a cell before and just not afterwards: a long sweep sees a speed as that
             again = np.where(result["reason"][n:] == Reason.SWEEPS_DISAGREE, moving_m, again)
             held &= ~result["valid"][:n] | (np.abs(again - found) <= self._tolerance_m)
+            weak = held & shown & result["valid"][:n] & (result["snr_db"][:n] < _WEAK_DB)
+            if weak.any():
+                plain_m = altimeter.process(received[weak])["altitude_m"]
+                held[weak] = np.abs(plain_m - found[weak]) <= self._tolerance_m
         return held
 
     def _moved_and_back(
