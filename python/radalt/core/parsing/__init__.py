@@ -1,0 +1,26 @@
+"""What comes from outside, on its way in: files, YAML, numbers, mappings into typed, validated dataclasses, and back.
+
+- `files`: regular files of bounded size, and of YAML the part that means one thing only
+- `mappings`: typed and validated dataclasses from mappings
+- `messages`: the error of unusable input, and values for messages
+"""
+
+from .files import check_file, load_yaml, read_bytes, read_text
+from .mappings import LARGEST, arguments, build, convert, plain, quantity, whole
+from .messages import InputError, shown
+
+__all__ = [
+    "LARGEST",
+    "InputError",
+    "arguments",
+    "build",
+    "check_file",
+    "convert",
+    "load_yaml",
+    "plain",
+    "quantity",
+    "read_bytes",
+    "read_text",
+    "shown",
+    "whole",
+]

@@ -1,0 +1,246 @@
+"""Mappings into typed, validated dataclasses and back: one mechanism for every section of a scene.
+
+A wrong key, unit, range or type gives one line that names key, value and what is allowed. Bounds on numbers that hold
+for every quantity are here, too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import difflib
+import inspect
+import math
+import re
+import sys
+import types
+import typing
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .messages import CONTROL, shown
+
+__all__ = ["LARGEST", "arguments", "build", "convert", "plain", "quantity", "whole"]
+
+LARGEST = 1e12  # no quantity of a scene or an option is larger, whatever its unit
+# what a quantity can be at most, either way, by the unit its name ends in; wider than any use, so that powers of ten,
+# squares and tables made from it stay numbers
+_UNITS = {
+    "_db": 200.0,
+    "_dbi": 200.0,
+    "_dbm": 200.0,
+    "_deg": 3600.0,
+    "_ppm": 1e6,
+    "_m": 1e7,
+    "_s": 1e5,
+    "_w": 1e9,
+    "_samples": 1e9,
+    "_m_per_s": 1e5,
+}
+_UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
+_WHOLE = 2**63 - 1
+
+
+def whole(value: Any, where: str, low: int, high: int, remedy: str = "") -> int:
+    """An integer within ``low..high``, or one line about what is allowed."""
+    number = convert(int, value, where)
+    if not low <= number <= high:
+        raise ValueError(f"{where} is {shown(number)}; it has to be within {low}..{high}{remedy}")
+    return number
+
+
+def build(
+    cls: type, data: Any, where: str, special: dict[str, Callable[[Any, str], Any]] | None = None
+) -> Any:
+    """Dataclass from a mapping: keys, types and ranges are checked, ``__post_init__`` has the last word.
+
+    Parameters
+    ----------
+    cls : type
+        Dataclass with annotated fields.
+    data : mapping
+        As YAML gives it.
+    where : str
+        Dotted path of the mapping, for messages; empty for the whole file.
+    special : dict, optional
+        Converters ``(value, path) -> field value`` for fields that the annotation does not describe.
+
+    Raises
+    ------
+    ValueError
+        One line with key, value and what is allowed.
+    """
+    if not isinstance(data, dict):
+        raise ValueError(f"{where or 'the scene'} is {data!r}; expected a mapping of keys")
+    hints = _hints(cls)
+    fields = {f.name for f in dataclasses.fields(cls) if f.init}
+    values = {}
+    for key, value in data.items():
+        if key not in fields:
+            name = shown(key).strip("'")
+            close = difflib.get_close_matches(name, fields, 1)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            path = f"{where}.{name}" if where else name
+            raise ValueError(f"unknown key {path!r}; {hint}allowed: {_listed(sorted(fields))}")
+        path = f"{where}.{key}" if where else key
+        convert_field = (special or {}).get(key)
+        values[key] = convert_field(value, path) if convert_field else convert(hints.get(key), value, path)
+    try:
+        return cls(**values)
+    except TypeError as error:
+        raise ValueError(f"{where}: {error}") from None
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if not where or where.split(".")[-1] in text else f"{where}: {text}") from None
+
+
+def _listed(names: list[str]) -> str:
+    """Names with commas, as many as fit a line."""
+    text = ", ".join(names)
+    return text if len(text) <= 140 else text[:140].rpartition(",")[0] + ", ..."
+
+
+def convert(hint: Any, value: Any, where: str) -> Any:
+    """A YAML value as the annotated type, or one line about what is allowed."""
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType):
+        options = typing.get_args(hint)
+        if value is None and type(None) in options:
+            return None
+        return convert(_fitting([o for o in options if o is not type(None)], value), value, where)
+    if dataclasses.is_dataclass(hint):
+        return build(hint, {} if value is None else value, where)
+    if origin is tuple:
+        if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+            value = [value]
+        inner = typing.get_args(hint)[0]
+        if isinstance(value, dict):
+            raise ValueError(f"{where} is {shown(value)}; expected a list")
+        return tuple(convert(inner, v, f"{where}[{i}]") for i, v in enumerate(value))
+    if origin is dict or hint is dict:
+        if not isinstance(value, dict):
+            raise ValueError(f"{where} is {shown(value)}; expected a mapping")
+        return value
+    return _scalar(hint, value, where)
+
+
+def _fitting(options: list[Any], value: Any) -> Any:
+    """Of several dataclasses the one that has all keys of the mapping; the first option otherwise."""
+    if isinstance(value, dict):
+        for option in options:
+            if dataclasses.is_dataclass(option) and value.keys() <= {
+                f.name for f in dataclasses.fields(option)
+            }:
+                return option
+    return options[0]
+
+
+def _scalar(hint: Any, value: Any, where: str) -> Any:
+    if hint is float:
+        # YAML 1.1 reads 7.5e6 (no sign in the exponent) as text; users mean the number
+        if isinstance(value, str):
+            try:
+                value = float(value)
+            except ValueError:
+                raise ValueError(
+                    f"{where} is {shown(value)}; expected a number, in the unit its name states"
+                ) from None
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            raise ValueError(f"{where} is {shown(value)}; expected a number, in the unit its name states")
+        return quantity(value, where)
+    if hint is int:
+        if isinstance(value, str):
+            try:
+                value = float(value)
+            except ValueError:
+                raise ValueError(f"{where} is {shown(value)}; expected a whole number") from None
+        number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+        if not number or not math.isfinite(_float(value)) or value != int(value):
+            raise ValueError(f"{where} is {shown(value)}; expected a whole number")
+        if abs(value) > _WHOLE:
+            raise ValueError(
+                f"{where} is {shown(value)}; expected a whole number of at most {len(str(_WHOLE))} digits"
+            )
+        return int(value)
+    if hint is bool:
+        if not isinstance(value, bool):
+            raise ValueError(f"{where} is {shown(value)}; expected true or false")
+        return value
+    if hint is str:
+        if not isinstance(value, str):
+            raise ValueError(f"{where} is {shown(value)}; expected text")
+        if CONTROL.search(value):
+            raise ValueError(f"{where} is {shown(value)}; expected text without control characters")
+        return value
+    return value
+
+
+def quantity(value: Any, where: str) -> float:
+    """A number as a float within what its unit allows; ``where`` ends in the unit: ``sir_db``, ``sweep_s[2]``.
+
+    Raises
+    ------
+    ValueError
+        One line, also for what is not finite.
+    """
+    unit = _UNIT.search(where)
+    most = _UNITS.get(unit[1], LARGEST) if unit else LARGEST
+    # an integer of hundreds of digits is no float: compared before it becomes one
+    if not -most <= value <= most:
+        finite = math.isfinite(_float(value))
+        allowed = f"a number within {-most:g}..{most:g}" if finite else "a finite number"
+        raise ValueError(f"{where} is {shown(value)}; expected {allowed}")
+    return float(value)
+
+
+def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -> dict[str, Any]:
+    """Keyword arguments as the function's annotations have them; what it does not know stays, for it to refuse.
+
+    Raises
+    ------
+    ValueError
+        One line with key, value and what is allowed.
+    """
+    hints = _hints(function)
+    return {
+        key: convert(hints[key], value, f"{where}.{key}")
+        if key in hints and not isinstance(value, Path)
+        else value
+        for key, value in given.items()
+    }
+
+
+def _hints(owner: Any) -> dict[str, Any]:
+    """Annotations of a class or function; what exists for type checkers alone is left out, and converts nothing."""
+    with contextlib.suppress(Exception):  # somebody else's annotations: anything can come
+        return typing.get_type_hints(owner)
+    found = {}
+    for part in reversed(owner.__mro__) if isinstance(owner, type) else [owner]:
+        names = getattr(part, "__globals__", None) or vars(sys.modules[part.__module__])
+        for key, hint in inspect.get_annotations(part).items():
+            with contextlib.suppress(Exception):
+                alone = types.SimpleNamespace(__annotations__={key: hint})
+                found |= typing.get_type_hints(alone, globalns=names)
+    return found
+
+
+def _float(value: Any) -> float:
+    """As a float, of any size: what is too large for one is the largest."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.copysign(np.finfo(float).max, value)
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses as mappings, tuples as lists."""
+    if dataclasses.is_dataclass(value):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
+    if isinstance(value, (tuple, list)):
+        return [plain(v) for v in value]
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    return value

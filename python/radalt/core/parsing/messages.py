@@ -1,0 +1,29 @@
+"""Words for messages: the one error of unusable input, and any value on one line."""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from typing import Any
+
+__all__ = ["CONTROL", "InputError", "shown"]
+
+# a NUL ends a file name, others change a terminal; lone surrogates cannot be written
+CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+_SHOWN = reprlib.Repr()
+_SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother, _SHOWN.maxlong = 2, 60, 60, 40
+_SHOWN.maxlist = _SHOWN.maxtuple = _SHOWN.maxdict = _SHOWN.maxset = 4
+
+
+class InputError(ValueError):
+    """Input that cannot be used; the message is one line for the user."""
+
+
+def shown(value: Any) -> str:
+    """Any value for a message, on one line and cut: at most 80 characters."""
+    try:
+        text = _SHOWN.repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, a list within itself
+        text = f"a {type(value).__name__} too long to show"
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= 80 else text[:77] + "..."
