@@ -24,7 +24,7 @@ def data(root):
 
     yield data
     sys.path.remove(str(root / "training"))
-    del sys.modules["data"]
+    del sys.modules["data"], sys.modules["configs"]
 
 
 def test_an_example_is_a_function_of_seed_and_index(data):
@@ -205,6 +205,61 @@ def test_a_second_return_is_part_of_the_target(data):
         others = np.delete(lines, np.arange(first - 8, first + 9) % 3750)
         seen += others.max() > 0.01 * lines[first]
     assert seen >= 4  # others lie within eight cells of the first, or 15 dB and a straddled cell below
+
+
+ONE_QPSK = {
+    "kinds": (("qpsk_rectangular", 1.0),),
+    "counts": (0.0, 1.0),
+    "sir_db": (-40.0, -40.0),
+    "snr_db": (80.0, 80.0),
+    "impaired": 0.0,
+    "empty": 0.0,
+    "converter": 0.0,
+    "front_end": 0.0,
+}
+
+
+def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data):
+    """A rectangular burst reaches over the band; behind paths and filter it has echoes, and its spectrum ends."""
+    for received in (0.0, 1.0):
+        config = replace(
+            data.CONFIGS["any_sweep"], **ONE_QPSK, received=received, full_overlap=1.0, persistent=1
+        )
+        spectra = []
+        for index in range(20):
+            frame, clean, _ = data.example(config, W, 1, index)
+            spectra.append(np.abs(np.fft.fft((frame - clean).astype(complex) * np.hanning(7500))) ** 2)
+            assert -10 * np.log10(np.mean(np.abs(frame - clean) ** 2)) == pytest.approx(-40.0, abs=0.05)
+        power = np.mean(spectra, axis=0)
+        edge_db = 10 * np.log10(power[3740:3760].mean() / power.mean())  # half the rate is in the middle
+        assert (edge_db < -40.0) == bool(received)
+
+
+def test_interference_that_lasts_goes_on_in_the_next_example(data):
+    """Two examples share one burst, which need not end where the first does; a return is each example's own."""
+    config = replace(data.CONFIGS["any_sweep"], **ONE_QPSK, received=0.0, full_overlap=0.0, persistent=2)
+    over_the_edge = 0
+    for group in range(12):
+        pair = [data.example(config, W, 1, 2 * group + k) for k in (0, 1)]
+        on = np.concatenate([np.abs(frame - clean) > 1.0 for frame, clean, _ in pair])
+        assert np.count_nonzero(np.diff(on.astype(int)) == 1) <= 1  # one beginning at most
+        over_the_edge += on[7499] and on[7500]
+        assert pair[0][2] != pair[1][2]
+    assert over_the_edge >= 3
+
+
+def test_a_front_end_saturates_and_rounds(data):
+    """At most 12 bits, and a crest factor that falls towards 1 as the frame is driven into saturation."""
+    config = replace(
+        data.CONFIGS["any_sweep"], **(ONE_QPSK | {"front_end": 1.0, "counts": (1.0,), "snr_db": (5.0, 5.0)})
+    )
+    crest = []
+    for index in range(20):
+        received, _, _ = data.example(config, W, 1, index)
+        rails = received.view(np.float32)
+        assert np.unique(rails).size <= 4096
+        crest.append(np.abs(received).max() / np.sqrt(np.mean(np.abs(received) ** 2)))
+    assert min(crest) < 1.6 < 2.2 < max(crest)
 
 
 def recording(folder, name, seed):

@@ -1,7 +1,7 @@
 """Training examples, made on the fly from the module's own core: no second copy of the physics.
 
 An example is a function of (configuration, seed, index) alone: the altitude, what the ground returns, the
-noise and the interference. `SceneConfig` names the distributions; `CONFIGS` holds the named ones.
+noise and the interference. `configs.SceneConfig` names the distributions.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from configs import CONFIGS, SceneConfig
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frame
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.recording import RecordingEmitter
+from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.placement import Emitter
 from radalt.core.mitigation.any_sweep import layout_of
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
 __all__ = [
-    "CONFIGS",
-    "SceneConfig",
     "batches",
     "content_hash",
     "example",
@@ -37,150 +38,10 @@ __all__ = [
 
 _BANK = 48  # different long signals a slow emitter is cut from
 _BANK_SAMPLES = 65536
+_DOPPLER_HZ = 120.0  # 30 km/h at 4.3 GHz
+_FILTER_EDGE = (0.4, 0.49)  # of the rate: from there a receiver's filter falls to nothing at half the rate
+_CLOCK = 2e-6
 
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """Distributions an example is drawn from.
-
-    Parameters
-    ----------
-    sir_db : (low, high)
-        Signal-to-interference ratio of the whole interference, uniform in decibels, averaged over the frame.
-    snr_db : (low, high)
-        Per-sample signal-to-noise ratio before dechirping, uniform in decibels.
-    altitude_m : (low, high)
-    max_vertical_speed_m_per_s : float
-        Range rate uniform within plus or minus this.
-    kinds : tuple of (name, weight)
-        Interferer families: ``tones``, ``qpsk_rectangular``, ``qpsk_shaped``, ``nr5``, ``nr10``, ``radar`` (another
-        FMCW altimeter).
-    counts : tuple of float
-        Probability of 0, 1, 2, ... interferers at once.
-    full_overlap : float
-        Probability that an interferer is on for the whole frame; otherwise the overlap is uniform in 0.02..1.
-    multipath, extended : float
-        Probability of a few discrete echoes, and of an extended ground return.
-    impaired : float
-        Probability that the interferer comes through a fractional sample delay and a frequency offset
-        (another clock).
-    converter : float
-        Probability that the frame went through a converter of 1, 2, 3, 4, 6 or 8 bits that clips at one to four
-        times the frame's RMS.
-    empty : float
-        Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
-        and nothing may look like a return afterwards.
-    second : float
-        Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
-    any_sweep : bool
-        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate.
-    recordings : tuple of str
-        SigMF files of one's own; a third of the interferers are cut from them. See `split_recordings`.
-    size, validation : int
-        Examples of a finite set and of its validation part; 0 stands for endless fresh data.
-    seed : int
-    """
-
-    sir_db: tuple[float, float] = (-50.0, 5.0)
-    snr_db: tuple[float, float] = (5.0, 20.0)
-    altitude_m: tuple[float, float] = (0.0, 1500.0)
-    max_vertical_speed_m_per_s: float = 50.0
-    kinds: tuple[tuple[str, float], ...] = (
-        ("tones", 1.0),
-        ("qpsk_rectangular", 1.3),
-        ("qpsk_shaped", 1.0),
-        ("nr5", 1.0),
-        ("nr10", 0.4),
-    )
-    counts: tuple[float, ...] = (0.06, 0.66, 0.2, 0.08)
-    full_overlap: float = 0.35
-    multipath: float = 0.15
-    extended: float = 0.15
-    impaired: float = 0.2
-    converter: float = 0.0
-    empty: float = 0.0
-    second: float = 0.0
-    any_sweep: bool = False
-    recordings: tuple[str, ...] = ()
-    size: int = 0
-    validation: int = 0
-    seed: int = 1
-
-
-CONFIGS: dict[str, SceneConfig] = {
-    "fresh": SceneConfig(),
-    # second part of `compact`: down to where the classical methods break, more mixtures and more 10 MHz NR
-    "deep": SceneConfig(
-        sir_db=(-62.0, 2.0),
-        kinds=(
-            ("tones", 1.0),
-            ("qpsk_rectangular", 1.2),
-            ("qpsk_shaped", 1.2),
-            ("nr5", 1.2),
-            ("nr10", 0.8),
-        ),
-        counts=(0.05, 0.6, 0.18, 0.17),
-        seed=2,
-    ),
-    # third part of `compact`: half of the interferers with a clock of their own, more of several at once, coarse
-    # converters
-    "heard": SceneConfig(
-        sir_db=(-58.0, 2.0),
-        snr_db=(0.0, 25.0),
-        kinds=(
-            ("tones", 0.8),
-            ("qpsk_rectangular", 1.4),
-            ("qpsk_shaped", 1.0),
-            ("nr5", 1.2),
-            ("nr10", 0.9),
-        ),
-        counts=(0.05, 0.52, 0.18, 0.25),
-        full_overlap=0.5,
-        impaired=0.5,
-        converter=0.06,
-        seed=3,
-    ),
-    # the paper: QPSK bursts and tones at -20..0 dB, 50,000 + 10,000 examples
-    "paper": SceneConfig(
-        sir_db=(-20.0, 0.0),
-        kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),
-        counts=(0.1, 0.6, 0.3),
-        multipath=0.0,
-        extended=0.0,
-        impaired=0.0,
-        size=50_000,
-        validation=10_000,
-        seed=20,
-    ),
-}
-# fourth part of `compact`: the same again in examples not seen yet
-CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
-# fifth part: more NR, above all of 10 MHz, and more of several at once
-CONFIGS["crowded"] = replace(
-    CONFIGS["heard"],
-    kinds=(
-        ("tones", 0.7),
-        ("qpsk_rectangular", 1.3),
-        ("qpsk_shaped", 0.9),
-        ("nr5", 1.3),
-        ("nr10", 1.8),
-    ),
-    counts=(0.04, 0.5, 0.16, 0.3),
-    seed=6,
-)
-# sixth part: SNR up to 45 dB, twice as much extended ground, three times as many frames without interference
-CONFIGS["ground"] = replace(
-    CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
-)
-# `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars
-CONFIGS["any_sweep"] = replace(
-    CONFIGS["ground"],
-    kinds=(*CONFIGS["ground"].kinds, ("radar", 0.7)),
-    empty=0.2,
-    second=0.08,
-    any_sweep=True,
-    seed=8,
-)
 _OWN_SHARE = 0.3  # of the batches have the default sweep
 _SWEEP_SAMPLES = (600, 9000)  # per frame: longer ones cost as many steps
 
@@ -314,6 +175,28 @@ def _emitter(kind: str, rate_hz: float, rng: np.random.Generator) -> object:
     )
 
 
+@dataclass(frozen=True)
+class _Received:
+    """An emitter as a receiver hears it: through paths, with a clock of its own, through the receiver's filter."""
+
+    emitter: Emitter
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `radalt.core.interference.placement.Emitter`."""
+        profile = str(rng.choice(["EPA", "EVA", "PA", "RA4", "ETU"]))
+        doppler_hz = float(rng.choice([0.0, rng.uniform(0.0, _DOPPLER_HZ)]))
+        channel = FadingChannel(profile=profile, doppler_hz=doppler_hz)
+        spectrum = np.fft.fft(
+            FadedEmitter(emitter=self.emitter, channel=channel).samples(count, rate_hz, rng)
+        )
+        frequency = np.fft.fftfreq(count)
+        edge = rng.uniform(*_FILTER_EDGE)
+        spectrum *= np.clip((0.5 - np.abs(frequency)) / (0.5 - edge), 0.0, 1.0)
+        # with a clock off by d sample n is x(n + n d), to first order x + n d x': at most 0.04 of a sample
+        drift = rng.uniform(-_CLOCK, _CLOCK) * np.arange(count)
+        return np.fft.ifft(spectrum) + drift * np.fft.ifft(2j * np.pi * frequency * spectrum)
+
+
 def _impair(frame: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """The frame after a fractional sample delay and a carrier offset of up to 4 kHz (1 ppm), zeros kept
     zero."""
@@ -324,12 +207,14 @@ def _impair(frame: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.n
     return np.where(active, delayed * np.exp(2j * np.pi * cycles), 0)
 
 
-def _interference(config: SceneConfig, waveform: Waveform, rng: np.random.Generator) -> np.ndarray:
-    """(N,) complex128 of unit-power-return SIR drawn from the configuration; may be silent."""
-    n, rate_hz = waveform.samples_per_frame, Waveform.rate_hz if config.any_sweep else waveform.rate_hz
+def _interference(
+    config: SceneConfig, waveform: Waveform, rng: np.random.Generator, samples: int
+) -> np.ndarray:
+    """(samples,) complex128 of unit-power-return SIR drawn from the configuration; may be silent."""
+    rate_hz = Waveform.rate_hz if config.any_sweep else waveform.rate_hz
     names = [name for name, _ in config.kinds]
     weights = np.array([weight for _, weight in config.kinds])
-    total = np.zeros(n, dtype=np.complex128)
+    total = np.zeros(samples, dtype=np.complex128)
     for _ in range(rng.choice(len(config.counts), p=config.counts)):
         if config.recordings and rng.random() < _RECORDED:
             file, offset_hz = (
@@ -339,13 +224,24 @@ def _interference(config: SceneConfig, waveform: Waveform, rng: np.random.Genera
             emitter = RecordingEmitter(file=file, offset_hz=offset_hz)
         else:
             emitter = _emitter(str(rng.choice(names, p=weights / weights.sum())), rate_hz, rng)
+        if config.received and rng.random() < config.received:
+            emitter = _Received(emitter)
         overlap = 1.0 if rng.random() < config.full_overlap else float(rng.uniform(0.02, 1.0))
-        part = interference_frame(Interferer(emitter, float(rng.uniform(-10, 0)), overlap), n, rate_hz, rng)
+        placed = Interferer(emitter, float(rng.uniform(-10, 0)), overlap)
+        part = interference_frame(placed, samples, rate_hz, rng)
         total += _impair(part, rate_hz, rng) if rng.random() < config.impaired else part
     power = np.mean(np.abs(total) ** 2)
     if power == 0:
         return total
     return total * np.sqrt(10.0 ** (-rng.uniform(*config.sir_db) / 10.0) / power)
+
+
+@lru_cache(maxsize=2)
+def _lasting(config: SceneConfig, waveform: Waveform, seed: int, group: int) -> np.ndarray:
+    """(persistent, N) interference that goes on through a group of examples, whose SIR is the mean over all."""
+    rng = np.random.default_rng([seed, 10**9 + 1, group])
+    samples = waveform.samples_per_frame
+    return _interference(config, waveform, rng, config.persistent * samples).reshape(-1, samples)
 
 
 def _convert(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -359,6 +255,15 @@ def _convert(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     )  # mid-tread, but for one bit, which would lose zero
     codes = np.sign(rails) * 0.5 if bits == 1 else np.clip(np.rint(rails / step), -top, top - 1)
     return (step * codes).view(np.complex128)
+
+
+def _amplified(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The frame behind an amplifier (Rapp's model, smoothness 2) and a converter that clips at twice its saturation."""
+    saturation = rng.uniform(1.0, 4.0) * np.sqrt(np.mean(np.abs(frame) ** 2))
+    frame = frame / (1.0 + (np.abs(frame) / saturation) ** 4) ** 0.25
+    top = 2 ** (int(rng.choice([8, 10, 12])) - 1)
+    step = 2.0 * saturation / top
+    return (step * np.clip(np.rint(frame.view(np.float64) / step), -top, top - 1)).view(np.complex128)
 
 
 def return_parts(config: SceneConfig, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -414,7 +319,13 @@ def example(
     noise = sigma * rng.standard_normal((clean.size, 2)).view(np.complex128)[:, 0]
     if config.empty and rng.random() < config.empty:
         clean, noise = noise / (sigma * np.sqrt(2.0)), 0.0
-    received = clean + noise + _interference(config, waveform, rng)
+    if config.persistent > 1:
+        group, place = divmod(index, config.persistent)
+        received = clean + noise + _lasting(config, waveform, seed, group)[place]
+    else:
+        received = clean + noise + _interference(config, waveform, rng, clean.size)
+    if config.front_end and rng.random() < config.front_end:
+        received = _amplified(received, rng)
     if rng.random() < config.converter:
         received = _convert(received, rng)
     return received.astype(np.complex64), clean.astype(np.complex64), altitude_m
@@ -472,12 +383,14 @@ def validation_batches(
 
 
 def description(config: SceneConfig) -> str:
-    """The configuration as canonical JSON, without later entries where they are 0, so that older hashes stay."""
+    """The configuration as canonical JSON, without later entries that say nothing, so that older hashes stay."""
     entries = asdict(config)
     entries["recordings"] = sorted(map(_digest, config.recordings))
-    for name in ("converter", "empty", "second", "any_sweep", "recordings"):
+    for name in ("converter", "empty", "second", "received", "front_end", "any_sweep", "recordings"):
         if not entries[name]:
             del entries[name]
+    if config.persistent == 1:
+        del entries["persistent"]
     return json.dumps(entries, sort_keys=True)
 
 

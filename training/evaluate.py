@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from data import SceneConfig, return_parts
+from configs import SceneConfig
+from data import return_parts
 from evaluate_report import PAPER_CASE, break_points, write_report
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames

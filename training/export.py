@@ -27,7 +27,8 @@ import numpy as np
 import onnx
 import onnxruntime
 import torch
-from data import CONFIGS, content_hash, description, make_batch
+from configs import CONFIGS
+from data import content_hash, description, make_batch
 from networks import build
 from networks.any_sweep import AnySweep
 from networks.layers import Tables

@@ -14,7 +14,7 @@ class Recipe:
     Parameters
     ----------
     network, data : str
-        Names in `networks.NETWORKS` and `data.CONFIGS`.
+        Names in `networks.NETWORKS` and `configs.CONFIGS`.
     loss : str
         ``"beat"`` or ``"sample"``.
     batch, steps : int

@@ -21,7 +21,8 @@ from queue import Empty
 import numpy as np
 import onnx
 import torch
-from data import CONFIGS, SceneConfig, batches, validation_batches
+from configs import CONFIGS, SceneConfig
+from data import batches, validation_batches
 from google.protobuf.message import DecodeError
 from losses import BeatLoss, sample_loss
 from networks import build

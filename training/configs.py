@@ -1,0 +1,166 @@
+"""What training examples are drawn from: distributions, and the named sets of them. `data.py` makes the examples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+__all__ = ["CONFIGS", "SceneConfig"]
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """Distributions an example is drawn from.
+
+    Parameters
+    ----------
+    sir_db : (low, high)
+        Signal-to-interference ratio of the whole interference, uniform in decibels, averaged over the frame.
+    snr_db : (low, high)
+        Per-sample signal-to-noise ratio before dechirping, uniform in decibels.
+    altitude_m : (low, high)
+    max_vertical_speed_m_per_s : float
+        Range rate uniform within plus or minus this.
+    kinds : tuple of (name, weight)
+        Interferer families: ``tones``, ``qpsk_rectangular``, ``qpsk_shaped``, ``nr5``, ``nr10``, ``radar`` (another
+        FMCW altimeter).
+    counts : tuple of float
+        Probability of 0, 1, 2, ... interferers at once.
+    full_overlap : float
+        Probability that an interferer is on for the whole frame; otherwise the overlap is uniform in 0.02..1.
+    multipath, extended : float
+        Probability of a few discrete echoes, and of an extended ground return.
+    impaired : float
+        Probability that the interferer comes through a fractional sample delay and a frequency offset
+        (another clock).
+    converter : float
+        Probability that the frame went through a converter of 1, 2, 3, 4, 6 or 8 bits that clips at one to four
+        times the frame's RMS.
+    empty : float
+        Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
+        and nothing may look like a return afterwards.
+    second : float
+        Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
+    received : float
+        Probability that an interferer comes as a receiver hears it: through paths (half of them moving at up to 30
+        km/h), the receiver's filter, and with a clock of its own within 2 ppm.
+    front_end : float
+        Probability that the frame went through an amplifier that saturates at one to four times its RMS, and a
+        converter of 8, 10 or 12 bits.
+    persistent : int
+        Examples in a row that share their interferers, which go on from one to the next.
+    any_sweep : bool
+        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate.
+    recordings : tuple of str
+        SigMF files of one's own; a third of the interferers are cut from them. See `split_recordings`.
+    size, validation : int
+        Examples of a finite set and of its validation part; 0 stands for endless fresh data.
+    seed : int
+    """
+
+    sir_db: tuple[float, float] = (-50.0, 5.0)
+    snr_db: tuple[float, float] = (5.0, 20.0)
+    altitude_m: tuple[float, float] = (0.0, 1500.0)
+    max_vertical_speed_m_per_s: float = 50.0
+    kinds: tuple[tuple[str, float], ...] = (
+        ("tones", 1.0),
+        ("qpsk_rectangular", 1.3),
+        ("qpsk_shaped", 1.0),
+        ("nr5", 1.0),
+        ("nr10", 0.4),
+    )
+    counts: tuple[float, ...] = (0.06, 0.66, 0.2, 0.08)
+    full_overlap: float = 0.35
+    multipath: float = 0.15
+    extended: float = 0.15
+    impaired: float = 0.2
+    converter: float = 0.0
+    empty: float = 0.0
+    second: float = 0.0
+    received: float = 0.0
+    front_end: float = 0.0
+    persistent: int = 1
+    any_sweep: bool = False
+    recordings: tuple[str, ...] = ()
+    size: int = 0
+    validation: int = 0
+    seed: int = 1
+
+
+CONFIGS: dict[str, SceneConfig] = {
+    "fresh": SceneConfig(),
+    # second part of `compact`: down to where the classical methods break, more mixtures and more 10 MHz NR
+    "deep": SceneConfig(
+        sir_db=(-62.0, 2.0),
+        kinds=(
+            ("tones", 1.0),
+            ("qpsk_rectangular", 1.2),
+            ("qpsk_shaped", 1.2),
+            ("nr5", 1.2),
+            ("nr10", 0.8),
+        ),
+        counts=(0.05, 0.6, 0.18, 0.17),
+        seed=2,
+    ),
+    # third part of `compact`: half of the interferers with a clock of their own, more of several at once, coarse
+    # converters
+    "heard": SceneConfig(
+        sir_db=(-58.0, 2.0),
+        snr_db=(0.0, 25.0),
+        kinds=(
+            ("tones", 0.8),
+            ("qpsk_rectangular", 1.4),
+            ("qpsk_shaped", 1.0),
+            ("nr5", 1.2),
+            ("nr10", 0.9),
+        ),
+        counts=(0.05, 0.52, 0.18, 0.25),
+        full_overlap=0.5,
+        impaired=0.5,
+        converter=0.06,
+        seed=3,
+    ),
+    # the paper: QPSK bursts and tones at -20..0 dB, 50,000 + 10,000 examples
+    "paper": SceneConfig(
+        sir_db=(-20.0, 0.0),
+        kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),
+        counts=(0.1, 0.6, 0.3),
+        multipath=0.0,
+        extended=0.0,
+        impaired=0.0,
+        size=50_000,
+        validation=10_000,
+        seed=20,
+    ),
+}
+# fourth part of `compact`: the same again in examples not seen yet
+CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
+# fifth part: more NR, above all of 10 MHz, and more of several at once
+CONFIGS["crowded"] = replace(
+    CONFIGS["heard"],
+    kinds=(
+        ("tones", 0.7),
+        ("qpsk_rectangular", 1.3),
+        ("qpsk_shaped", 0.9),
+        ("nr5", 1.3),
+        ("nr10", 1.8),
+    ),
+    counts=(0.04, 0.5, 0.16, 0.3),
+    seed=6,
+)
+# sixth part: SNR up to 45 dB, twice as much extended ground, three times as many frames without interference
+CONFIGS["ground"] = replace(
+    CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
+)
+# `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars,
+# interference as a receiver hears it
+CONFIGS["any_sweep"] = replace(
+    CONFIGS["ground"],
+    kinds=(*CONFIGS["ground"].kinds, ("radar", 0.7)),
+    empty=0.2,
+    second=0.08,
+    received=0.4,
+    front_end=0.25,
+    persistent=2,
+    any_sweep=True,
+    seed=8,
+)
