@@ -129,7 +129,7 @@ class Altimeter:
             partners = (most - least) / self._per_resolution
             cells = (self._last - self._first) / self._per_resolution
             self._searches[least, most] = PairSearch(
-                margin=self.cfar.margin,
+                cfar=self.cfar,
                 first=self._first,
                 last=self._last,
                 apart=(least, most),

@@ -20,6 +20,8 @@ _WHITE, _COLOURED = (
 )  # spread of block levels over that of white noise: up to here white, from here coloured
 _LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
 _FEWEST = 4.0  # looks that a noise level has at least
+_NEAR = 8.0  # resolution cells to either side of a return that do not count where the span is held against the rest
+_QUIETER = 2.0  # standard deviations by which cells beyond the span have to be quieter
 _NARROWEST = 0.05  # least support of a half sweep
 _ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding
 _TINY = float(np.finfo(np.float32).tiny)
@@ -36,6 +38,10 @@ class Significance(NamedTuple):
         Noise level.
     looks : (n, 2) float32
         Independent cells that the noise level is the mean of.
+    support : (n, 2) float
+        See `support_of`.
+    colour : (n, 2) float
+        0 where the level is that of the whole band, 1 where it is that of the cells around.
     spared : (n,) float32
         How much a frame's threshold is lowered for narrow support: its cells are fewer independent trials.
     """
@@ -43,6 +49,8 @@ class Significance(NamedTuple):
     value: np.ndarray
     noise: np.ndarray
     looks: np.ndarray
+    support: np.ndarray
+    colour: np.ndarray
     spared: np.ndarray
 
 
@@ -73,6 +81,10 @@ class Cfar:
     part, and the mean of the band is below most peaks. So the quartiles of blocks of 8 resolution cells are compared;
     where they are farther apart than in white noise of that support, the level comes from the cells around. A return
     fills one or two blocks and does not move the quartiles.
+
+    A network that knows the span of altitudes leaves little beyond it, so that the band's mean is below the level
+    within. Blocks do not tell that where support is narrow: each has too few independent cells. `declared_level` asks
+    all cells on either side of the span's ends at once.
     """
 
     train: int = 16
@@ -124,7 +136,48 @@ class Cfar:
         np.log(value, out=value)
         value *= looks[..., None]
         spared = -0.5 * ((1.0 - colour) * np.log(support)).sum(axis=1)
-        return Significance(value, noise, looks, spared.astype(np.float32))
+        return Significance(value, noise, looks, support, colour, spared.astype(np.float32))
+
+    def declared_level(
+        self, power: np.ndarray, cells: Significance, at: np.ndarray, span: slice
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Noise levels that a declaration is held against, and frames in which they are the span's own.
+
+        They are the span's own where the cells beyond it are quieter by two standard deviations, both half sweeps
+        together. What a method leaves there comes from all over the sweep: its cells are no fewer trials, and nothing
+        is spared. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the shipped network.
+
+        Parameters
+        ----------
+        power : (n, 2, J) float32
+        cells : Significance
+        at : (n, 2) int
+            Cells found, of all J.
+        span : slice
+            Cells searched, of all J.
+
+        Returns
+        -------
+        noise : (n, 2) float array
+        own : (n,) bool array
+        """
+        total = power.shape[-1]
+        rows = power.reshape(-1, total)
+        index, here = np.arange(total), at.reshape(-1, 1)
+        inside = (index >= span.start) & (index < span.stop)
+        far = np.abs(index - here) > _NEAR * self.per_resolution
+        count_in, count_out = (np.maximum((far & part).sum(axis=-1), 1) for part in (inside, ~inside))
+        sum_in, sum_out = (np.where(far & part, rows, 0.0).sum(axis=-1) for part in (inside, ~inside))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.log(sum_in / count_in) - np.log(sum_out / count_out)
+        variance = self.per_resolution * (1.0 / count_in + 1.0 / count_out) / cells.support.ravel()
+        step, variance = (x.reshape(at.shape).sum(axis=1) for x in (step, variance))
+        own = step > _QUIETER * np.sqrt(variance)
+        tone = self.energy * np.take_along_axis(power, at[..., None], axis=-1)[..., 0].astype(float)
+        level = (power[..., span].sum(axis=-1) - tone) / (span.stop - span.start - self.energy)
+        band = (power.sum(axis=-1) - tone) / (total - self.energy)
+        noise = np.take_along_axis(cells.noise, at[..., None] - self.margin, axis=-1)[..., 0]
+        return noise + own[:, None] * (1.0 - cells.colour) * np.maximum(level - band, 0.0), own
 
     def _around(self, sums: np.ndarray) -> np.ndarray:
         """(n, 2, inner) float32 mean power of the training cells, from sums over groups (n, 2, groups)."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .altimeter_settings import Reason
-from .cfar import Significance
+from .cfar import Cfar, Significance
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
@@ -51,10 +51,10 @@ class PairSearch:
 
     Parameters
     ----------
-    margin : int
-        Cells at either end of the spectrum without a noise level.
+    cfar : Cfar
+        Which gives the noise levels; its margin are the cells at either end of the spectrum that have none.
     first, last : int
-        Cells searched, ``first..last-1``, counted from ``margin``.
+        Cells searched, ``first..last-1``, counted from the margin.
     apart : (int, int)
         Least and greatest difference, up cell less down cell, that the allowed speeds make.
     per_resolution : int
@@ -69,7 +69,7 @@ class PairSearch:
         Whether a strongest cell beyond the span of altitudes is taken for the return.
     """
 
-    margin: int
+    cfar: Cfar
     first: int
     last: int
     apart: tuple[int, int]
@@ -95,14 +95,19 @@ class PairSearch:
         value = cells.value[..., self.first : self.last]
         pair, joint, lead = self._best_pair(value)
         n, halves = np.arange(len(pair))[:, None], _HALVES
-        found = (joint + cells.spared > self.pair_threshold) & (value[n, halves, pair] >= FLOOR).all(axis=1)
+        each = value[n, halves, pair]
+        found = (joint + cells.spared > self.pair_threshold) & (each >= FLOOR).all(axis=1)
+        pair += self.first
+        doubtful = np.nonzero(found & self._doubtful(joint, each, power.shape[-1]))[0]
+        if doubtful.size:
+            some = Significance(*(field[doubtful] for field in cells))
+            found[doubtful] = self._stands_out(power[doubtful], some, pair[doubtful])
         reason = np.full(len(found), Reason.OK)
         if not found.all():
             single = (value[~found].max(axis=-1) > self.cell_threshold).all(axis=-1)
             reason[~found] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
-        pair += self.first
         far = max(1, self.per_resolution // 2)
-        steps = self.margin + np.array([-far, -1, 0, 1, far])
+        steps = self.cfar.margin + np.array([-far, -1, 0, 1, far])
         around, noise = (
             power[n[..., None], _HALVES[:, None], pair[..., None] + steps],
             cells.noise[n, halves, pair],
@@ -114,6 +119,25 @@ class PairSearch:
             reason[found & doubt.any(axis=1)] = Reason.SWEEPS_DISAGREE
             reason[found & (beyond.any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
         return Found(reason, pair, around[..., 1:4], noise, lead)
+
+    def _doubtful(self, joint: np.ndarray, each: np.ndarray, count: int) -> np.ndarray:
+        """(n,) bool: whether a pair might not be declared against the highest level that the span can have of its own.
+
+        All of a band's noise within the span is ``most`` times its mean, and no significance falls by more than that.
+        """
+        most = (count - self.cfar.energy) / (self.last - self.first - self.cfar.energy)
+        return (joint <= most * self.pair_threshold) | (each < most * FLOOR).any(axis=1)
+
+    def _stands_out(self, power: np.ndarray, cells: Significance, pair: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether pairs exceed the threshold over `Cfar.declared_level`."""
+        margin = self.cfar.margin
+        at = pair + margin
+        span = slice(margin + self.first, margin + self.last)
+        noise, own = self.cfar.declared_level(power, cells, at, span)
+        ratio = np.take_along_axis(power, at[..., None], axis=-1)[..., 0] / noise
+        each = cells.looks * np.log1p(ratio / cells.looks)
+        joint = each.sum(axis=1) + np.where(own, 0.0, cells.spared)
+        return (joint > self.pair_threshold) & (each >= FLOOR).all(axis=1)
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, 2) cells of the greatest sum of (n, 2, cells), the sum, and its lead over the best rival.
@@ -177,10 +201,10 @@ class PairSearch:
         cells found.
         """
         strongest, top = power.argmax(axis=-1), power.max(axis=-1)
-        side_lobe = here <= self.side_lobes[np.abs(strongest - (pair + self.margin))] * top
+        side_lobe = here <= self.side_lobes[np.abs(strongest - (pair + self.cfar.margin))] * top
         if not self.outshining:
             return side_lobe, np.zeros(len(pair), dtype=bool)
-        outside = (strongest < self.margin + self.first) | (strongest >= self.margin + self.last)
+        outside = (strongest < self.cfar.margin + self.first) | (strongest >= self.cfar.margin + self.last)
         return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
 
 
