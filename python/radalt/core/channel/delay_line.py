@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
+
+from ..fir import kaiser_window
 
 __all__ = ["HALF_TAPS", "STEPS", "DelayLine"]
 
@@ -103,7 +105,7 @@ class DelayLine:
             taps = np.sinc(n - fraction) * np.interp(
                 n - fraction,
                 np.linspace(-HALF_TAPS - 1, HALF_TAPS + 1, 4097),
-                signal.windows.kaiser(4097, 5.0),
+                kaiser_window(4097, 5.0),
             )
             self._kernels[fraction] = fft.fft(taps / taps.sum(), self._size).astype(np.complex64)
         return self._kernels[fraction]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 __all__ = ["MOST_DB", "prefix_snr_db"]
 
@@ -40,6 +40,8 @@ def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
     even_hz = max(step_hz, round(rate_hz / step_hz) * step_hz)  # whole samples in a symbol and in a cycle
     samples = samples[: round(_LONGEST_S * rate_hz)]
     if even_hz != rate_hz:
+        from scipy import signal  # see core/fir.py
+
         samples = signal.resample(samples, round(samples.size * even_hz / rate_hz))
     cycle = round(_CYCLE_S * even_hz)
     found = (_contrast_and_coherence(samples, even_hz, cycle, spacing_hz) for spacing_hz in _SPACINGS_HZ)

@@ -11,10 +11,10 @@ from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+
+from ..fir import kaiser_lowpass
 
 PASSBAND_FRACTION = 0.9  # flat part of the band, of the output rate; as of a usual SDR decimator
-STOPBAND_DB = 80.0
 MAX_RATIO = 4096
 
 
@@ -55,9 +55,7 @@ def receiver_taps(design_rate_hz: float, stop_hz: float, bandwidth_hz: float) ->
 
     Unit gain at 0 Hz. Read-only (cached).
     """
-    edge_hz = bandwidth_hz / 2
-    length, beta = signal.kaiserord(STOPBAND_DB, (stop_hz - edge_hz) / (design_rate_hz / 2))
-    taps = signal.firwin(length | 1, (stop_hz + edge_hz) / 2, window=("kaiser", beta), fs=design_rate_hz)
+    taps = kaiser_lowpass(bandwidth_hz / 2, stop_hz, design_rate_hz)
     taps.setflags(write=False)
     return taps
 
@@ -99,6 +97,8 @@ def resample_periodic(
     blocks = -(-(taps.size // 2 // ratio.numerator + 1) // ratio.denominator)
     guard = blocks * ratio.denominator
     extended = np.take(samples, np.arange(-guard, samples.size + guard), mode="wrap")
+    from scipy import signal  # see core/fir.py
+
     resampled = signal.resample_poly(extended, ratio.numerator, ratio.denominator, window=taps)
     lead = blocks * ratio.numerator
     return resampled[lead : lead + samples.size * ratio.numerator // ratio.denominator]
@@ -134,6 +134,8 @@ def decimate_window(samples: np.ndarray, rate_hz: float, factor: int, bandwidth_
     # The filter's delay must be a whole number of output samples: pad the taps in front.
     pad = -(taps.size // 2) % factor
     # by transforms: a tenth of upfirdn's time for a sweep of 150 MHz, a third for a long window
+    from scipy import signal  # see core/fir.py
+
     received = signal.oaconvolve(samples, np.concatenate([np.zeros(pad), taps]))[::factor]
     delay = (taps.size // 2 + pad) // factor
     count = samples.size // factor - 2 * guard

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
+from ..fir import cosine_window
 from ..waveform import Waveform, altitude_to_delay_s
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 
@@ -48,7 +49,7 @@ class Blanking(Mitigation):
             raise MitigationError(f"blanking.threshold_db is {threshold_db!r}; it has to be above 0")
         self.window, self.threshold_db, self.max_altitude_m = window, threshold_db, max_altitude_m
         self._hop = window // 4
-        self._taper = signal.get_window("hann", window).astype(np.float32)
+        self._taper = cosine_window("hann", window, periodic=True).astype(np.float32)
         hops = -(-n // self._hop) + 3
         self._padded = (hops - 1) * self._hop + window
         norm = np.zeros(self._padded)

@@ -7,8 +7,9 @@ moved on. Two ways: an adaptive one-step predictor, and the best predictor of th
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft, linalg, signal
+from scipy import fft, linalg
 
+from ..fir import tukey_window
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale
 
@@ -111,7 +112,7 @@ class LinearPrediction(Mitigation):
                 f"1..{min(256, waveform.samples_per_frame // 4)}"
             )
         self.order = order
-        self._taper = signal.windows.tukey(waveform.samples_per_frame, _TAPER).astype(np.float32)
+        self._taper = tukey_window(waveform.samples_per_frame, _TAPER).astype(np.float32)
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:

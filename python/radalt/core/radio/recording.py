@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from ..parsing import LARGEST, InputError, check_file, read_text, shown
 from ..paths import remedy
@@ -226,6 +225,8 @@ class Capture:
             for at in range(stretch.file_start, end, _BLOCK):
                 yield self._read(at, min(_BLOCK, end - at))
             return
+        from scipy import signal  # see core/fir.py
+
         # whole periods of the polyphase filter, with its reach (scipy: 10 max(up, down) taps) on either side
         reach = -(-(10 * max(up, down)) // (up * down)) + 1
         step = max(1, _BLOCK // max(up, down)) * down

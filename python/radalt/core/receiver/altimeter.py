@@ -21,8 +21,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import fft, signal, special
+from scipy import fft, special
 
+from ..fir import cosine_window
 from ..waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
 from .cfar import Cfar, Significance, pair_threshold, support_of, upcrossings
@@ -184,9 +185,8 @@ class Altimeter:
         turn = np.exp(2j * np.pi * self.centre_hz * t)
         table = table * np.stack([turn, np.conj(turn)]) * (window / window.sum())
         self._table = table.astype(np.complex64)
-        response = signal.freqz(self.decimator.taps, worN=2 * np.pi * self._bins * self.cell_hz / w.rate_hz)[
-            1
-        ]
+        turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
+        response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
         # of power: as the filter left it, and as noise is left by a blind part
         energy = np.cumsum(np.concatenate([[0.0], window**2]))
         own = 0.0 if self._head is None else self._blind_samples(self.beat_hz)
@@ -211,7 +211,7 @@ class Altimeter:
 
     def _window(self, points: int) -> np.ndarray:
         """(points,) window over a half sweep; zero in its blind part where each cell cannot have its own."""
-        window = signal.get_window(self.settings.window, points, fftbins=False)
+        window = cosine_window(self.settings.window, points)
         if self._head is None:
             blind = self._blind_samples(self.beat_hz[-1]) / self.waveform.samples_per_half
             window[: int(np.ceil(blind * points))] = 0.0

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize
 
 __all__ = ["Cfar", "Significance", "pair_threshold", "support_of", "upcrossings"]
 
@@ -267,8 +266,22 @@ def pair_threshold(rate: float, cells: float, partners: float, crossing: float, 
     def log_excess(level: float) -> float:
         return float(np.log(_false_alarms(level, cells, partners, crossing, floor)) - np.log(rate))
 
-    low = 2.0 * floor + 1e-3
-    return low if log_excess(low) < 0 else float(optimize.brentq(log_excess, low, 200.0, xtol=1e-6))
+    # false position, the Illinois way: the logarithm is nearly a straight line. scipy.optimize takes 10 MB
+    low, high = 2.0 * floor + 1e-3, 200.0
+    above, below = log_excess(low), log_excess(high)
+    if above < 0:
+        return low
+    level = high
+    for _ in range(100):
+        before, level = level, (low * below - high * above) / (below - above)
+        excess = log_excess(level)
+        if abs(level - before) < 1e-9 or excess == 0:
+            break
+        if excess > 0:
+            low, above, below = level, excess, 0.5 * below if before < level else below
+        else:
+            high, below, above = level, excess, 0.5 * above if before > level else above
+    return level
 
 
 def _false_alarms(level: float, cells: float, partners: float, crossing: float, floor: float) -> float:

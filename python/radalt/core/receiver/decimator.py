@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 
 import numpy as np
-from scipy import signal
 from scipy.linalg import blas
+
+from ..fir import kaiser_lowpass
 
 __all__ = ["Decimator"]
 
@@ -63,10 +64,7 @@ class Decimator:
     def _lowpass(self, width_hz: float) -> np.ndarray:
         if self.factor == 1:
             return np.ones(1)
-        nyquist = self.rate_hz / 2
-        stop = self.rate_out_hz - width_hz / 2
-        count, beta = signal.kaiserord(80.0, (stop - width_hz / 2) / nyquist)
-        return signal.firwin(count | 1, 0.5 * (stop + width_hz / 2) / nyquist, window=("kaiser", beta))
+        return kaiser_lowpass(width_hz / 2, self.rate_out_hz - width_hz / 2, self.rate_hz)
 
     def _polyphase(self) -> np.ndarray:
         """(2 O, 2 R): from a row of R complex samples, rails side by side, to its share of O outputs.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import os
 import time
 from collections import deque
@@ -165,6 +166,7 @@ def fly_benchmark(
     FlowgraphError
         If the run does not end in time.
     """
+    gc.collect()  # a flowgraph that ran before, with its rings: the memory of this one is measured
     top = make_top(prepared, scene, drop_when_slow=int(realtime))
     segmenter = top.frame_segmenter
     segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None

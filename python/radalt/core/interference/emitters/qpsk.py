@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from ...waveform import exp_cycles
 from . import NamedEmitter, register
@@ -156,6 +155,8 @@ class QpskEmitter(NamedEmitter):
         start = side * up + lead
         pad = -start % down  # in front of the taps, so that every ``down``-th sample is one that is wanted
         taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
+        from scipy import signal  # see core/fir.py
+
         shaped = signal.upfirdn(taps, qpsk_symbols(symbols, rng), up, down)
         start = (start + pad) // down
         return shaped[start : start + count]

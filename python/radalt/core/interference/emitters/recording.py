@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import signal
 
 from ...parsing import InputError, check_file, shown
 from ...paths import remedy
@@ -190,6 +189,8 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"at most {(_MOST_UP - 1) * source_hz / 2:g}"
         )
     if up > 1:
+        from scipy import signal  # see core/fir.py
+
         samples = signal.resample(samples, up * count)
     if emitter.offset_hz:
         cycles = round(emitter.offset_hz * count / source_hz)
