@@ -11,8 +11,19 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, MORE, MOVING, Received, demodulate, gain, misfit, once_more
-from .ofdm.lattice import BLOCK, box, middle, power, unit
+from .ofdm.demodulator import (
+    AGAIN,
+    FIRST,
+    MORE,
+    MOVING,
+    Before,
+    Received,
+    demodulate,
+    gain,
+    misfit,
+    once_more,
+)
+from .ofdm.lattice import BLOCK, DENSE, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 
@@ -27,7 +38,6 @@ _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
-_WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
@@ -43,11 +53,12 @@ _SKIRT = 0.1  # error over power of a subcarrier that is of no use
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
-_ASKED = 7  # every so manieth element is asked for the gain
+_ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _FEW = 5  # every so manieth sample tells the median
 _LIMIT = 6.0  # times the median power: what is left where symbols meet
+_TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
 
@@ -62,23 +73,18 @@ class _Lock:
     channel: np.ndarray
     used: np.ndarray
     level: float = 1.0
+    before: Before | None = None
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
 
 
-def _astray(received: Received, trusted: np.ndarray) -> float:
-    """Share of the subcarriers whose channel is wrong."""
-    error = (np.minimum(received.error, 1) * trusted).sum(axis=0) / np.maximum(trusted.sum(axis=0), 1)
-    return float((error > _WRONG).mean())
-
-
-def _amid(error: np.ndarray, heard: np.ndarray) -> np.ndarray:
+def _amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
     """(L, K) mean error of the ``heard`` elements around each one, in cells, each at most 1."""
-    number = np.arange(len(error))
+    number = np.arange(len(capped))
     near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
     told = near @ box(heard.astype(np.float32), BLOCK)
-    return near @ box(np.minimum(error, 1) * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
+    return near @ box(capped * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 class OfdmCancel(Mitigation):
@@ -161,7 +167,7 @@ class OfdmCancel(Mitigation):
     def cancel(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated."""
         mean = float(np.vdot(frame, frame).real) / frame.size
-        if not np.finfo(np.float32).tiny < mean < np.inf:
+        if not _TINY < mean < np.inf:
             return None
         if self._lock:
             out = self._follow(frame * np.float32(1 / self._lock.level))
@@ -208,7 +214,7 @@ class OfdmCancel(Mitigation):
         if own.mean(where=beside) < _BESIDE * own.mean(where=~clear & grid.used):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
-        if received.drift is not None or _astray(received, clear & grid.used) > _HARDLY:
+        if received.drift is not None or received.astray(clear & grid.used).mean() > _HARDLY:
             moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
@@ -226,17 +232,20 @@ class OfdmCancel(Mitigation):
         symbols = transforms(straight, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
-        if misfit(symbols.ravel()[asked] / channel[asked % channel.size]) > _PREDICTED:
+        trusted = clear & lock.used
+        some = slice(None, None, _ASKED)
+        asked = trusted[:, some]
+        values = (symbols[:, some] / channel[some])[asked]
+        if misfit(values, (DENSE[lock.before.kind],)) > _PREDICTED and misfit(values) > _PREDICTED:
             angle = self._angles(symbols, clear, lock)
             if angle is None:
                 return None
             own = np.exp(-1j * angle).astype(np.complex64)[:, None]
             symbols, phase = symbols * own, ramp * own
-            factor, lock.misfit = gain(symbols.ravel()[asked] / channel[asked % channel.size], lock.misfit)
+            factor, lock.misfit = gain((symbols[:, some] / channel[some])[asked], lock.misfit)
             channel = channel / factor
         grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
-        received = demodulate(grid, clear, numerology, AGAIN)
+        received = demodulate(grid, clear, numerology, AGAIN, lock.before)
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             received = once_more(grid, clear, received, numerology, AGAIN)
@@ -244,12 +253,12 @@ class OfdmCancel(Mitigation):
         misread = received.misread
         usual = middle(misread)
         # a frame of little else than silence is read without errors, whatever else is in it
-        told = np.minimum(received.error.ravel()[asked], 1)[power(received.points.ravel()[asked]) > 0]
+        told = received.capped[:, some][asked & (received.points[:, some] != 0)]
         if (
             not told.size
             or told.mean() > _READABLE
             or usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
-            or (misread > max(2 * _DOUBTFUL, 2 * usual)).mean() > _LOST
+            or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
             return None
         return self._subtract(straight, turn, grid, clear, received, lock)
@@ -288,8 +297,11 @@ class OfdmCancel(Mitigation):
         # a product of few long and few short steps
         step = -2j * np.pi * carrier / numerology.useful
         short = int(np.sqrt(frame.size)) + 1
-        turn = np.exp(step * short * np.arange(short))[:, None] * np.exp(step * np.arange(short))
-        turn = turn.astype(np.complex64).ravel()[: frame.size]
+        few = np.arange(short)
+        turn = np.exp(step * short * few).astype(np.complex64)[:, None] * np.exp(step * few).astype(
+            np.complex64
+        )
+        turn = turn.ravel()[: frame.size]
         return turn, frame * turn
 
     @staticmethod
@@ -339,36 +351,32 @@ class OfdmCancel(Mitigation):
         ):
             return None
         self.busy = float(sending.mean())
-        level = power(received.channel)
-        level = level if level.ndim == 1 else level.mean(axis=0)
-        astray = (received.error * received.cells * clear).sum(axis=0) * level
-        useful = grid.used & (astray < _SKIRT * (own * clear).sum(axis=0))
-        both = ~clear & useful
-        # where no return can be, all of an element goes
-        model = np.where(both, received.channel * received.points, received.symbols)
+        rest = received.symbols - received.channel * received.points
+        astray = (power(rest) * clear).sum(axis=0)
+        both = ~clear & (grid.used & (astray < _SKIRT * (own * clear).sum(axis=0)))
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (_amid(received.error, heard) < _AMISS) if partly else both
+        asked = both & (_amid(received.capped, heard) < _AMISS) if partly else both
         kept = expected_return(received, asked, heard, lock.sir_db)
         lock.sir_db = None
-        if kept is None:
-            # misread elements go as a whole
-            model[both & ~asked] = received.symbols[both & ~asked]
-        elif partly:
-            # where the return is larger than a cell, that makes little difference
+        if kept is not None and partly:
+            # where the return is larger than a cell, misread elements make little difference
             kept = expected_return(received, both, heard, kept[1])
+        # where no return can be, and where it was misread, all of an element goes
+        rest *= asked
         if kept is not None:
-            model[both] = received.symbols[both] - kept[0]
+            rest[both] = kept[0]
             lock.sir_db = kept[1]
-        back = received.phase.conj()
-        model *= back
+        model = np.subtract(received.symbols, rest, out=rest)
+        model *= received.phase.conj()
         places, _ = self._gather(grid.starts, lock.numerology)
         out = frame - self._samples(model, readable).take(places)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out[level > np.float32(_LIMIT) * middle(level[::_FEW])] = 0
+        out *= level <= np.float32(_LIMIT) * middle(level[::_FEW])
+        lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
 
@@ -377,7 +385,8 @@ class OfdmCancel(Mitigation):
         """(L K + 1,) complex64 samples of the symbols, one after the other; 0 for those not readable, and for the
         last."""
         count, useful = elements.shape
-        out = np.zeros(count * useful + 1, dtype=np.complex64)
+        out = np.empty(count * useful + 1, dtype=np.complex64)
+        out[-1] = 0
         lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
         out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
