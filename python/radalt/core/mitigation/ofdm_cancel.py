@@ -10,7 +10,7 @@ from scipy import fft
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
@@ -18,6 +18,7 @@ from .ofdm.demodulator import (
     MOVING,
     Before,
     Received,
+    astray,
     demodulate,
     gain,
     misfit,
@@ -30,6 +31,7 @@ from .ofdm.ridge import Ridge, expected_return
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_CERTAIN = 12.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _UNEVEN = (
     1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -41,6 +43,7 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
+_READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
 _FEWEST = 0.3  # of the symbols that send have to be readable
@@ -49,7 +52,9 @@ _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
 _SYMBOLS_BESIDE = 2  # before and after, that tell so
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
-_SKIRT = 0.1  # error over power of a subcarrier that is of no use
+_SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
+_STANDS_OUT = 4.0  # times the median
+_FAINT = np.float32(1e-30)
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
@@ -188,34 +193,37 @@ class OfdmCancel(Mitigation):
         size = power(frame)
         if np.vdot(size, size) < _UNEVEN * size.size:
             return None  # a sweep meets itself a symbol later, too
-        prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
-        prefix, (numerology, ridge) = max(
-            zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
-        )
+        prefix = None
+        for kind, its_ridge in self._kinds:
+            found = find_prefix(frame, kind)
+            if prefix is None or found.contrast > prefix.contrast:
+                prefix, numerology, ridge = found, kind, its_ridge
+            if found.contrast > _CERTAIN:
+                break
         if prefix.contrast < _CONTRAST:
             return None
-        carrier, place = prefix.carrier, None
-        for again in (False, True):
-            turn, straight = self._without(frame, carrier, numerology)
-            grid = acquire(
-                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at), place
-            )
-            place = grid.place
-            step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
-            if again or not _COARSE < abs(step) < _TURNS:
-                break
+        carrier = prefix.carrier
+        turn, straight = self._without(frame, carrier, numerology)
+        grid = acquire(straight, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
+        step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
+        if _COARSE < abs(step) < _TURNS:
             carrier += step
+            turn, straight = self._without(frame, carrier, numerology)
+            grid = retuned(grid, straight, step, numerology)
         own = power(grid.symbols)
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
         clear = ridge.clear(grid.starts, carrier)
         beside = clear & grid.used
-        if own.mean(where=beside) < _BESIDE * own.mean(where=~clear & grid.used):
+        with_return = ~clear & grid.used
+        shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
+        if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
-        if received.drift is not None or received.astray(clear & grid.used).mean() > _HARDLY:
-            moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
+        doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
+        if doubtful and received.misread.mean() > _READ:
+            moving = demodulate(replace(grid, channel=grid.middle()), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
             received = self._settled(grid, clear, received, numerology)
@@ -236,7 +244,8 @@ class OfdmCancel(Mitigation):
         some = slice(None, None, _ASKED)
         asked = trusted[:, some]
         values = (symbols[:, some] / channel[some])[asked]
-        if misfit(values, (DENSE[lock.before.kind],)) > _PREDICTED and misfit(values) > _PREDICTED:
+        usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
+        if misfit(values, usual) > _PREDICTED and misfit(values) > _PREDICTED:
             angle = self._angles(symbols, clear, lock)
             if angle is None:
                 return None
@@ -352,8 +361,9 @@ class OfdmCancel(Mitigation):
             return None
         self.busy = float(sending.mean())
         rest = received.symbols - received.channel * received.points
-        astray = (power(rest) * clear).sum(axis=0)
-        both = ~clear & (grid.used & (astray < _SKIRT * (own * clear).sum(axis=0)))
+        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), _FAINT)
+        # the receiver's skirts stand out of what noise leaves in all subcarriers
+        both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
@@ -402,14 +412,10 @@ class OfdmCancel(Mitigation):
             half = numerology.prefix / 2
             edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
             sample = np.arange(count)
-            symbol = np.searchsorted(edges, sample, side="right") - 1
-            inside = (symbol >= 0) & (symbol < len(starts))
-            since = sample - starts[np.clip(symbol, 0, len(starts) - 1)]
-            places = np.where(
-                inside,
-                symbol * numerology.useful + since % numerology.useful,
-                starts.size * numerology.useful,
-            )
+            symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
+            since = sample - starts[symbol]
+            places = symbol * numerology.useful + since % numerology.useful
+            places[: max(0, edges[0])] = places[edges[-1] :] = starts.size * numerology.useful
             offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
             self._places = key, places, offsets
         return self._places[1:]

@@ -12,7 +12,7 @@ from .channel_fit import fit, mended, sums
 from .lattice import CELL, DENSE, FEW_CELL, Decisions, box, decide, middle, nearest, power, sparse, unit
 from .numerology import Numerology
 
-__all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
+__all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit"]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
 # turn; in the end each subcarrier for itself
@@ -33,8 +33,9 @@ _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
 _MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
 _BETTER = 0.8  # of the error, for a mended channel to be taken
-_WHOLE = 0.01  # mean error with which no run of subcarriers is wrong
+_WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
+_MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
@@ -47,16 +48,13 @@ class Before:
 
     Attributes
     ----------
-    kind : int
-        Its usual one of `DENSE`.
-    fitting : (K,) bool
-        Subcarriers that could be read.
+    likely : (int, (K,) bool) or None
+        The one of `DENSE` that most elements had, and the subcarriers that could be read.
     steady : float
         ``noise`` of `Received` where the channel stood still, 0 where it moved.
     """
 
-    kind: int
-    fitting: np.ndarray
+    likely: tuple[int, np.ndarray] | None
     steady: float
 
 
@@ -106,16 +104,23 @@ class Received:
     weight: np.ndarray
     late: float
 
-    def astray(self, trusted: np.ndarray) -> np.ndarray:
-        """(K,) bool: subcarriers whose channel is wrong, by their ``trusted`` (L, K) elements."""
-        return (self.capped * trusted).sum(axis=0) > _ASTRAY * np.maximum(
-            trusted.sum(axis=0, dtype=np.float32), 1
-        )
-
     def as_before(self, trusted: np.ndarray) -> Before:
-        """What it tells of the next frame."""
+        """What it tells of the next frame, by its ``trusted`` (L, K) elements."""
         steady = self.noise if self.channel.ndim == 1 else 0.0
-        return Before(int(self.kinds[-1, self.kinds.shape[1] // 2]), ~self.astray(trusted), steady)
+        return Before(_likely(self.kinds, self.capped, trusted), steady)
+
+
+def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """(K,) bool: subcarriers whose channel is wrong, by the errors of their ``trusted`` (L, K) elements."""
+    return (capped * trusted).sum(axis=0) > _ASTRAY * np.maximum(trusted.sum(axis=0, dtype=np.float32), 1)
+
+
+def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple[int, np.ndarray] | None:
+    """The one of `DENSE` that most elements have, and the subcarriers that could be read; None if there are several."""
+    kind = int(kinds[-1, kinds.shape[1] // 2])
+    if np.count_nonzero(kinds == kind) < _MOSTLY * kinds.size:
+        return None
+    return kind, ~astray(capped, trusted)
 
 
 def misfit(values: np.ndarray, alphabets: Sequence[int] = DENSE) -> float:
@@ -179,44 +184,40 @@ def demodulate(
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     ``before`` spares what the frame before makes unlikely.
     """
-    symbols, phase, angles = grid.symbols, grid.phase, grid.angles
+    symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     count = len(symbols)
-    channel = grid.channel
     clear = clear & grid.used
-    ridge = ~clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
     first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    late = 0.0
+    late, likely = 0.0, before and before.likely
     for number, (width, order, share) in enumerate((*turns, (1, -1, 1.0))):
         values = symbols * (1 / channel)
-        last = order < 0
         rough = first and not number
         # while the gain is rough, the outer points are the uncertain ones
         trusted = clear & (power(values) < 1) if rough else clear
-        found = decide(values, trusted, halves, likely=before and (before.kind, before.fitting))
+        found = decide(values, trusted, halves, likely=likely)
+        likely = _likely(found.kinds, found.capped, trusted)
         off = _misread(found.capped, clear, channel)
+        last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
             heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
             if number == 1 or not first:
                 # set upright for the next turn; what this one decided of them is wrong
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
                 if odd.size:
-                    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
-                    symbols[odd] *= _EIGHTH
-                    phase[odd] *= _EIGHTH
-                    angles[odd] -= np.pi / 4
+                    symbols, phase, angles = _upright(symbols, phase, angles, odd)
                     heard[odd] = False
             if not first and off.mean() > _WHOLE:
                 channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
-        if share < 1:
+        if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
-        if not last or not number:
+        if order >= 0 or not number:
             turn, angle, slope = _true_up(grid, agreement, numerology)
             late = late if rough else middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
@@ -230,9 +231,12 @@ def demodulate(
             factor = fit(*sums(agreement, weight, times, order), order, width)
         course = sum(times[:, None] ** n * part for n, part in enumerate(factor[1:], 1)) + factor[0]
         channel = channel * course
+        if last:
+            break
+    channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > _FINER or np.abs(course - 1).mean() > _FINER:
-        _again(found, symbols, channel, ridge, kinds)
+        _again(found, symbols, channel, ~clear & grid.used, kinds)
     return Received(
         symbols, phase, channel, _drift(channel, grid.used, noise), found.points, kinds, found.error, found.capped,
         off, noise, angles, weight.sum(axis=1), late,
@@ -255,6 +259,25 @@ def once_more(
     return again
 
 
+def _standing(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    points: np.ndarray,
+    times: np.ndarray,
+    sure: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, float]:
+    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are."""
+    if channel.ndim < 2:
+        return channel, noise
+    flat = channel.mean(axis=0)
+    model = flat * points
+    factor, rest = _best_order(
+        symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
+    )
+    return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
+
+
 def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
     """(L, K) change of the channel from symbol to symbol; None where it matters less than the error ``noise``."""
     if channel.ndim < 2:
@@ -275,8 +298,8 @@ def _bridged(
 ) -> tuple[np.ndarray, Decisions, np.ndarray]:
     """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
     asked = clear & heard
-    astray = (found.capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
-    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(astray, _RUN) > _ASTRAY)
+    wrong = (found.capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
+    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(wrong, _RUN) > _ASTRAY)
     if other is None:
         return channel, found, off
     decided = decide(symbols * (1 / other), clear, halves)
@@ -346,6 +369,17 @@ def _best_order(
         if rest < _STEADY * steady:
             break
     return best, least
+
+
+def _upright(
+    symbols: np.ndarray, phase: np.ndarray, angles: np.ndarray, odd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same with the symbols ``odd`` turned by an eighth."""
+    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
+    symbols[odd] *= _EIGHTH
+    phase[odd] *= _EIGHTH
+    angles[odd] -= np.pi / 4
+    return symbols, phase, angles
 
 
 def _turned(
