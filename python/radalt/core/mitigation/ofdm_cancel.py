@@ -10,15 +10,28 @@ from scipy import fft
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, transforms
-from .ofdm.demodulator import AGAIN, FIRST, MORE, MOVING, Received, demodulate, gain, misfit, once_more
-from .ofdm.lattice import BLOCK, box, middle, power, unit
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms
+from .ofdm.demodulator import (
+    AGAIN,
+    FIRST,
+    MORE,
+    MOVING,
+    Before,
+    Received,
+    astray,
+    demodulate,
+    gain,
+    misfit,
+    once_more,
+)
+from .ofdm.lattice import BLOCK, DENSE, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_CERTAIN = 12.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _UNEVEN = (
     1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -27,10 +40,10 @@ _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
-_WRONG = 0.3  # mean error of a subcarrier in cells, each at most 1, where its channel is wrong
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
+_READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
 _FEWEST = 0.3  # of the symbols that send have to be readable
@@ -39,15 +52,18 @@ _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
 _SYMBOLS_BESIDE = 2  # before and after, that tell so
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
-_SKIRT = 0.1  # error over power of a subcarrier that is of no use
+_SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
+_STANDS_OUT = 4.0  # times the median
+_FAINT = np.float32(1e-30)
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
-_ASKED = 7  # every so manieth element is asked for the gain
+_ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _FEW = 5  # every so manieth sample tells the median
 _LIMIT = 6.0  # times the median power: what is left where symbols meet
+_TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
 
@@ -62,23 +78,18 @@ class _Lock:
     channel: np.ndarray
     used: np.ndarray
     level: float = 1.0
+    before: Before | None = None
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
 
 
-def _astray(received: Received, trusted: np.ndarray) -> float:
-    """Share of the subcarriers whose channel is wrong."""
-    error = (np.minimum(received.error, 1) * trusted).sum(axis=0) / np.maximum(trusted.sum(axis=0), 1)
-    return float((error > _WRONG).mean())
-
-
-def _amid(error: np.ndarray, heard: np.ndarray) -> np.ndarray:
+def _amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
     """(L, K) mean error of the ``heard`` elements around each one, in cells, each at most 1."""
-    number = np.arange(len(error))
+    number = np.arange(len(capped))
     near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
     told = near @ box(heard.astype(np.float32), BLOCK)
-    return near @ box(np.minimum(error, 1) * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
+    return near @ box(capped * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 class OfdmCancel(Mitigation):
@@ -161,7 +172,7 @@ class OfdmCancel(Mitigation):
     def cancel(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated."""
         mean = float(np.vdot(frame, frame).real) / frame.size
-        if not np.finfo(np.float32).tiny < mean < np.inf:
+        if not _TINY < mean < np.inf:
             return None
         if self._lock:
             out = self._follow(frame * np.float32(1 / self._lock.level))
@@ -182,34 +193,37 @@ class OfdmCancel(Mitigation):
         size = power(frame)
         if np.vdot(size, size) < _UNEVEN * size.size:
             return None  # a sweep meets itself a symbol later, too
-        prefixes = [find_prefix(frame, kind) for kind, _ in self._kinds]
-        prefix, (numerology, ridge) = max(
-            zip(prefixes, self._kinds, strict=True), key=lambda p: p[0].contrast
-        )
+        prefix = None
+        for kind, its_ridge in self._kinds:
+            found = find_prefix(frame, kind)
+            if prefix is None or found.contrast > prefix.contrast:
+                prefix, numerology, ridge = found, kind, its_ridge
+            if found.contrast > _CERTAIN:
+                break
         if prefix.contrast < _CONTRAST:
             return None
-        carrier, place = prefix.carrier, None
-        for again in (False, True):
-            turn, straight = self._without(frame, carrier, numerology)
-            grid = acquire(
-                straight, prefix, numerology, lambda starts, at=carrier: ridge.clear(starts, at), place
-            )
-            place = grid.place
-            step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
-            if again or not _COARSE < abs(step) < _TURNS:
-                break
+        carrier = prefix.carrier
+        turn, straight = self._without(frame, carrier, numerology)
+        grid = acquire(straight, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
+        step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
+        if _COARSE < abs(step) < _TURNS:
             carrier += step
+            turn, straight = self._without(frame, carrier, numerology)
+            grid = retuned(grid, straight, step, numerology)
         own = power(grid.symbols)
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
         clear = ridge.clear(grid.starts, carrier)
         beside = clear & grid.used
-        if own.mean(where=beside) < _BESIDE * own.mean(where=~clear & grid.used):
+        with_return = ~clear & grid.used
+        shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
+        if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
-        if received.drift is not None or _astray(received, clear & grid.used) > _HARDLY:
-            moving = demodulate(replace(grid, channel=grid.middle), clear, numerology, MOVING)
+        doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
+        if doubtful and received.misread.mean() > _READ:
+            moving = demodulate(replace(grid, channel=grid.middle()), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
             received = self._settled(grid, clear, received, numerology)
@@ -226,17 +240,21 @@ class OfdmCancel(Mitigation):
         symbols = transforms(straight, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        asked = np.flatnonzero(clear & lock.used)[::_ASKED]
-        if misfit(symbols.ravel()[asked] / channel[asked % channel.size]) > _PREDICTED:
+        trusted = clear & lock.used
+        some = slice(None, None, _ASKED)
+        asked = trusted[:, some]
+        values = (symbols[:, some] / channel[some])[asked]
+        usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
+        if misfit(values, usual) > _PREDICTED and misfit(values) > _PREDICTED:
             angle = self._angles(symbols, clear, lock)
             if angle is None:
                 return None
             own = np.exp(-1j * angle).astype(np.complex64)[:, None]
             symbols, phase = symbols * own, ramp * own
-            factor, lock.misfit = gain(symbols.ravel()[asked] / channel[asked % channel.size], lock.misfit)
+            factor, lock.misfit = gain((symbols[:, some] / channel[some])[asked], lock.misfit)
             channel = channel / factor
         grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
-        received = demodulate(grid, clear, numerology, AGAIN)
+        received = demodulate(grid, clear, numerology, AGAIN, lock.before)
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             received = once_more(grid, clear, received, numerology, AGAIN)
@@ -244,12 +262,12 @@ class OfdmCancel(Mitigation):
         misread = received.misread
         usual = middle(misread)
         # a frame of little else than silence is read without errors, whatever else is in it
-        told = np.minimum(received.error.ravel()[asked], 1)[power(received.points.ravel()[asked]) > 0]
+        told = received.capped[:, some][asked & (received.points[:, some] != 0)]
         if (
             not told.size
             or told.mean() > _READABLE
             or usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
-            or (misread > max(2 * _DOUBTFUL, 2 * usual)).mean() > _LOST
+            or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
             return None
         return self._subtract(straight, turn, grid, clear, received, lock)
@@ -288,8 +306,11 @@ class OfdmCancel(Mitigation):
         # a product of few long and few short steps
         step = -2j * np.pi * carrier / numerology.useful
         short = int(np.sqrt(frame.size)) + 1
-        turn = np.exp(step * short * np.arange(short))[:, None] * np.exp(step * np.arange(short))
-        turn = turn.astype(np.complex64).ravel()[: frame.size]
+        few = np.arange(short)
+        turn = np.exp(step * short * few).astype(np.complex64)[:, None] * np.exp(step * few).astype(
+            np.complex64
+        )
+        turn = turn.ravel()[: frame.size]
         return turn, frame * turn
 
     @staticmethod
@@ -339,36 +360,33 @@ class OfdmCancel(Mitigation):
         ):
             return None
         self.busy = float(sending.mean())
-        level = power(received.channel)
-        level = level if level.ndim == 1 else level.mean(axis=0)
-        astray = (received.error * received.cells * clear).sum(axis=0) * level
-        useful = grid.used & (astray < _SKIRT * (own * clear).sum(axis=0))
-        both = ~clear & useful
-        # where no return can be, all of an element goes
-        model = np.where(both, received.channel * received.points, received.symbols)
+        rest = received.symbols - received.channel * received.points
+        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), _FAINT)
+        # the receiver's skirts stand out of what noise leaves in all subcarriers
+        both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (_amid(received.error, heard) < _AMISS) if partly else both
+        asked = both & (_amid(received.capped, heard) < _AMISS) if partly else both
         kept = expected_return(received, asked, heard, lock.sir_db)
         lock.sir_db = None
-        if kept is None:
-            # misread elements go as a whole
-            model[both & ~asked] = received.symbols[both & ~asked]
-        elif partly:
-            # where the return is larger than a cell, that makes little difference
+        if kept is not None and partly:
+            # where the return is larger than a cell, misread elements make little difference
             kept = expected_return(received, both, heard, kept[1])
+        # where no return can be, and where it was misread, all of an element goes
+        rest *= asked
         if kept is not None:
-            model[both] = received.symbols[both] - kept[0]
+            rest[both] = kept[0]
             lock.sir_db = kept[1]
-        back = received.phase.conj()
-        model *= back
+        model = np.subtract(received.symbols, rest, out=rest)
+        model *= received.phase.conj()
         places, _ = self._gather(grid.starts, lock.numerology)
         out = frame - self._samples(model, readable).take(places)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out[level > np.float32(_LIMIT) * middle(level[::_FEW])] = 0
+        out *= level <= np.float32(_LIMIT) * middle(level[::_FEW])
+        lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
 
@@ -377,7 +395,8 @@ class OfdmCancel(Mitigation):
         """(L K + 1,) complex64 samples of the symbols, one after the other; 0 for those not readable, and for the
         last."""
         count, useful = elements.shape
-        out = np.zeros(count * useful + 1, dtype=np.complex64)
+        out = np.empty(count * useful + 1, dtype=np.complex64)
+        out[-1] = 0
         lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
         out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
@@ -393,14 +412,10 @@ class OfdmCancel(Mitigation):
             half = numerology.prefix / 2
             edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
             sample = np.arange(count)
-            symbol = np.searchsorted(edges, sample, side="right") - 1
-            inside = (symbol >= 0) & (symbol < len(starts))
-            since = sample - starts[np.clip(symbol, 0, len(starts) - 1)]
-            places = np.where(
-                inside,
-                symbol * numerology.useful + since % numerology.useful,
-                starts.size * numerology.useful,
-            )
+            symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
+            since = sample - starts[symbol]
+            places = symbol * numerology.useful + since % numerology.useful
+            places[: max(0, edges[0])] = places[edges[-1] :] = starts.size * numerology.useful
             offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
             self._places = key, places, offsets
         return self._places[1:]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft, ndimage
 
-from .lattice import BLOCK, box, power, unit
+from .lattice import BLOCK, box, middle, power, unit
 from .numerology import Numerology
 
-__all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "transforms"]
+__all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "retuned", "transforms"]
 
 _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
 _SMOOTH = 9  # subcarriers over which a first channel is averaged
@@ -42,12 +43,21 @@ class Prefix:
     contrast: float
 
 
+@lru_cache(maxsize=4)
+def _folding(count: int, spacing: float) -> np.ndarray:
+    """(count,) int: place of each sample in its symbol, read-only."""
+    bins = round(spacing)
+    index = (np.arange(count) * (bins / spacing)).astype(np.intp) % bins
+    index.setflags(write=False)
+    return index
+
+
 def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
     """Correlation of a complex64 frame with itself a symbol later, folded over the symbols."""
     useful = numerology.useful
     product = frame[useful:] * frame[:-useful].conj()
     bins = round(numerology.spacing)
-    index = (np.arange(product.size) * (bins / numerology.spacing)).astype(np.intp) % bins
+    index = _folding(product.size, numerology.spacing)
     folded = np.bincount(index, product.real, bins) + 1j * np.bincount(index, product.imag, bins)
     folded -= folded.mean()  # a tone correlates everywhere
     width = int(numerology.prefix)
@@ -62,7 +72,7 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
 
 def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(L, subcarriers) complex64, lowest frequency first, of the windows at ``starts``; power is kept."""
-    windows = np.stack([frame[start : start + numerology.useful] for start in starts])
+    windows = frame[starts[:, None] + np.arange(numerology.useful)]
     spectra = fft.fft(windows, axis=1, norm="ortho", overwrite_x=True)
     first = (numerology.useful + 1) // 2
     return np.concatenate([spectra[:, first:], spectra[:, :first]], axis=1)
@@ -88,9 +98,7 @@ class Grid:
         Subcarriers worth demodulating.
     angles : (L,) float
         The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
-    place : int
-        Number of the first symbol with a long prefix, where the grid was acquired.
-    middle : (K,) complex64
+    middle : function that returns (K,) complex64, or None
         The channel in the frame's middle, where it was acquired; noisier, but right where the channel moves.
     """
 
@@ -101,8 +109,7 @@ class Grid:
     channel: np.ndarray
     used: np.ndarray
     angles: np.ndarray
-    place: int = 0
-    middle: np.ndarray | None = None
+    middle: Callable[[], np.ndarray] | None = None
 
 
 def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,8 +118,9 @@ def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarr
     blocks = box(np.where(clear, power(symbols), 0), BLOCK) / np.maximum(share, 1e-3)
     blocks[share < 0.4] = 0
     occupied = blocks > _OCCUPIED * blocks.max(axis=0)
-    level = box((blocks * occupied).sum(axis=0) / np.maximum(occupied.sum(axis=0), 1), _SMOOTH)
-    top = np.median(level[level > 0.1 * level.max()])
+    count = np.maximum(occupied.sum(axis=0, dtype=np.float32), 1)
+    level = box((blocks * occupied).sum(axis=0) / count, _SMOOTH)
+    top = middle(level[level > 0.1 * level.max()])
     return np.maximum(level, 1e-6 * top), level > _IN_USE * top
 
 
@@ -121,14 +129,13 @@ def acquire(
     prefix: Prefix,
     numerology: Numerology,
     clear_of: Callable[[np.ndarray], np.ndarray],
-    place: int | None = None,
 ) -> Grid:
     """Symbols, long prefix and phases of a frame whose carrier offset is removed.
 
     ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power removes the data from QPSK
     and QAM. What is left is alike in all symbols only if they are taken at the right times. All places of the long
     prefix are tried, and the one where the symbols agree best is kept, by the largest eigenvalue of their Gram matrix;
-    its eigenvector holds the symbols' phases. ``place`` is the symbol with the long prefix if it is known.
+    its eigenvector holds the symbols' phases.
     """
     middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
         -1, frame.size // numerology.useful + 1
@@ -151,21 +158,23 @@ def acquire(
     # after 0, 1, 2 ... long prefixes
     longer = numerology.longer * np.arange(-(-count // numerology.per_cycle) + 1, dtype=np.float32)[:, None]
     turns = unit(4 * longer * numerology.turn)
-    places = np.arange(min(numerology.per_cycle, count)) if place is None else np.array([place])
+    places = np.arange(min(numerology.per_cycle, count))
     passed = np.cumsum((index % numerology.per_cycle == places[:, None]) & (index > 0), axis=1)
     # Gram matrices, lower half: symbols n long prefixes apart are turned by n
-    apart = np.stack([(fourth * turn) @ fourth.conj().T for turn in turns])
+    rows = fourth * turns[:, None]
+    # real and imaginary parts as real products, which cost a quarter
+    apart = [(part.view(np.float32) @ fourth.view(np.float32).T) for part in (rows, -1j * rows)]
+    apart = apart[0] + 1j * apart[1]
     between = np.maximum(passed[:, :, None] - passed[:, None, :], 0)
     gram = apart[between, index[:, None], index]
-    best = int(np.linalg.eigvalsh(gram)[:, -1].argmax()) if len(places) > 1 else 0
-    vector = np.linalg.eigh(gram[best])[1][:, -1]
-    place, passed = int(places[best]), passed[best]
+    place = int(np.linalg.eigvalsh(gram)[:, -1].argmax())
+    vector = np.linalg.eigh(gram[place])[1][:, -1]
+    passed = passed[place]
     fourth *= turns[passed]
     turned = course(vector)
     phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
     upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
     part = slice(count // 4, count - count // 4)
-    whole, middle = (_channel(part.sum(axis=0), level, numerology) for part in (upright, upright[part]))
     return Grid(
         starts,
         float(
@@ -175,12 +184,19 @@ def acquire(
         ),
         symbols * phase,
         phase,
-        whole,
+        _channel(upright.sum(axis=0), level, numerology),
         used,
         turned / 4,
-        place,
-        middle,
+        lambda: _channel(upright[part].sum(axis=0), level, numerology),
     )
+
+
+def retuned(grid: Grid, frame: np.ndarray, step: float, numerology: Numerology) -> Grid:
+    """The grid of a frame of whose carrier ``step`` subcarriers more are removed than when it was acquired."""
+    back = 2 * np.pi * step / numerology.useful * (grid.starts + numerology.useful / 2)
+    phase = grid.phase * np.exp(1j * back).astype(np.complex64)[:, None]
+    symbols = transforms(frame, grid.starts, numerology) * phase
+    return replace(grid, symbols=symbols, phase=phase, angles=grid.angles - back)
 
 
 def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.ndarray:

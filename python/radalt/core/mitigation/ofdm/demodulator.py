@@ -12,7 +12,7 @@ from .channel_fit import fit, mended, sums
 from .lattice import CELL, DENSE, FEW_CELL, Decisions, box, decide, middle, nearest, power, sparse, unit
 from .numerology import Numerology
 
-__all__ = ["AGAIN", "FIRST", "Received", "demodulate", "gain", "misfit"]
+__all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit"]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
 # turn; in the end each subcarrier for itself
@@ -26,16 +26,36 @@ _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random on
 _SURE = 1.5  # error in cells, up to half a neighbour's distance
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
+_SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
+_STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
+_FINER = 0.01  # change of the channel for which no decision is made again
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
 _MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
 _BETTER = 0.8  # of the error, for a mended channel to be taken
-_WHOLE = 0.01  # mean error with which no run of subcarriers is wrong
+_WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
+_MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Before:
+    """What the frame before was like.
+
+    Attributes
+    ----------
+    likely : (int, (K,) bool) or None
+        The one of `DENSE` that most elements had, and the subcarriers that could be read.
+    steady : float
+        ``noise`` of `Received` where the channel stood still, 0 where it moved.
+    """
+
+    likely: tuple[int, np.ndarray] | None
+    steady: float
 
 
 @dataclass
@@ -52,12 +72,12 @@ class Received:
         Change of the channel from symbol to symbol; None where it stands still.
     points : (L, K) complex64
         Decided points.
-    few : (L, K) bool
-        Elements whose alphabet has few points.
-    kinds : (L, K) int
-        Which of `DENSE` the others have.
+    kinds : (L, K) int8
+        Which of `DENSE` the elements have that are not of few points.
     error : (L, K) float32
         Squared distance from the model in cells of the alphabet.
+    capped : (L, K) float32
+        The same, each at most 1.
     misread : (L,) float32
         Mean error of each symbol's elements without a return in cells, each at most 1; a random one has 0.75.
     noise : float
@@ -75,23 +95,36 @@ class Received:
     channel: np.ndarray
     drift: np.ndarray | None
     points: np.ndarray
-    few: np.ndarray
     kinds: np.ndarray
     error: np.ndarray
+    capped: np.ndarray
     misread: np.ndarray
     noise: float
     angles: np.ndarray
     weight: np.ndarray
     late: float
 
-    @property
-    def cells(self) -> np.ndarray:
-        """(L, K) float32 squared error of a number anywhere in a cell of each element's alphabet."""
-        return np.where(self.few, FEW_CELL, _CELLS[self.kinds])
+    def as_before(self, trusted: np.ndarray) -> Before:
+        """What it tells of the next frame, by its ``trusted`` (L, K) elements."""
+        steady = self.noise if self.channel.ndim == 1 else 0.0
+        return Before(_likely(self.kinds, self.capped, trusted), steady)
 
 
-def misfit(values: np.ndarray) -> float:
-    """Mean squared distance of (n,) elements from the nearest point of any alphabet, in its cells, each at most 1.
+def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
+    """(K,) bool: subcarriers whose channel is wrong, by the errors of their ``trusted`` (L, K) elements."""
+    return (capped * trusted).sum(axis=0) > _ASTRAY * np.maximum(trusted.sum(axis=0, dtype=np.float32), 1)
+
+
+def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple[int, np.ndarray] | None:
+    """The one of `DENSE` that most elements have, and the subcarriers that could be read; None if there are several."""
+    kind = int(kinds[-1, kinds.shape[1] // 2])
+    if np.count_nonzero(kinds == kind) < _MOSTLY * kinds.size:
+        return None
+    return kind, ~astray(capped, trusted)
+
+
+def misfit(values: np.ndarray, alphabets: Sequence[int] = DENSE) -> float:
+    """Mean squared distance of (n,) elements from the nearest point of QPSK or ``alphabets``, in cells, each at most 1.
 
     Silent ones tell nothing. Some 0.3 for elements that were not sent from these alphabets, or are not set upright.
     """
@@ -99,11 +132,10 @@ def misfit(values: np.ndarray) -> float:
     sent = level > _SENT
     if not sent.any():
         return 1.0
-    values = values[sent]
-    least = power(values - sparse(values, level[sent])) * (1 / FEW_CELL)
-    for dense in DENSE:
+    least = power(values - sparse(values, level)) * (1 / FEW_CELL)
+    for dense in alphabets:
         np.minimum(least, power(values - nearest(values, dense)) * (1 / CELL[dense]), out=least)
-    return float(np.minimum(least, 1).mean())
+    return float((np.minimum(least, 1) * sent).sum() / np.count_nonzero(sent))
 
 
 def gain(values: np.ndarray, before: float) -> tuple[np.float32, float]:
@@ -122,77 +154,91 @@ def _true_up(
     grid: Grid, agreement: np.ndarray, numerology: Numerology
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
-    mean, first, second = (agreement @ numerology.moments).T
+    mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
     slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
     if np.abs(slope).max() < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope
-    turn = angle[:, None].astype(np.float32) + slope[:, None].astype(np.float32) * numerology.turn
-    return unit(-turn), angle, slope
+    turn = slope[:, None].astype(np.float32) * numerology.turn
+    if np.abs(slope).max() > _SLIGHT:
+        return unit(-turn - angle[:, None].astype(np.float32)), angle, slope
+    out = np.empty(turn.shape, dtype=np.complex64)
+    np.negative(turn, out=out.imag)
+    turn *= turn
+    turn *= np.float32(-0.5)
+    np.add(turn, 1, out=out.real)
+    out *= back.astype(np.complex64)[:, None]
+    return out, angle, slope
 
 
 def demodulate(
-    grid: Grid, clear: np.ndarray, numerology: Numerology, turns: Sequence[tuple[int, int, float]]
+    grid: Grid,
+    clear: np.ndarray,
+    numerology: Numerology,
+    turns: Sequence[tuple[int, int, float]],
+    before: Before | None = None,
 ) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
+    ``before`` spares what the frame before makes unlikely.
     """
-    symbols, phase, angles = grid.symbols, grid.phase, grid.angles
+    symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     count = len(symbols)
-    channel = grid.channel
     clear = clear & grid.used
-    ridge = ~clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
     first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    late = 0.0
+    late, likely = 0.0, before and before.likely
     for number, (width, order, share) in enumerate((*turns, (1, -1, 1.0))):
         values = symbols * (1 / channel)
-        last = order < 0
         rough = first and not number
         # while the gain is rough, the outer points are the uncertain ones
         trusted = clear & (power(values) < 1) if rough else clear
-        found = decide(values, trusted, halves)
-        off = _misread(found.error, clear, channel)
+        found = decide(values, trusted, halves, likely=likely)
+        likely = _likely(found.kinds, found.capped, trusted)
+        off = _misread(found.capped, clear, channel)
+        last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
             heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
             if number == 1 or not first:
                 # set upright for the next turn; what this one decided of them is wrong
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
                 if odd.size:
-                    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
-                    symbols[odd] *= _EIGHTH
-                    phase[odd] *= _EIGHTH
-                    angles[odd] -= np.pi / 4
+                    symbols, phase, angles = _upright(symbols, phase, angles, odd)
                     heard[odd] = False
             if not first and off.mean() > _WHOLE:
                 channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
-        near = np.abs(times)[:, None] <= share
-        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard & near
+        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
+        if share < 1 and not last:
+            sure &= np.abs(times)[:, None] <= share
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
-        if not last or not number:
+        if order >= 0 or not number:
             turn, angle, slope = _true_up(grid, agreement, numerology)
             late = late if rough else middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle
         weight = power(model) * sure
         if last:
-            factor, noise = _best_order(symbols, agreement, weight, times, sure)
+            factor, noise = _best_order(
+                symbols, agreement, weight, times, sure, before.steady if before else 0.0
+            )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
-        course = factor[0]
-        for power_of_time, part in enumerate(factor[1:], 1):
-            course = course + times[:, None] ** power_of_time * part
+        course = sum(times[:, None] ** n * part for n, part in enumerate(factor[1:], 1)) + factor[0]
         channel = channel * course
+        if last:
+            break
+    channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
-    _again(found, symbols, channel, ridge, kinds)
+    if first or np.abs(angle).max() > _FINER or np.abs(course - 1).mean() > _FINER:
+        _again(found, symbols, channel, ~clear & grid.used, kinds)
     return Received(
-        symbols, phase, channel, _drift(channel, grid.used, noise), found.points, found.few, kinds, found.error,
+        symbols, phase, channel, _drift(channel, grid.used, noise), found.points, kinds, found.error, found.capped,
         off, noise, angles, weight.sum(axis=1), late,
     )  # fmt: skip
 
@@ -211,6 +257,25 @@ def once_more(
     again = demodulate(grid, clear, numerology, turns)
     again.late += received.late
     return again
+
+
+def _standing(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    points: np.ndarray,
+    times: np.ndarray,
+    sure: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, float]:
+    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are."""
+    if channel.ndim < 2:
+        return channel, noise
+    flat = channel.mean(axis=0)
+    model = flat * points
+    factor, rest = _best_order(
+        symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
+    )
+    return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
 
 
 def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
@@ -233,20 +298,20 @@ def _bridged(
 ) -> tuple[np.ndarray, Decisions, np.ndarray]:
     """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
     asked = clear & heard
-    astray = (np.minimum(found.error, 1) * asked).sum(axis=0) / np.maximum(asked.sum(axis=0), 1)
-    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(astray, _RUN) > _ASTRAY)
+    wrong = (found.capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
+    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(wrong, _RUN) > _ASTRAY)
     if other is None:
         return channel, found, off
     decided = decide(symbols * (1 / other), clear, halves)
-    left = _misread(decided.error, clear, other)
+    left = _misread(decided.capped, clear, other)
     return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
 
 
-def _misread(error: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
+def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
     """(L,) mean error of each symbol's ``clear`` elements in cells, each at most 1, by their power."""
     level = power(channel)
     level = level if level.ndim == 1 else level.mean(axis=0)
-    return (np.minimum(error, 1) * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))
+    return (capped * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))
 
 
 def _again(
@@ -269,17 +334,24 @@ def _again(
     cells[part] = FEW_CELL
     np.put(found.points, at, chosen)
     np.put(found.error, at, power(values - chosen) / cells)
+    np.minimum(found.error, 1, out=found.capped)
 
 
 def _best_order(
-    symbols: np.ndarray, agreement: np.ndarray, weight: np.ndarray, times: np.ndarray, sure: np.ndarray
+    symbols: np.ndarray,
+    agreement: np.ndarray,
+    weight: np.ndarray,
+    times: np.ndarray,
+    sure: np.ndarray,
+    steady: float,
 ) -> tuple[np.ndarray, float]:
     """Coefficients of the order with the least error, and that error per element.
 
-    Orders rise while that helps the median subcarrier. At the receiver's edges echoes are longer than the prefix.
+    Orders rise while that helps the median subcarrier, and the error is larger than where the channel stood still,
+    ``steady``. At the receiver's edges echoes are longer than the prefix.
     """
     energy = (power(symbols) * sure).sum(axis=0)
-    elements = sure.sum(axis=0)
+    elements = sure.sum(axis=0, dtype=np.float32)
     known = elements > _ORDERS
     best, least = None, np.inf
     for order in range(_ORDERS):
@@ -294,7 +366,20 @@ def _best_order(
         if rest >= _HELPS * least:
             break
         best, least = factor, rest
+        if rest < _STEADY * steady:
+            break
     return best, least
+
+
+def _upright(
+    symbols: np.ndarray, phase: np.ndarray, angles: np.ndarray, odd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same with the symbols ``odd`` turned by an eighth."""
+    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
+    symbols[odd] *= _EIGHTH
+    phase[odd] *= _EIGHTH
+    angles[odd] -= np.pi / 4
+    return symbols, phase, angles
 
 
 def _turned(
@@ -314,6 +399,6 @@ def _turned(
     if not doubtful.size:
         return doubtful
     clear = clear[doubtful]
-    error = decide(values[doubtful] * _EIGHTH, clear, halves[doubtful], kinds).error
+    capped = decide(values[doubtful] * _EIGHTH, clear, halves[doubtful], kinds).capped
     channel = channel if channel.ndim == 1 else channel[doubtful]
-    return doubtful[_misread(error, clear, channel) < 0.8 * off[doubtful]]
+    return doubtful[_misread(capped, clear, channel) < 0.8 * off[doubtful]]

@@ -27,6 +27,7 @@ DENSE = (16, 64, 256)
 BLOCK = 12  # subcarriers of a resource block, of one user and one kind
 _SPARSE_ERROR = 0.04  # mean squared error below which a block is one of few points; 64QAM has 0.1 from these
 SCALE = {m: np.float32(np.sqrt(1.5 / (m - 1))) for m in (4, *DENSE)}  # half the distance of two neighbours
+_TOP = {m: np.float32(np.sqrt(m) / 2 - 1) for m in SCALE}  # cells above the axes, less one
 CELL = {
     m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE
 }  # squared error of a number anywhere in a cell
@@ -43,6 +44,7 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
+_EXPLAINED = 0.3  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
 
 
@@ -68,21 +70,17 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
     """Running mean of (..., K) float32 over ``width`` of the last axis, its ends repeated."""
     if width < 2:
         return values
-    before = width // 2
-    padded = np.concatenate(
-        [
-            np.repeat(values[..., :1], before, axis=-1),
-            values,
-            np.repeat(values[..., -1:], width - 1 - before, axis=-1),
-        ],
-        axis=-1,
-    )
+    before, size = width // 2, values.shape[-1]
+    padded = np.empty((*values.shape[:-1], size + width - 1), dtype=values.dtype)
+    padded[..., :before] = values[..., :1]
+    padded[..., before : before + size] = values
+    padded[..., before + size :] = values[..., -1:]
     # sums of 1, 2, 4 ... neighbours; those in the binary form of the width are put one after the other
-    out, done, ahead, count = 0.0, 0, padded, 1
-    size = values.shape[-1]
+    out, done, ahead, count = None, 0, padded, 1
     while True:
         if width & count:
-            out = out + ahead[..., done : done + size]
+            part = ahead[..., done : done + size]
+            out = part if out is None else out + part
             done += count
         count *= 2
         if count > width:
@@ -93,10 +91,10 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
 def nearest(values: np.ndarray, points: int) -> np.ndarray:
     """Nearest of 4, 16, 64 or 256 points to each complex64 value, as complex64."""
     half = SCALE[points]
-    top = np.float32(np.sqrt(points) / 2 - 1)
+    top = _TOP[points]
     rails = np.ascontiguousarray(values).view(np.float32) * (np.float32(0.5) / half)
     np.floor(rails, out=rails)
-    np.clip(rails, -top - 1, top, out=rails)
+    rails.clip(-top - 1, top, out=rails)
     rails += np.float32(0.5)
     rails *= 2 * half
     return rails.view(np.complex64)
@@ -119,47 +117,95 @@ class Decisions:
     points : (L, K) complex64
     error : (L, K) float32
         Squared distance from the point in cells of its alphabet; a random number has 1 in the mean.
+    capped : (L, K) float32
+        The same, each at most 1.
     few : (L, K) bool
         Silence or QPSK.
-    kinds : (halves, K) int
+    kinds : (halves, K) int8
         Which of `DENSE` the elements of a half slot have that are not few.
     """
 
     points: np.ndarray
     error: np.ndarray
+    capped: np.ndarray
     few: np.ndarray
     kinds: np.ndarray
 
 
 def decide(
-    values: np.ndarray, trusted: np.ndarray, halves: np.ndarray, kinds: np.ndarray | None = None
+    values: np.ndarray,
+    trusted: np.ndarray,
+    halves: np.ndarray,
+    kinds: np.ndarray | None = None,
+    likely: tuple[int, np.ndarray] | None = None,
 ) -> Decisions:
     """Points of (L, K) elements; their alphabets are judged from the ``trusted`` (L, K) ones.
 
     A block of twelve subcarriers of a symbol is of few points (control, pilots, QPSK, silence) where these fit. All
     others have a square QAM, which a user keeps for a slot. It is the one from which the elements of one subcarrier and
     its neighbours, over the symbols of the same half slot ``halves`` (L,), are the smallest part of a cell away.
-    ``kinds`` given is not judged again.
+    ``kinds`` given is not judged again. ``likely`` is one of `DENSE` that may explain the whole
+    frame, and the subcarriers (K,) bool that are asked; if so, no other is tried.
     """
     level = power(values)
     scanty = sparse(values, level)
     scanty_error = power(values - scanty)
     few = box(scanty_error, BLOCK) < _SPARSE_ERROR
+    scanty_error *= 1 / FEW_CELL
     asked = (trusted & ~few).astype(np.float32)
     members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
-    points, errors, scores = [], [], []
-    for dense in DENSE:
-        points.append(nearest(values, dense))
-        errors.append(power(values - points[-1]))
-        errors[-1] *= 1 / CELL[dense]
-        if kinds is None:
-            scores.append(members @ (np.minimum(errors[-1], 1) * asked))
+    found = None
+    if kinds is None and likely is not None:
+        found = _explained(values, asked * likely[1], members, likely[0])
+    chosen, error, kinds = found or _judged(values, asked, halves, members, kinds)
+    chosen = np.where(few, scanty, chosen)
+    error = np.where(few, scanty_error, error)
+    capped = np.minimum(error, 1)
+    # the primary synchronisation signal stands on the axes
+    odd = np.flatnonzero(capped.sum(axis=1) > _DOUBTFUL * capped.shape[1])
+    if odd.size:
+        turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
+        turned_error = power(values[odd] - turned)
+        axes = (box(turned_error, BLOCK) < _SPARSE_ERROR) & ~few[odd]
+        chosen[odd] = np.where(axes, turned, chosen[odd])
+        error[odd] = np.where(axes, turned_error * (1 / FEW_CELL), error[odd])
+        few[odd] |= axes
+        capped[odd] = np.minimum(error[odd], 1)
+    return Decisions(chosen, error, capped, few, kinds)
+
+
+def _rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest points of one of `DENSE`, and the squared distances from them in its cells."""
+    points = nearest(values, DENSE[kind])
+    error = power(values - points)
+    error *= 1 / CELL[DENSE[kind]]
+    return points, error
+
+
+def _explained(
+    values: np.ndarray, asked: np.ndarray, members: np.ndarray, kind: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """As `_judged`, if all elements may be of one kind; None if those of a block in a half slot are not."""
+    points, error = _rounded(values, kind)
+    blocks = np.arange(0, asked.shape[1], BLOCK)
+    wrong = np.add.reduceat(members @ (np.minimum(error, 1) * asked), blocks, axis=1)
+    told = np.add.reduceat(members @ asked, blocks, axis=1)
+    if (wrong > _EXPLAINED * (told + 1)).any():
+        return None
+    return points, error, np.full((len(members), asked.shape[1]), kind, dtype=np.int8)
+
+
+def _judged(
+    values: np.ndarray, asked: np.ndarray, halves: np.ndarray, members: np.ndarray, kinds: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, errors and kinds of all elements as members of `DENSE`, judged from the ``asked`` (L, K) ones."""
+    points, errors = zip(*(_rounded(values, kind) for kind in range(len(DENSE))), strict=True)
     if kinds is None:
-        score = np.stack(scores)
+        score = np.stack([members @ (np.minimum(error, 1) * asked) for error in errors])
         common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)
         score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
         score += _SUBCARRIER * score.sum(axis=1, keepdims=True)
-        kinds = (score + _FRAME * common[:, None, None]).argmin(axis=0)
+        kinds = (score + _FRAME * common[:, None, None]).argmin(axis=0).astype(np.int8)
     usual = int(kinds[0, kinds.shape[1] // 2])
     chosen, error = points[usual], errors[usual]
     for kind in range(len(DENSE)):
@@ -167,15 +213,4 @@ def decide(
         if kind != usual and here.any():
             here = here[halves]
             chosen, error = np.where(here, points[kind], chosen), np.where(here, errors[kind], error)
-    scanty_error *= 1 / FEW_CELL
-    error = np.where(few, scanty_error, error)
-    # the primary synchronisation signal stands on the axes
-    odd = np.flatnonzero((np.minimum(error, 1)).mean(axis=1) > _DOUBTFUL)
-    if odd.size:
-        turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
-        turned_error = power(values[odd] - turned)
-        axes = (box(turned_error, BLOCK) < _SPARSE_ERROR) & ~few[odd]
-        scanty[odd] = np.where(axes, turned, scanty[odd])
-        error[odd] = np.where(axes, turned_error * (1 / FEW_CELL), error[odd])
-        few[odd] |= axes
-    return Decisions(np.where(few, scanty, chosen), error, few, kinds)
+    return chosen, error, kinds

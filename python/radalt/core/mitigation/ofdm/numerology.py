@@ -34,8 +34,8 @@ class Numerology:
         Numbers from the lowest frequency to the highest, 0 at the middle of the band.
     turn : (useful,) float32
         Radians by which a delay of one sample turns each.
-    moments : (useful, 3) complex64
-        Powers 0, 1, 2 of ``turn``.
+    moments : (2 useful, 6) float32
+        Powers 0, 1, 2 of ``turn``, for real and imaginary parts that alternate.
     """
 
     def __init__(self, rate_hz: float, spacing_hz: float) -> None:
@@ -48,7 +48,7 @@ class Numerology:
         self.spacing = self.cycle / self.per_cycle
         self.subcarriers = np.fft.fftshift(np.fft.fftfreq(self.useful, 1 / self.useful)).astype(np.float32)
         self.turn = (2 * np.pi / self.useful * self.subcarriers).astype(np.float32)
-        self.moments = np.stack([self.turn**n for n in range(3)], axis=1).astype(np.complex64)
+        self.moments = np.kron(self.turn[:, None] ** np.arange(3), np.eye(2)).astype(np.float32)
 
     def times(self, first_long: float, samples: int) -> np.ndarray:
         """Times of the symbols around a frame of ``samples``, (symbols,) float64, if one with a long prefix is at

@@ -32,11 +32,15 @@ class Ridge:
         self._delay = int(np.ceil(altitude_to_delay_s(span_m) * waveform.rate_hz))
         self._numerology = numerology
         self._known: dict[tuple[int, int], np.ndarray] = {}
+        self._last: tuple[bytes, int, np.ndarray] | None = None
 
     def clear(self, starts: np.ndarray, carrier: float) -> np.ndarray:
         """(L, K) bool: elements that no return can be in, of a frame whose ``carrier`` (in subcarriers) was taken
         out."""
-        return np.stack([self._clear(int(start), round(carrier)) for start in starts])
+        key = starts.tobytes(), round(carrier)
+        if self._last is None or self._last[:2] != key:
+            self._last = *key, np.stack([self._clear(int(start), key[1]) for start in starts])
+        return self._last[2]
 
     def _clear(self, start: int, carrier: int) -> np.ndarray:
         mask = self._known.get((start, carrier))
@@ -83,7 +87,8 @@ def expected_return(
     elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
     saves the search. None where the nearest points suffice.
     """
-    if not ridge.any() or not clear.any() or float(np.minimum(received.error[ridge], 1).mean()) < _FOLD:
+    count = np.count_nonzero(ridge)
+    if not count or not clear.any() or (received.capped * ridge).sum() < _FOLD * count:
         return None
     level = float(np.sqrt(np.mean(power(received.symbols[clear]))))
     channel = np.broadcast_to(received.channel, ridge.shape)[ridge]
