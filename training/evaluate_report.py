@@ -15,6 +15,7 @@ from matplotlib import pyplot as plt
 from scipy import signal
 
 from radalt.core.mitigation import METHODS, PlotStyle
+from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.results.break_point import (
@@ -30,7 +31,7 @@ from radalt.evaluation.results.page import render
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
-__all__ = ["PAPER_CASE", "before_after", "break_points", "write_report"]
+__all__ = ["PAPER_CASE", "beat_spectra", "before_after", "break_points", "write_report"]
 
 Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
@@ -46,6 +47,8 @@ STYLES = {
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
+PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and what ships
+PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # what the paper's networks were trained for
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
 
 
@@ -145,6 +148,27 @@ def _score_table(rows: Sequence[Row], name: str) -> str:
     )  # fmt: skip
 
 
+def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
+    """Forced RMSE of the paper's networks over SIR and overlap, on the interferer that they were trained for."""
+    chosen = [name for name in PAPERS if name in names]
+    found = {
+        (r["overlap"], r["sir_db"], r["method"]): r for r in rows if r["interferer"] == "qpsk_rectangular"
+    }
+    lines = [
+        [
+            f"{overlap:g}",
+            f"{sir_db:g}",
+            *(
+                metres(r["rmse_forced_m"]) if (r := found.get((overlap, sir_db, m))) else "given up"
+                for m in chosen
+            ),
+        ]
+        for overlap in GAIN_OVERLAPS
+        for sir_db in PAPERS_SIR_DB
+    ]
+    return table(["overlap", "SIR / dB", *chosen], lines)
+
+
 def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
     """One line per return and interferer; a name with a comma is such a case."""
     lines = []
@@ -185,12 +209,37 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         wrong_table=_wrong_table(rows, names) if breaks else "",
         clean_table=_score_table(rows, "clean") if special else "",
         paper_table=_score_table(rows, PAPER_CASE),
+        error_table=_error_table(rows, names) if breaks else "",
         returns_table=_returns_table(rows, names),
         figures=figures,
     )
     path = folder.write_text("report.md", page)
     folder.write_report(report)
     return path
+
+
+def beat_spectra(
+    path: Path, waveform: Waveform, frames: dict[str, np.ndarray], altitude_m: float, title: str
+) -> None:
+    """Beat spectra of the same frame as the altimeter sees them, one column a method: {label: (N,) complex}."""
+    altimeter = shared_altimeter(waveform, AltimeterSettings())
+    figure, axes = plt.subplots(
+        1, len(frames), figsize=(2.4 * len(frames), 2.6), sharey=True, layout="constrained"
+    )
+    for axis, (label, frame) in zip(axes, frames.items(), strict=True):
+        spectra = altimeter.spectra(frame[None])
+        for half, dash, name in zip(spectra.power[0], ("-", ":"), ("up", "down"), strict=True):
+            level_db = 10 * np.log10(np.maximum(half / spectra.power.max(), 1e-9))
+            axis.plot(spectra.beat_hz / 1e3, level_db, dash, color="#0072B2", lw=1, label=name)
+        true = axis.axvline(waveform.altitude_to_beat_hz(altitude_m) / 1e3, color="#D55E00", lw=0.8)
+        axis.set(title=label, xlabel="beat / kHz", ylim=(-50, 3))
+        axis.grid(alpha=0.3)
+    true.set_label("true beat")
+    axes[0].set_ylabel("dB of the peak")
+    figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
+    figure.suptitle(title, fontsize=10)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
 
 
 def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:

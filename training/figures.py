@@ -1,4 +1,4 @@
-"""Pictures for docs/tcae.md: an interferer on 26.7 % of the band, before and after; training curves.
+"""Pictures for docs/tcae.md: an interferer on 26.7 % of the band, before and after; beat spectra; training curves.
 
 PYTHONPATH=python .venv/bin/python training/figures.py --out docs/figures
 """
@@ -13,7 +13,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import numpy as np
-from evaluate_report import before_after
+from evaluate_report import beat_spectra, before_after
 from matplotlib import pyplot as plt
 
 from radalt.core.interference import Interferer, QpskEmitter, interference_frame
@@ -35,6 +35,17 @@ def interfered(waveform: Waveform, pulse: str, sir_db: float, overlap: float) ->
     return (clean + noise + extra).astype(np.complex64)
 
 
+def through_networks(
+    waveform: Waveform, received: np.ndarray, models: dict[str, str]
+) -> dict[str, np.ndarray]:
+    """The frame behind networks {label: file below models/}, whose outputs are not checked."""
+    files = {label: ROOT / "models" / f"{name}.onnx" for label, name in models.items()}
+    return {
+        label: create("tcae", waveform, model=file, shift_check=False).process(received)
+        for label, file in files.items()
+    }
+
+
 def draw_before_after(path: Path, pulse: str, sir_db: float, overlap: float) -> None:
     """Received, whitened, blanked, paper and compact."""
     waveform = Waveform()
@@ -42,13 +53,19 @@ def draw_before_after(path: Path, pulse: str, sir_db: float, overlap: float) -> 
     frames = {"received": received}
     for name in ("whitening", "blanking"):
         frames[name] = create(name, waveform).process(received)
-    for label, file in (("TCAE paper", "paper.onnx"), ("TCAE compact", "tcae.onnx")):
-        if (ROOT / "models" / file).is_file():
-            network = create("tcae", waveform, model=ROOT / "models" / file, shift_check=False)
-            frames[label] = network.process(received)
+    frames |= through_networks(waveform, received, {"TCAE paper": "paper", "TCAE compact": "tcae"})
     name = {"rectangular": "rectangular", "rrc": "root-raised-cosine"}[pulse]
     title = f"QPSK ({name}) on 26.7 % of the band, SIR {sir_db:g} dB, overlap {overlap:g}"
     before_after(path, waveform, frames, title)
+
+
+def draw_beats(path: Path) -> None:
+    """Beat spectra behind the paper's three networks and what ships, in the paper's case."""
+    waveform = Waveform()
+    received = interfered(waveform, "rectangular", -15.0, 1.0)
+    models = {"fc": "fc", "cnn": "cnn", "paper": "paper", "compact": "tcae"}
+    frames = {"received": received} | through_networks(waveform, received, models)
+    beat_spectra(path, waveform, frames, ALTITUDE_M, "QPSK (rectangular), whole frame, SIR -15 dB")
 
 
 def draw_training(path: Path, logs: list[Path]) -> None:
@@ -85,6 +102,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     draw_before_after(out / "tcae_before_after_shaped.png", "rrc", -20.0, 1.0)
     draw_before_after(out / "tcae_before_after_burst.png", "rectangular", -20.0, 0.4)
+    draw_beats(out / "tcae_beats.png")
     logs = ROOT / "training" / "logs"
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
     parts = ("compact_first", "compact_deep", "compact_heard", "compact_lean", "compact_crowded", "compact")
