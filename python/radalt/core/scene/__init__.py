@@ -1,12 +1,7 @@
 """Scenes: one YAML file says everything that a run depends on."""
 
-from .scene import (
-    AltitudeSpec,
-    RadioSpec,
-    Scene,
+from .reading import (
     SceneError,
-    SweepSpec,
-    burst_db,
     interference_from_yaml,
     interferer_to_mapping,
     load_scene,
@@ -14,6 +9,8 @@ from .scene import (
     scene_from_parameters,
     scene_to_mapping,
 )
+from .scene import Scene, burst_db
+from .sections import AltitudeSpec, RadioSpec, SweepSpec
 
 __all__ = [
     "AltitudeSpec",

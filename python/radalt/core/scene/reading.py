@@ -1,0 +1,159 @@
+"""Scenes from YAML, from flowgraph parameters, and back to plain mappings.
+
+A wrong key, unit, range or type gives one line that names file, key, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from pathlib import Path
+from typing import Any
+
+from ..interference.emitters import emitter_class, emitter_names
+from ..interference.multipath import faded, unfaded
+from ..interference.placement import Interferer
+from ..parsing import InputError, build, convert, load_yaml, plain, shown
+from ..paths import scene_path
+from ..text import one_line
+from .scene import Scene
+
+__all__ = [
+    "SceneError",
+    "interference_from_yaml",
+    "interferer_to_mapping",
+    "load_scene",
+    "parse_scene",
+    "scene_from_parameters",
+    "scene_to_mapping",
+]
+
+_MOST_SIR_DB = 200.0
+_PLACEMENT = ("sir_db", "overlap", "start", "free_running")
+
+
+class SceneError(ValueError):
+    """A scene that cannot be used; the message is one line for the user."""
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Read and validate a scene by path, or by the name of a shipped one.
+
+    Raises
+    ------
+    SceneError
+        One line: file, key, value, what is allowed.
+    """
+    try:
+        path = scene_path(name)
+        data = load_yaml(path, what="scene", remedy="give a YAML file or a shipped scene's name")
+    except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
+        text = str(error) if isinstance(error, InputError) else f"scene {shown(str(name))}: {error}"
+        raise SceneError(text) from None
+    return parse_scene(data if data is not None else {}, source=str(path))
+
+
+def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
+    """A validated `Scene` from nested mappings as YAML gives them."""
+    if isinstance(data, dict) and "return" in data:  # a word that Python keeps for itself
+        data = {("return_model" if key == "return" else key): value for key, value in data.items()}
+    try:
+        scene = build(Scene, data, "", {"interference": interference_from_yaml})
+        if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
+            scene = _with_landing(scene)
+        return scene
+    except (ValueError, OSError) as error:
+        raise SceneError(one_line(f"{source}: {error}")) from None
+
+
+def _with_landing(scene: Scene) -> Scene:
+    """The altitudes of the scene's landing, one per frame, from first to last."""
+    profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
+    altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
+    return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))
+
+
+def interference_from_yaml(value: Any, where: str) -> tuple[Interferer, ...]:
+    """``{kind: {...}}`` or a list of such mappings."""
+    if value is None:
+        return ()
+    if isinstance(value, dict):
+        value = [{kind: params} for kind, params in value.items()]
+    if not isinstance(value, list):
+        raise ValueError(f"{where} is {shown(value)}; expected a mapping 'kind: {{...}}' or a list of them")
+    return tuple(_interferer(item, where) for item in value)
+
+
+def _interferer(item: Any, where: str) -> Interferer:
+    """One ``{kind: {emitter and placement keys}}``."""
+    if not (isinstance(item, dict) and len(item) == 1):
+        raise ValueError(f"{where} holds {shown(item)}; expected one 'kind: {{...}}' an entry")
+    kind, params = next(iter(item.items()))
+    path = f"{where}.{kind}"
+    if kind not in emitter_names():
+        raise ValueError(f"unknown interferer {shown(path)}; allowed: {', '.join(emitter_names())}")
+    params = {} if params is None else params
+    if not isinstance(params, dict):
+        raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
+    hints = typing.get_type_hints(Interferer)
+    placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
+    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}
+    emitter = build(emitter_class(kind), own, path)
+    if params.get("multipath") is not None:
+        emitter = faded(emitter, params["multipath"], f"{path}.multipath")
+    if "sir_db" not in placement and emitter.stated_sir_db is not None:
+        placement["sir_db"] = emitter.stated_sir_db
+    try:
+        return Interferer(emitter, **placement)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def scene_from_parameters(
+    name: str | Path,
+    overlap: float | str | None = None,
+    sir_db: float | str | None = None,
+    seed: int | str | None = None,
+) -> Scene:
+    """A scene as flowgraph parameters name it: numbers, as such or as text; None or ``"scene"`` keeps the scene's own.
+
+    Raises
+    ------
+    SceneError
+        One line: parameter, value, what is allowed.
+    """
+    given = {"overlap": overlap, "sir_db": sir_db, "seed": seed}
+    changes: dict[str, Any] = {}
+    for key, value in given.items():
+        if value in (None, "scene"):
+            continue
+        try:
+            changes[key] = int(value) if key == "seed" else float(value)
+        except ValueError:
+            raise SceneError(
+                f"{key} is {shown(value)}; give a number, or scene for the scene's own"
+            ) from None
+    if not abs(changes.get("sir_db", 0.0)) <= _MOST_SIR_DB:
+        raise SceneError(
+            f"sir_db is {sir_db}; it has to be within -{_MOST_SIR_DB:g}..{_MOST_SIR_DB:g}, or scene for the scene's own"
+        )
+    scene = load_scene(name)
+    try:
+        return scene.at(**changes)
+    except ValueError as error:
+        raise SceneError(one_line(f"{name}: {error}")) from None
+
+
+def scene_to_mapping(scene: Scene) -> dict[str, Any]:
+    """A scene as plain mappings, lists and numbers; `parse_scene` gives the same scene back."""
+    mapping = {f.name: plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
+    mapping["return"] = mapping.pop("return_model")
+    mapping["interference"] = [interferer_to_mapping(i) for i in scene.interference]
+    return mapping
+
+
+def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
+    """``{kind: {emitter and placement keys}}`` of one interferer."""
+    emitter, channel = unfaded(interferer.emitter)
+    keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
+    return {emitter.scene_name: keys if channel is None else keys | {"multipath": plain(channel)}}

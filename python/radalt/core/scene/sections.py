@@ -1,0 +1,164 @@
+"""Sections of a scene that are its own: altitudes, the sweep over overlap, radios (docs/design.md)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ..parsing import shown
+from ..programme import Programme
+from ..radio.device import Device, device
+
+__all__ = ["AltitudeSpec", "RadioSpec", "SweepSpec"]
+
+_SERIAL = re.compile("[A-Za-z0-9]{0,32}")
+_MOST_ATTENUATION_DB = 150.0  # of a bench: beyond it nothing is left above the noise
+
+
+@dataclass(frozen=True)
+class AltitudeSpec:
+    """Which altitudes are flown, and how they are produced.
+
+    Parameters
+    ----------
+    programme_m : tuple of float
+        Altitudes from first to last.
+    frames : int
+        Frames at each altitude.
+    mode : str
+        ``"synthetic"`` shifts the beat in the source (works on the air), ``"true_delay"`` is played by the simulated
+        channel.
+    vertical_speed_m_per_s : float
+        Range rate, for true delays.
+    preamble_frames, sync_every_frames, sync_frames : int
+        See `Programme`.
+    hold_last : bool
+        Stay at the last altitude for ever; for altitudes set by hand.
+    landing_frames : int
+        Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach).
+    """
+
+    programme_m: tuple[float, ...] = (1500.0, 1200.0, 900.0, 600.0, 400.0, 250.0, 150.0, 75.0, 30.0, 10.0)
+    frames: int = 15
+    mode: str = "synthetic"
+    vertical_speed_m_per_s: float = 0.0
+    preamble_frames: int = 8
+    sync_every_frames: int = 0
+    sync_frames: int = 8
+    hold_last: bool = False
+    landing_frames: int = 200
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.landing_frames <= 100_000:
+            raise ValueError(
+                f"altitude.landing_frames is {self.landing_frames}; it has to be within 2..100000"
+            )
+        if self.mode not in ("synthetic", "true_delay"):
+            raise ValueError(f"altitude.mode is {self.mode!r}; allowed: synthetic, true_delay")
+        if self.vertical_speed_m_per_s and self.mode == "synthetic":
+            raise ValueError(
+                f"altitude.vertical_speed_m_per_s {self.vertical_speed_m_per_s:g} needs mode: true_delay; "
+                "a beat shift has no Doppler"
+            )
+        self.programme  # noqa: B018 - checks its numbers when it is made
+
+    @property
+    def programme(self) -> Programme:
+        """The frame-by-frame programme."""
+        return Programme(
+            altitudes_m=self.programme_m,
+            frames_per_step=self.frames,
+            preamble_frames=self.preamble_frames,
+            sync_every_frames=self.sync_every_frames,
+            sync_frames=self.sync_frames,
+            vertical_speed_m_per_s=self.vertical_speed_m_per_s,
+            hold_last=self.hold_last,
+        )
+
+
+@dataclass(frozen=True)
+class SweepSpec:
+    """Points of an evaluation: every overlap at every SIR (total over all interferers) at every SNR."""
+
+    overlap: tuple[float, ...] = ()
+    sir_db: tuple[float, ...] = ()
+    snr_db: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for value in self.overlap:
+            if not 0 <= value <= 1:
+                raise ValueError(f"sweep.overlap holds {value:g}; overlaps have to be within 0..1")
+
+
+@dataclass(frozen=True)
+class RadioSpec:
+    """The two radios; nothing of it is used in simulation.
+
+    Parameters
+    ----------
+    device : str
+        Type of both: a name in `radalt.core.radio.device.DEVICES`.
+    radar_serial, jammer_serial : str
+        USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
+        interlock allows without a jammer only.
+    master_clock_hz : float
+        Within the device's range, for the air a multiple of the rate: 30 MHz divides to 7.5 MS/s by four.
+    lo_offset_hz : float
+        LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock.
+    radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
+        Gains, within the device's ranges: 0..89.75 dB (TX) and 0..76 dB (RX) for a B210.
+    enclosure : str
+        ``"none"``, ``"cabled"`` or ``"shielded"``; without one nothing is transmitted.
+    attenuation_db : float
+        Attenuation in the cables between TX and RX, 0..150 dB.
+    clock_source : str
+        ``"internal"``, ``"external"`` or ``"gpsdo"``.
+    """
+
+    device: str = "b210"
+    radar_serial: str = ""
+    jammer_serial: str = ""
+    master_clock_hz: float = 30e6
+    lo_offset_hz: float = 6e6
+    radar_tx_gain_db: float = 0.0
+    radar_rx_gain_db: float = 20.0
+    jammer_tx_gain_db: float = 0.0
+    enclosure: str = "none"
+    attenuation_db: float = 0.0
+    clock_source: str = "internal"
+
+    def __post_init__(self) -> None:
+        if self.enclosure not in ("none", "cabled", "shielded"):
+            raise ValueError(f"radio.enclosure is {self.enclosure!r}; allowed: none, cabled, shielded")
+        if self.clock_source not in ("internal", "external", "gpsdo"):
+            raise ValueError(
+                f"radio.clock_source is {self.clock_source!r}; allowed: internal, external, gpsdo"
+            )
+        for name, (low, high) in self._ranges().items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(
+                    f"radio.{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}"
+                )
+        for name in ("radar_serial", "jammer_serial"):
+            if not _SERIAL.fullmatch(getattr(self, name)):
+                # it becomes part of a device address, in which a comma would begin another argument
+                raise ValueError(
+                    f"radio.{name} is {shown(getattr(self, name))}; a serial is at most 32 letters and digits"
+                )
+
+    def _ranges(self) -> dict[str, tuple[float, float]]:
+        limits = self.limits
+        most_offset_hz = limits.master_clock_hz[1] / 2
+        return {
+            "radar_tx_gain_db": limits.tx_gain_db,
+            "jammer_tx_gain_db": limits.tx_gain_db,
+            "radar_rx_gain_db": limits.rx_gain_db,
+            "attenuation_db": (0.0, _MOST_ATTENUATION_DB),
+            "master_clock_hz": limits.master_clock_hz,
+            "lo_offset_hz": (-most_offset_hz, most_offset_hz),
+        }
+
+    @property
+    def limits(self) -> Device:
+        """What the radios can do and stand."""
+        return device(self.device)
