@@ -31,7 +31,7 @@ from .ofdm.ridge import Ridge, expected_return
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
-_CERTAIN = 12.0  # no other spacing has so much
+_CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _UNEVEN = (
     1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.lattice import power
+from .ofdm.lattice import middle, power
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
 from .qpsk.pulse import heard
@@ -122,7 +122,7 @@ class QpskCancel(Mitigation):
         gain = float(sent.sum() / max(level[known][sent > _SENDS * sent.mean()].sum(), 1e-30))
         if gain < _WORTH:
             return None
-        out[level > np.float32(_LIMIT) * np.median(level[known][::_FEW])] = 0
+        out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0
         self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), symbols.busy
         return out
 
