@@ -21,7 +21,7 @@ _LOADING = 1e-6  # two tones less than a bin apart make the equations nearly sin
 
 
 def without_tones(frame: np.ndarray) -> np.ndarray | None:
-    """An (N,) complex64 frame less its tones, at most eight; None if it has none or more.
+    """An (N,) complex64 frame less its tones, at most eight; None if it has none, or lines that are no steady tones.
 
     A wide signal's power is shared by thousands of bins, a tone's is in one. So a tone of a hundredth of that power can
     be seen and fitted.
@@ -33,9 +33,11 @@ def without_tones(frame: np.ndarray) -> np.ndarray | None:
     for _ in range(_PASSES):
         rest, turns = _fitted(frame, np.concatenate([turns, lines]))
         lines = _lines(rest)
-        if not lines.size or lines.size + turns.size > _MOST:
+        if not lines.size:
+            return rest
+        if lines.size + turns.size > _MOST:
             break
-    return rest
+    return None
 
 
 @lru_cache(maxsize=4)
