@@ -13,6 +13,7 @@ from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
+from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
@@ -79,6 +80,26 @@ def test_altitudes_are_right_under_a_carrier_that_fills_the_band(sir_db, overlap
     assert right(single(frames), altitude_m) >= 11 / 12
     if sir_db < -29:
         assert right(frames, altitude_m) < 0.5  # the case is hard without
+
+
+@pytest.mark.parametrize("sir_db", [-15.0, -45.0])
+def test_tones_on_top_are_taken_away_first(sir_db):
+    """Their power is in a few of 7,500 bins, so they stand out of a carrier of the same power by 30 dB."""
+    altitude_m, frames = returns(12, 21)
+    tones = heard(ToneEmitter(3), 12, sir_db, 22)
+    frames = frames + tones + heard(NrEmitter(**NR10), 12, sir_db, 23)
+    assert right(single(frames), altitude_m) >= 11 / 12
+
+
+def test_of_tones_three_parameters_each_stay():
+    """Least squares takes as much noise along as it has parameters: amplitude, phase and frequency of each tone."""
+    wide = noise(1, np.random.default_rng(24))[0]
+    at = np.array([-3001.3, -3000.0, 12.5, 2222.22])[:, None] * np.arange(W.samples_per_frame)
+    tones = np.exp(2j * np.pi * at / W.samples_per_frame).sum(axis=0)
+    left = without_tones((tones + wide).astype(np.complex64)) - wide
+    assert np.vdot(left, left).real < 2 * 1.5 * len(at)  # of 7,500 of noise
+    assert without_tones(wide.astype(np.complex64)) is None
+    assert without_tones(heard(NrEmitter(**NR10, load=0.3), 1, -30, 25)[0].astype(np.complex64)) is None
 
 
 @pytest.mark.parametrize(

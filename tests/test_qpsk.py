@@ -111,6 +111,14 @@ def test_what_is_left_is_less_than_the_return(emitter, sir_db):
     assert method.depth_db == pytest.approx(-sir_db, abs=3.0) and method.busy > 0.98
 
 
+def test_tones_on_top_are_taken_away_first():
+    tones = interference_frames([Interferer(ToneEmitter(3), -30.0)], 4, N, RATE_HZ, np.random.default_rng(17))
+    frames, clean, _ = received(QpskReceivedEmitter(), -30.0)
+    cleaned = create("qpsk_cancel", W).process((frames + tones).astype(np.complex64))
+    # three parameters of each tone take QPSK along, which has 3.75 times its mean power per bin in its band
+    assert left(cleaned, clean).max() < 0.5 + 3 * 3 * 1000 * 3.75 / N  # of 2,000
+
+
 def test_echoes_belong_to_the_pulse():
     faded = FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA"))
     frames, clean, _ = received(faded, -30.0, count=12, seed=7)

@@ -7,6 +7,7 @@ import numpy as np
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .interference_detector import InterferenceDetector
+from .ofdm.tones import without_tones
 from .ofdm_cancel import OfdmCancel
 from .qpsk_cancel import QpskCancel
 from .tcae import Tcae
@@ -24,11 +25,12 @@ _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 class Hybrid(Mitigation):
     """`OfdmCancel` or `QpskCancel` where one can demodulate what fills the frame, the network or whitening elsewhere.
 
-    Card: *choice by signal.* Each frame goes to the method that knows its interference. A chain gains nothing, since
-    the first leaves a signal that the second is not made for. The choice depends on what was demodulated, not on
-    which output looks better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the
-    method that had the frame. Where the network's output holds more than half a return's power beside the return, the
-    whitened frame is added to it. Both hold the return, but their errors differ.
+    Card: *choice by signal.* Tones are fitted and subtracted first. Each frame goes to the method that knows
+    its interference. A chain gains nothing, since the first leaves a signal that the second is not made for.
+    The choice depends on what was demodulated, not on which output looks better. So no frame is chosen for its
+    altitude, and false altitudes are as rare as those of the method that had the frame. Where the network's
+    output holds more than half a return's power beside the return, the whitened frame is added to it. Both hold
+    the return, but their errors differ.
 
     Parameters
     ----------
@@ -86,9 +88,11 @@ class Hybrid(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
-            cancelled = self._cancelled(frame)
+            heard = without_tones(frame)
+            heard = frame if heard is None else heard
+            cancelled = self._cancelled(heard)
             if cancelled is None:
-                row[:] = self._elsewhere(frame)
+                row[:] = self._elsewhere(heard)
             else:
                 row[:] = cancelled
                 self.cancelled += 1

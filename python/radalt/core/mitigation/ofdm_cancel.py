@@ -27,11 +27,12 @@ from .ofdm.demodulator import (
 from .ofdm.lattice import BLOCK, DENSE, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
+from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
-_CERTAIN = 12.0  # no other spacing has so much
+_CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _UNEVEN = (
     1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -78,6 +79,7 @@ class _Lock:
     channel: np.ndarray
     used: np.ndarray
     level: float = 1.0
+    tones: bool = False
     before: Before | None = None
     misfit: float = 0.0
     usual: float = 1.0
@@ -99,8 +101,9 @@ class OfdmCancel(Mitigation):
     subcarriers gives the place of the long prefix and all phases. Points and channel are estimated in turns from
     elements that no return can be in, about five of six. In the other elements the nearest point is subtracted. Where
     the return is larger than a cell of the constellation, the mean of the return given all near points is kept instead.
-    Once found, an emitter is followed from frame to frame. Frames without such a signal pass bit for bit. What cannot
-    be demodulated stays: the emitter's own noise, interference on top of it, several antennas' streams.
+    Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. Frames
+    without such a signal pass bit for bit. What cannot be demodulated stays: the emitter's own noise, other
+    interference on top of it, several antennas' streams.
 
     Parameters
     ----------
@@ -175,17 +178,21 @@ class OfdmCancel(Mitigation):
         if not _TINY < mean < np.inf:
             return None
         if self._lock:
-            out = self._follow(frame * np.float32(1 / self._lock.level))
+            level, heard = self._lock.level, without_tones(frame) if self._lock.tones else None
+            out = self._follow((frame if heard is None else heard) * np.float32(1 / level))
             if out is not None:
                 self.followed += 1
-                return out * np.float32(self._lock.level)
+                return out * np.float32(level)
             self._lock = None
-        level = float(np.sqrt(mean))
-        out = self._find(frame * np.float32(1 / level))
+        heard = without_tones(frame)
+        tones = heard is not None
+        heard = heard if tones else frame
+        level = float(np.sqrt(np.vdot(heard, heard).real / frame.size))
+        out = self._find(heard * np.float32(1 / level))
         if out is None:
             return None
         self.found += 1
-        self._lock.level = level
+        self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.lattice import power
+from .ofdm.lattice import middle, power
+from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
 from .qpsk.pulse import heard
@@ -31,11 +32,12 @@ _SHORTEST = 1024  # samples in a frame
 class QpskCancel(Mitigation):
     """Blind demodulation and subtraction of QPSK of any pulse.
 
-    Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An equaliser
-    that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The pulse is fitted to
-    the frame by least squares, with channel, filters and their drift over the frame, and subtracted. Frames without
-    QPSK pass bit for bit. So do frames in which the return is too strong for safe decisions (an SIR above some
-    -10 dB), which the altimeter reads without help. What is not QPSK stays: noise of the emitter, other interference.
+    Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An
+    equaliser that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The
+    pulse is fitted to the frame by least squares, with channel, filters and their drift over the frame, and
+    subtracted. Tones on top are subtracted before. Frames without QPSK pass bit for bit. So do frames in which
+    the return is too strong for safe decisions (an SIR above some -10 dB), which the altimeter reads without
+    help. What is not QPSK stays: noise of the emitter, other interference.
 
     Attributes
     ----------
@@ -81,6 +83,8 @@ class QpskCancel(Mitigation):
 
     def cancel(self, frame: np.ndarray) -> np.ndarray | None:
         """An (N,) complex64 frame without its QPSK; None where none could be read."""
+        heard = without_tones(frame)
+        frame = frame if heard is None else heard
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not scale > 0:
             return None
@@ -122,7 +126,7 @@ class QpskCancel(Mitigation):
         gain = float(sent.sum() / max(level[known][sent > _SENDS * sent.mean()].sum(), 1e-30))
         if gain < _WORTH:
             return None
-        out[level > np.float32(_LIMIT) * np.median(level[known][::_FEW])] = 0
+        out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0
         self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), symbols.busy
         return out
 

@@ -112,7 +112,7 @@ class Received:
 
 def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """(K,) bool: subcarriers whose channel is wrong, by the errors of their ``trusted`` (L, K) elements."""
-    return (capped * trusted).sum(axis=0) > _ASTRAY * np.maximum(trusted.sum(axis=0, dtype=np.float32), 1)
+    return ((capped - np.float32(_ASTRAY)) * trusted).sum(axis=0) > 0
 
 
 def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple[int, np.ndarray] | None:
@@ -198,7 +198,6 @@ def demodulate(
         # while the gain is rough, the outer points are the uncertain ones
         trusted = clear & (power(values) < 1) if rough else clear
         found = decide(values, trusted, halves, likely=likely)
-        likely = _likely(found.kinds, found.capped, trusted)
         off = _misread(found.capped, clear, channel)
         last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
@@ -233,6 +232,7 @@ def demodulate(
         channel = channel * course
         if last:
             break
+        likely = _likely(found.kinds, found.capped, trusted)
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > _FINER or np.abs(course - 1).mean() > _FINER:

@@ -90,11 +90,13 @@ def expected_return(
     count = np.count_nonzero(ridge)
     if not count or not clear.any() or (received.capped * ridge).sum() < _FOLD * count:
         return None
-    level = float(np.sqrt(np.mean(power(received.symbols[clear]))))
-    channel = np.broadcast_to(received.channel, ridge.shape)[ridge]
-    values = received.symbols[ridge] / channel
+    level = float(np.sqrt((power(received.symbols) * clear).sum() / np.count_nonzero(clear)))
+    at = np.flatnonzero(ridge)
+    still = received.channel.ndim == 1
+    channel = received.channel[at % received.channel.size] if still else received.channel.ravel()[at]
+    values = received.symbols.ravel()[at] / channel
     size = power(channel)
-    kinds = received.kinds[ridge]
+    kinds = received.kinds.ravel()[at]
     root = np.array([SCALE[m] for m in DENSE])[kinds]
     tried = _SIR_DB if near_db is None else _SIR_DB[np.abs(_SIR_DB - near_db) < 3]
 
@@ -134,8 +136,8 @@ def expected_return(
     few = few_weight.sum(axis=0) + _FAINT
     # a block is of one alphabet
     plane = np.zeros(ridge.shape, dtype=np.float32)
-    plane[ridge] = np.log(few) - np.log(many)
-    scanty = box(plane, BLOCK)[ridge] > 0
+    np.put(plane, at, np.log(few / many))
+    scanty = box(plane, BLOCK).ravel()[at] > 0
     mean = ((across * rests[0]).sum(axis=0) + 1j * (weight.sum(axis=0) * rests[1]).sum(axis=0)) / many
     mean = np.where(scanty, (few_weight * few_rests).sum(axis=0) / few, mean)
     return (mean * channel).astype(np.complex64), sir_db

@@ -60,7 +60,8 @@ def find_clocks(frame: np.ndarray, least: float) -> list[Clock]:
     spectrum = fft.rfft(real * _window(count))
     power = spectrum.real**2 + spectrum.imag**2
     used = power[: power.size - power.size % _BLOCK].reshape(-1, _BLOCK)
-    contrast = (used / np.maximum(np.median(used, axis=1), 1e-30)[:, None]).ravel()
+    floor = np.partition(used, _BLOCK // 2, axis=1)[:, _BLOCK // 2]
+    contrast = (used / np.maximum(floor, 1e-30)[:, None]).ravel()
     contrast[: int(_SLOWEST * count)] = 0
     contrast[int(_FASTEST * count) :] = 0
     start = int((contrast > max(least, _HARMONIC * contrast.max())).argmax())

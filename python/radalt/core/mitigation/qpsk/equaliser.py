@@ -71,7 +71,8 @@ class Equaliser:
         self.times, self._rows = self._taken(frame, clock)
         level = power(self._rows[:, ::4]).sum(axis=1)
         level = ndimage.uniform_filter1d(level, _BURST, mode="nearest")
-        self._active = level > _QUIET * np.quantile(level, 0.9)
+        loud = int(0.9 * level.size)
+        self._active = level > _QUIET * np.partition(level, loud)[loud]
         asked = np.flatnonzero(self._active)
         self._asked = asked[:: max(1, asked.size // _ASKED)]
         some = self._rows[self._asked]
@@ -97,9 +98,13 @@ class Equaliser:
         place = times * _UP
         whole = place.astype(np.intp)
         part = (place - whole).astype(np.float32)[:, None]
-        index = whole[:, None] + np.arange(-TAPS // 2, TAPS // 2) * (self._step * _UP)
-        rows = fine[index]
-        rows += part * slope[index]
+        # of points that are one tap apart, the taps of a symbol are neighbours
+        apart = self._step * _UP
+        first_tap = whole - TAPS // 2 * apart
+        at = first_tap % apart, first_tap // apart
+        rows, slopes = (_neighbours(points, apart)[at] for points in (fine, slope))
+        slopes *= part
+        rows += slopes
         return times, rows
 
     def _fitted(self, targets: np.ndarray) -> np.ndarray:
@@ -132,6 +137,12 @@ class Equaliser:
         error = float(np.mean(np.abs(outputs - points)[active] ** 2))
         alike = max(abs(np.mean(points[lag:] * points[:-lag].conj())) for lag in (1, 2, 3)) / active.mean()
         return Symbols(self.times, points * turn, points, error, float(alike), float(active.mean()), weights)
+
+
+def _neighbours(points: np.ndarray, apart: int) -> np.ndarray:
+    """(apart, places, TAPS): from each point on, every so manieth; the last points, if they are few, are left out."""
+    used = points[: points.size - points.size % apart].reshape(-1, apart).T
+    return np.lib.stride_tricks.sliding_window_view(np.ascontiguousarray(used), TAPS, axis=1)
 
 
 def _nearest(outputs: np.ndarray) -> np.ndarray:

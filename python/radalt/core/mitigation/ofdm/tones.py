@@ -1,0 +1,100 @@
+"""Tones on top of a wide signal: found as lines of the frame's spectrum, fitted by least squares, subtracted."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import fft, ndimage
+
+__all__ = ["without_tones"]
+
+_LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
+_PEAK = 20.0  # times the mean power of all bins: a fainter tone does no harm
+_BLOCK = 125  # bins with one floor
+_BESIDE = 2  # bins that a line takes on either side
+_RANGE = 1e-2  # of the strongest line's power: fainter ones may be its side lobes
+_MOST = 8  # tones
+_PASSES = 4
+_ROUNDS = 2  # of all tones together
+_LOADING = 1e-6  # two tones less than a bin apart make the equations nearly singular
+
+
+def without_tones(frame: np.ndarray) -> np.ndarray | None:
+    """An (N,) complex64 frame less its tones, at most eight; None if it has none, or lines that are no steady tones.
+
+    A wide signal's power is shared by thousands of bins, a tone's is in one. So a tone of a hundredth of that power can
+    be seen and fitted.
+    """
+    lines = _lines(frame)
+    if not 0 < lines.size <= _MOST:
+        return None
+    rest, turns = frame, np.zeros(0)
+    for _ in range(_PASSES):
+        rest, turns = _fitted(frame, np.concatenate([turns, lines]))
+        lines = _lines(rest)
+        if not lines.size:
+            return rest
+        if lines.size + turns.size > _MOST:
+            break
+    return None
+
+
+@lru_cache(maxsize=4)
+def _window(count: int) -> np.ndarray:
+    """Hann window, (count,) float32, read-only."""
+    window = (0.5 - 0.5 * np.cos(2 * np.pi / count * np.arange(count))).astype(np.float32)
+    window.setflags(write=False)
+    return window
+
+
+def _lines(frame: np.ndarray) -> np.ndarray:
+    """Cycles per frame of the lines that stand out of the spectrum around them."""
+    count = frame.size
+    spectrum = fft.fft(frame * _window(count))
+    level = spectrum.real**2 + spectrum.imag**2
+    if not level.max() > _PEAK * level.mean():
+        return np.zeros(0)
+    blocks = level[: count - count % _BLOCK].reshape(-1, _BLOCK)
+    floor = np.partition(blocks, _BLOCK // 2, axis=1)[:, _BLOCK // 2]
+    # beside a wide signal the floor is that signal's
+    floor = ndimage.maximum_filter1d(floor, 3, mode="wrap")
+    high = np.flatnonzero(blocks.max(axis=1) > np.maximum(_LINE * floor, _RANGE * level.max()))
+    least = np.full(count, np.inf, dtype=np.float32)
+    for block in high:
+        least[block * _BLOCK : (block + 1) * _BLOCK] = max(_LINE * floor[block], _RANGE * level.max())
+    return np.array(
+        [
+            line
+            for line in np.flatnonzero(level > least)
+            if level[line] >= level.take(range(line - _BESIDE, line + _BESIDE + 1), mode="wrap").max()
+        ],
+        dtype=float,
+    )
+
+
+def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The frame less tones of about ``turns`` cycles per frame, and what these are exactly.
+
+    Least squares over ``sum_k (a_k + b_k t) exp(2j pi f_k t)``, t in frames from the middle. What of ``b_k / a_k`` is
+    imaginary is an error of ``f_k`` (Gauss and Newton's method).
+    """
+    count = frame.size
+    time = ((np.arange(count) - (count - 1) / 2) / count).astype(np.float32)
+    for _ in range(_ROUNDS):
+        basis = _carriers(turns, count)
+        basis = np.concatenate([basis, basis * time])
+        gram = basis.conj() @ basis.T
+        gram[np.diag_indices(len(gram))] *= 1 + _LOADING
+        factor = np.linalg.solve(gram, basis.conj() @ frame)
+        amplitude, slope = factor.reshape(2, -1)
+        turns = turns + np.clip((slope / amplitude).imag / (2 * np.pi), -0.5, 0.5)
+    return frame - factor @ basis, turns
+
+
+def _carriers(turns: np.ndarray, count: int) -> np.ndarray:
+    """(tones, count) complex64: products of few long and few short steps."""
+    short = int(np.sqrt(count)) + 1
+    step = 2j * np.pi / count * turns[:, None] * np.arange(short)
+    long = np.exp(short * step).astype(np.complex64)
+    return (long[:, :, None] * np.exp(step).astype(np.complex64)[:, None]).reshape(len(turns), -1)[:, :count]
