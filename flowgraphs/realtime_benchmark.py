@@ -97,9 +97,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             found[title] = Benchmark(result, sum(unit_s) / 2)
             _print(title, found[title].numbers(scene.waveform.sweep_s))
         # last, since it loads the network into this process, whose memory is measured before
-        in_turn = prepare_benchmark(
-            scene, methods, Path(build) / "alone", realtime=False, own_process=False, **options
-        )
+        apart = options | {"own_process": False, "track": args.tracked}
+        in_turn = prepare_benchmark(scene, methods, Path(build) / "alone", realtime=False, **apart)
         unit_s = fft_seconds(samples)
         alone_s = alone_seconds(in_turn, scene, batch=args.batch)
         alone_s["(six blocks that copy)"] = gateway_seconds(samples)

@@ -165,7 +165,7 @@ def test_a_cell_is_blind_for_its_own_delay_and_no_longer():
 
 @pytest.mark.parametrize("strategy", ["strongest", "leading_edge"])
 def test_a_table_too_large_leaves_one_blind_part_to_all_cells(monkeypatch, strategy):
-    monkeypatch.setattr("radalt.core.receiver.altimeter._LARGEST_HEAD", 0)
+    monkeypatch.setattr("radalt.core.receiver.beat_spectra._LARGEST_HEAD", 0)
     altitudes = np.linspace(60, 1490, 97)
     altimeter = Altimeter(W, AltimeterSettings(strategy=strategy))
     assert altimeter._head is None

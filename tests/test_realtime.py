@@ -75,7 +75,16 @@ def test_at_a_wider_rate_frames_are_kept_and_what_is_not_is_counted(tmp_path, ra
 def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
     import json
 
-    arguments = ["--seconds", "1", "--methods", "none", "--free-only", "--out", str(tmp_path / "run")]
+    arguments = [
+        "--seconds",
+        "1",
+        "--methods",
+        "none",
+        "--free-only",
+        "--tracked",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     code = realtime_benchmark.main(arguments)
     printed = capsys.readouterr().out
     assert printed.splitlines()[-1] == str(tmp_path / "run" / "report.md")
@@ -87,6 +96,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
         "frame_segmenter",
         "calls per frame",
         "blocks that copy",
+        "tracker_none",
         "dropped",
         "memory",
     ):

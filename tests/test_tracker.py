@@ -1,10 +1,13 @@
 """The tracker: what it gains by integration, what it says of its own error, and when it says nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.integrator import Integrator
+from radalt.core.receiver.integrator import Integrator, Measurement
+from radalt.core.receiver.track import Evidence, Kalman
 from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
@@ -195,6 +198,13 @@ def test_a_step_in_the_last_frames_of_a_block_is_noticed_by_the_next_output():
     assert wrong.sum() <= 1 and outputs["status"][-1] == Status.NORMAL
 
 
+def test_a_step_of_little_more_than_a_cell_is_contradicted_by_the_latest_frames():
+    """25 m, twelve frames before the block ends: too near for a second return, and the old altitude still leads."""
+    path = np.where(np.arange(280) < 268, 500.0, 525.0)
+    outputs = tracked(flight(np.random.default_rng(25), path, -10.0))
+    assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
+
+
 def test_a_lost_return_coasts_then_is_lost_and_no_altitude_is_given():
     rng = np.random.default_rng(9)
     frames = np.concatenate([flight(rng, np.full(400, 300.0), 0.0), noise(rng, 1280, 0.0)])
@@ -221,12 +231,13 @@ def test_not_finite_and_missing_frames_are_failures_and_the_track_survives():
     assert np.all(np.diff(outputs["frame_index"]) == 40)
 
 
-def test_an_index_that_runs_backwards_starts_anew():
-    frames = flight(np.random.default_rng(11), np.full(480, 300.0), 0.0)
-    index = np.r_[1000:1240, 0:240]
-    outputs = tracked(frames, index=index)
-    after = outputs[outputs["frame_index"] < 500]
-    assert after["status"][0] == Status.NO_COMPUTED_DATA and after["status"][-1] == Status.NORMAL
+@pytest.mark.parametrize("back_to", [0, 1215])
+def test_an_index_that_runs_backwards_starts_anew(back_to):
+    """To an earlier block, or by fifteen frames within the block that is being filled."""
+    frames = flight(np.random.default_rng(11), np.full(470, 300.0), 0.0)
+    outputs = tracked(frames, index=np.r_[1000:1230, back_to : back_to + 240])[5:]
+    confirmed = np.nonzero(outputs["status"] == Status.NORMAL)[0]
+    assert 2 <= confirmed[0] <= 3 and confirmed[-1] == len(outputs) - 1
 
 
 @pytest.mark.parametrize(
@@ -273,6 +284,8 @@ def test_an_altitude_beyond_all_that_are_possible_is_no_computed_data():
     rng = np.random.default_rng(23)
     for altitude_m, normal in ((93.0, False), (99.0, True), (999.0, True), (1007.0, False)):
         outputs = tracked(flight(rng, np.full(240, altitude_m), 0.0), altimeter)
+        assert np.all(outputs["state"][:2] == State.CONFIRM)  # three blocks in a row have to agree
+        assert np.all(outputs["status"][:2] == Status.NO_COMPUTED_DATA)
         assert np.all(outputs["state"][2:] == State.TRACK)
         assert np.all((outputs["status"][2:] == Status.NORMAL) == normal)
 
@@ -287,7 +300,7 @@ def test_a_weak_second_return_above_the_ground_changes_nothing():
 def test_speed_by_doppler_and_by_altitudes():
     """A beat shift has no Doppler: the tracker takes the speed from the altitudes, and says so by its settings."""
     rng = np.random.default_rng(14)
-    path = 500.0 - 20.0 * np.arange(1200) * T
+    path = 500.0 - 20.0 * np.arange(720) * T
     shifted = np.stack([W.beat_shifted(h) for h in path]) + noise(rng, path.size, 0.0)
     for frames, doppler in ((flight(rng, path, 0.0, -20.0), True), (shifted, False)):
         outputs = tracked(frames.astype(np.complex64), FAST, TrackerSettings(doppler=doppler))
@@ -334,6 +347,46 @@ def test_timing_rest_is_taken_off():
 def test_impossible_settings_are_refused(make, said):
     with pytest.raises(ValueError, match=said):
         make()
+
+
+def test_evidence_is_a_mean_with_falling_weights_and_its_variance():
+    """Weights fall by 2/3 per block for a memory of two; the variance is that of a sum of independent blocks."""
+    rng = np.random.default_rng(26)
+    blocks, evidence = rng.standard_normal((5, 2, 2, 7)), Evidence(2.0)
+    for mean, variance in blocks:
+        evidence.add(mean, np.abs(variance))
+    weights = (2.0 / 3.0) ** np.arange(4, -1, -1)
+    weights /= weights.sum()
+    np.testing.assert_allclose(evidence.mean, np.einsum("k,kij->ij", weights, blocks[:, 0]))
+    np.testing.assert_allclose(evidence.variance, np.einsum("k,kij->ij", weights**2, np.abs(blocks[:, 1])))
+
+
+def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
+    """Both halves' differences count together, at every allowed difference of their cells, within the span alone."""
+    evidence = Evidence(2.0)
+    mean = np.full((2, 21), 5.0)
+    mean[:, 10] = 0.0  # the track itself
+    mean[0, 10 + 6] = mean[1, 10 + 4] = 0.5  # a rival five cells up whose halves are two cells apart
+    evidence.add(mean, np.full((2, 21), 0.5))
+    everywhere = (-20.0, 20.0)
+    assert evidence.farthest(4.0, (-1, 1), 1.0, everywhere) == (0.0, 0.0)
+    assert evidence.farthest(4.0, (-2, 2), 1.0, everywhere) == (5.0, 2.0)
+    assert evidence.farthest(4.0, (-2, 2), 1.0, (-20.0, 4.0)) == (0.0, 0.0)
+    assert evidence.farthest(4.0, (-2, 2), 6.0, everywhere) == (0.0, 0.0)  # within the main lobe
+    assert evidence.farthest(0.9, (-2, 2), 1.0, everywhere) == (0.0, 0.0)
+
+
+def test_a_filter_notices_innovations_beyond_what_it_expects():
+    """Innovations of three standard deviations each make their mean square nine; those of one keep it at one."""
+    found = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0)
+    for sigmas in (1.0, 3.0):
+        kalman = Kalman(np.array([100.0, 0.0]), np.diag([0.1, 0.5]))
+        for _ in range(120):
+            kalman.predict(0.04, 1.0)
+            rest, variance = kalman.innovation(found, 0.02)
+            altitude = -rest + sigmas * np.sqrt(variance)
+            kalman.update(replace(found, altitude_m=altitude), 0.02, with_speed=False)
+        assert kalman.nis == pytest.approx(sigmas**2, rel=1e-4)
 
 
 # -- the block --------------------------------------------------------------------------------------------------------

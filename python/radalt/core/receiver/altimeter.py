@@ -1,73 +1,30 @@
-"""The altimeter: dechirp, decimate to the beat band, window, FFT, CFAR, pair the sweeps, altitude (docs/design.md).
-
-Two rates, as in the paper: the frame is mixed with the reference at the full rate, then low-passed and decimated to the
-beat band of the highest altitude of the scene. The window is folded into the reference table, and so is the shift that
-moves the middle of the beat band to zero, so mixing costs one complex multiplication per sample.
-
-A half sweep begins with the return still on the other slope, for as long as its delay. Every cell leaves that part out,
-for exactly the delay that the cell stands for (`Altimeter._head_table`).
+"""The altimeter: CFAR on beat spectra (`beat_spectra.py`), pairing of the sweeps, altitude (docs/design.md).
 
 Forced and declared decisions share one joint statistic. It is the sum over both half sweeps of ``-log P``, with ``P``
 the probability that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`,
 `PairSearch`).
-
-Both half sweeps are turned so that an altitude shows as a *positive* beat: cells of the up sweep lie at
-``k tau + f_D``, cells of the down sweep at ``k tau - f_D``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import fft, special
 
-from ..fir import cosine_window
-from ..waveform import Waveform, altitude_to_delay_s, delay_to_altitude_m
+from ..waveform import Waveform, delay_to_altitude_m
 from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
-from .cfar import Cfar, Significance, pair_threshold, support_of, upcrossings
-from .decimator import Decimator
+from .beat_spectra import SHAPE_POINTS, BeatSpectra, Spectra
+from .cfar import Cfar, Significance, pair_threshold, upcrossings
 from .extended_peak import centroid_of, edge_of
 from .sweep_pairing import FLOOR, Found, PairSearch
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
-_SHAPE_POINTS = 1 << 15
-_MOST_BLIND = 0.1  # of a half sweep: what is left out for the other slope, at most
-_CLOSE = 0.01  # cycles that a return may be off its beat's phase at the beginning of a half sweep
-_LARGEST_HEAD = 1 << 22  # entries of the table that leaves out each cell's own delay: 32 MB
-_SOFT = 0.05  # singular values below this share of the largest only sharpen the edge of what is left out
-# Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
-# (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
-_OVERSAMPLING = 4.0
 _CLEAR_DB = 999.0  # ambiguity where there is no rival at all
-_GROUP = 8  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
 
 
-@dataclass(frozen=True)
-class Spectra:
-    """Beat spectra of a batch of frames.
-
-    Attributes
-    ----------
-    power : (n, 2, J) float32
-        Power by half sweep (0 up, 1 down) and cell, of frames divided by ``scale``.
-    support : (n, 2) float64
-        Share of each half sweep that its noise lasts for (`support_of`).
-    beat_hz : (J,) float64
-        Cells' beat frequencies.
-    scale : (n,) float32
-        Largest rail of the decimated beats, by which each frame was divided; 0 or not finite where it is unusable.
-    """
-
-    power: np.ndarray
-    support: np.ndarray
-    beat_hz: np.ndarray
-    scale: np.ndarray
-
-
-class Altimeter:
+class Altimeter(BeatSpectra):
     """Frames in, one result each; all tables are made once.
 
     Examples
@@ -89,10 +46,8 @@ class Altimeter:
                 f"altimeter.max_altitude_m {settings.max_altitude_m:g} exceeds {limit_m:.6g} m, where the delay is "
                 "half a half sweep; lengthen sweep_s or lower max_altitude_m"
             )
-        self.waveform = waveform
-        self.settings = settings
-        self._plan_band()
-        self._build_tables()
+        super().__init__(waveform, settings)
+        self._plan_detection()
         self._searches: dict[tuple[int, int], PairSearch] = {}
         limit = self.settings.max_vertical_speed_m_per_s
         self._search = self._search_within((-limit, limit))
@@ -145,53 +100,9 @@ class Altimeter:
 
     # -- construction ---------------------------------------------------------------------------------------------
 
-    def _plan_band(self) -> None:
-        """Beat band, decimation and FFT size from the span of altitudes."""
-        w, s = self.waveform, self.settings
-        cell_hz = 1.0 / w.half_sweep_s
-        self.doppler_limit_hz = float(w.vertical_speed_to_doppler_hz(s.max_vertical_speed_m_per_s))
-        low, high = (float(w.altitude_to_beat_hz(a)) for a in (s.min_altitude_m, s.max_altitude_m))
-        slack = self.doppler_limit_hz + cell_hz
-        self.search_hz = (low - slack, high + slack)
-        margin_hz = (s.train_cells + s.guard_cells + 2) * cell_hz
-        low, high = self.search_hz[0] - margin_hz, self.search_hz[1] + margin_hz
-        width = min(high - low, w.rate_hz)
-        self.centre_hz = 0.5 * (low + high)
-        self.decimator = Decimator(w.samples_per_half, w.rate_hz, width)
-        self.decimation, self.decimated_rate_hz = self.decimator.factor, self.decimator.rate_out_hz
-        self.outputs = outputs = self.decimator.outputs
-        self.fft_size = fft.next_fast_len(
-            max(outputs, int(np.ceil(_OVERSAMPLING * w.samples_per_half / self.decimation)))
-        )
-        self.cell_hz = self.decimated_rate_hz / self.fft_size
-        reach = min(int(width / 2 / self.cell_hz), (self.fft_size - 1) // 2)
-        self._per_resolution = 1.0 / (self.cell_hz * w.half_sweep_s)
-        group = max(1, round(self._per_resolution))
-        self._bins = np.arange(-reach, reach + 1 - (2 * reach + 1) % group)  # whole groups of the CFAR
-        self.beat_hz = self.centre_hz + self._bins * self.cell_hz
-
-    def _build_tables(self) -> None:
-        w, s = self.waveform, self.settings
-        half = w.samples_per_half
-        self._head = self._head_table()
-        window = self._window(half)
-        # the window's transform is taken from at most so many points: beyond that only memory changes
-        shape = self._window(min(half, _SHAPE_POINTS))
-        step = self.cell_hz * w.half_sweep_s / shape.size
-        t = w.sample_times_s[:half]
-        # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
-        # mix with conj(ref) and the up half is shifted by +centre (and read backwards), the down half by -centre
-        table = np.conj(w.reference.astype(np.complex128)).reshape(2, half)
-        turn = np.exp(2j * np.pi * self.centre_hz * t)
-        table = table * np.stack([turn, np.conj(turn)]) * (window / window.sum())
-        self._table = table.astype(np.complex64)
-        turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
-        response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
-        # of power: as the filter left it, and as noise is left by a blind part
-        energy = np.cumsum(np.concatenate([[0.0], window**2]))
-        own = 0.0 if self._head is None else self._blind_samples(self.beat_hz)
-        left = 1.0 - np.interp(own, np.arange(half + 1), energy / energy[-1])
-        self._equaliser = (1.0 / (left * np.abs(response) ** 2)).astype(np.float32)
+    def _plan_detection(self) -> None:
+        """Noise law, cells searched, and the shape of a peak."""
+        s, shape, step = self.settings, self._shape, self._step
         self._crossings = upcrossings(shape)
         group = max(1, round(self._per_resolution))
         each = self._per_resolution / group  # groups a resolution cell: 1, but for FFT sizes that are none
@@ -208,53 +119,6 @@ class Altimeter:
         self._first, self._last = int(allowed[0]), int(allowed[-1]) + 1
         self._interpolation = self._interpolation_table(shape, step)
         self._flank, self._side_lobes = self._lobe_limits(shape, step)
-
-    def _window(self, points: int) -> np.ndarray:
-        """(points,) window over a half sweep; zero in its blind part where each cell cannot have its own."""
-        window = cosine_window(self.settings.window, points)
-        if self._head is None:
-            blind = self._blind_samples(self.beat_hz[-1]) / self.waveform.samples_per_half
-            window[: int(np.ceil(blind * points))] = 0.0
-        return window
-
-    def _blind_samples(self, beat_hz: np.ndarray | float) -> np.ndarray:
-        """Samples at the beginning of a half sweep in which a return of a beat is far off its beat.
-
-        There it is still on the other slope, and a beat-shifted sweep lies past the edge of the band, where a fraction
-        of a sample of latency turns its phase. Either would pull the beat, by up to 0.4 m at 1500 m. In the last of
-        these samples the other slope is no more than `_CLOSE` off, and pulls by 2 mm. These samples are kept: where
-        interference fills the middle of the sweep, its edges are all that a method leaves.
-        """
-        w = self.waveform
-        limit_s = float(altitude_to_delay_s(self.settings.max_altitude_m))
-        delay_s = np.clip(np.asarray(beat_hz) / w.slope_hz_per_s, 0.0, limit_s)
-        blind_s = np.clip(delay_s - np.sqrt(_CLOSE / w.slope_hz_per_s), 0.0, _MOST_BLIND * w.half_sweep_s)
-        return blind_s * w.rate_hz
-
-    def _head_table(self) -> tuple[slice, slice, np.ndarray] | None:
-        """What the blind part adds to each cell: H outputs of a half sweep, K cells, (H, K) complex64 weights.
-
-        Least squares: the outputs' impulse responses, weighted by a column, add up to the cell's own response to the
-        samples of its blind part, and to nothing after it. None where the table would be too large: a sweep of many
-        cells that is blind for long.
-        """
-        w, d, taps = self.waveform, self.decimation, self.decimator.taps
-        blind = self._blind_samples(self.beat_hz)
-        cells = np.nonzero((blind > 0) & (self.beat_hz < self.search_hz[1] + 1.0 / w.half_sweep_s))[0]
-        if not cells.size:
-            return slice(0), slice(0), np.zeros((0, 0), dtype=np.complex64)
-        middle = taps.size // 2
-        first = max(0, middle // d - 2)  # before it the filter only rings
-        last = min(int(np.ceil((blind.max() + middle) / d)), self.outputs)
-        if (last - first) * cells.size > _LARGEST_HEAD:
-            return None
-        m, n = np.arange(first, last), np.arange(last * d)[:, None]
-        tap = (m + 1) * d - 1 - n
-        responses = np.where((tap >= 0) & (tap < taps.size), taps[np.clip(tap, 0, taps.size - 1)], 0.0)
-        turns = np.exp(-2j * np.pi * m[:, None] * self._bins[cells] / self.fft_size)
-        wanted = (responses @ turns) * np.clip(blind[cells] - n, 0.0, 1.0)
-        table = np.linalg.lstsq(responses, wanted, rcond=_SOFT)[0]
-        return slice(first, last), slice(cells[0], cells[-1] + 1), table.astype(np.complex64)
 
     def _interpolation_table(self, window: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
         """Slope over curvature of three powers around a peak against the sub-cell offset, exact for one tone.
@@ -290,56 +154,6 @@ class Altimeter:
         away = fine * max(1, per // 2)
         at = round(0.7 * away)
         return float(lobes[away - at] / lobes[at]), np.minimum(side_lobes, 1.0 - 1e-6)
-
-    # -- spectra --------------------------------------------------------------------------------------------------
-
-    def spectra(self, frames: np.ndarray) -> Spectra:
-        """Dechirp, decimate and transform ``(n, N)`` complex frames."""
-        w = self.waveform
-        frames = np.asarray(frames, dtype=np.complex64)
-        if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
-            raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
-        with np.errstate(invalid="ignore", over="ignore"):
-            low = self._beats(frames)
-            rails = low.view(np.float32)
-            scale = np.abs(rails).max(axis=(1, 2))
-            scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
-            safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
-            rails /= safe[:, None, None]
-            support = support_of(low, self.waveform.samples_per_half / self.decimation)
-            rails = self._cells(low).view(np.float32)
-            rails *= rails
-            power = rails[..., ::2] + rails[..., 1::2]
-            power *= self._equaliser
-        return Spectra(power, support, self.beat_hz, scale)
-
-    def _beats(self, frames: np.ndarray) -> np.ndarray:
-        """(n, 2, outputs) complex64 half sweeps of (n, N) frames, mixed with the reference and decimated."""
-        n, half = frames.shape[0], self.waveform.samples_per_half
-        low = np.empty((n, 2, self.outputs), dtype=np.complex64)
-        for first in range(0, n, _GROUP):
-            some = frames[first : first + _GROUP].reshape(-1, 2, half)
-            buffer, samples = self.decimator.buffer((len(some), 2))
-            np.multiply(some, self._table, out=samples[..., :half])
-            low[first : first + _GROUP] = self.decimator.apply(buffer)
-        return low
-
-    def _cells(self, low: np.ndarray) -> np.ndarray:
-        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats; ``low`` is used up.
-
-        The up sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
-        """
-        np.conjugate(low[:, 0], out=low[:, 0])
-        # a product per frame: BLAS rounds differently with the number of rows
-        blind = None if self._head is None else low[..., self._head[0]] @ self._head[2]
-        spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
-        reach, top = -self._bins[0], self._bins[-1]
-        cells = np.empty((len(low), 2, self._bins.size), dtype=np.complex64)
-        cells[..., :reach] = spectrum[..., -reach:]
-        cells[..., reach:] = spectrum[..., : top + 1]
-        if blind is not None:
-            cells[..., self._head[1]] -= blind
-        return cells
 
     def significance(self, spectra: Spectra) -> Significance:
         """Every cell but the margins held against noise: see `Cfar`."""
@@ -553,7 +367,7 @@ class Altimeter:
 
         Relative power (2, D), rising, and distance (D,) from its peak in cells.
         """
-        half = min(self.waveform.samples_per_half, _SHAPE_POINTS)
+        half = min(self.waveform.samples_per_half, SHAPE_POINTS)
         blind = float(self._blind_samples(self.beat_hz[-1])) / self.waveform.samples_per_half
         windows = np.stack([self._window(half)] * 2, axis=-1)
         windows[: int(np.ceil(blind * half)), 1] = 0.0

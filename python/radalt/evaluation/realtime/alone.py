@@ -26,7 +26,8 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
     The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources and
-    altimeters with sixteen frames, the network with ``batch``.
+    altimeters with sixteen frames, the network with ``batch``. Where a tracker stands in an altimeter's place, what it
+    does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
 
     Parameters
     ----------
@@ -75,8 +76,11 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
         received = np.stack([frame.samples for frame in found])
         for method in prepared.methods:
             cleaned = _cleaned(timed, top, method, received, batch)
-            altimeter = getattr(top, f"altimeter_{method}").altimeter
-            timed(f"altimeter_{method}", len(found), lambda a=altimeter, x=cleaned: a.process(x))
+            block = getattr(top, f"altimeter_{method}")
+            timed(f"altimeter_{method}", len(found), lambda a=block.altimeter, x=cleaned: a.process(x))
+            if hasattr(block, "tracker"):
+                beside = None if method == "none" else received
+                _track(timed, method, block, cleaned, beside)
     if "tcae" in prepared.methods:
         _run_graph(timed, n, batch, frames)
     return {name: seconds / counted[name] for name, seconds in spent.items()}
@@ -95,6 +99,16 @@ def _cleaned(timed: Callable, top: Any, method: str, received: np.ndarray, batch
         work = lambda at=span: block.method.process_into(received[at], out[at])  # noqa: E731
         timed(f"mitigation_{method}", len(received[span]), work)
     return out
+
+
+def _track(
+    timed: Callable, method: str, block: Any, cleaned: np.ndarray, received: np.ndarray | None
+) -> None:
+    """What a tracker does beyond an altimeter: spectra of the received frames, sums and decisions."""
+    spectra, beside = block.altimeter.spectra(cleaned), None
+    if received is not None:
+        beside = timed(f"received_{method}", len(cleaned), lambda: block.altimeter.spectra(received))
+    timed(f"tracker_{method}", len(cleaned), lambda: block.tracker.process(spectra, received=beside))
 
 
 def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:
