@@ -7,6 +7,7 @@ from gnuradio.radalt.core.interference import Interferer, QpskEmitter
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
+from gnuradio.radalt.evaluation.cancellation.genie import REMOVED, mixture_without
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
@@ -90,6 +91,15 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     assert [row["sir_db"] for row in held] == list(SIRS_DB)
     assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
     assert repr(rows) == repr(study.measure(study.points()[0]))
+
+
+def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
+    """Tones are fitted and subtracted anyway, so what limits a mixture is QPSK and NR in one band."""
+    held, without = (mixture_without(removed, -45.0, 6, [5]) for removed in ("nothing", "QPSK"))
+    assert held["pd"] < 0.5 < 0.8 < without["pd"]
+    assert set(CancellationStudy().tables["genie"].names) == set(held)
+    whole = [point.case for point in CancellationStudy().points() if point.table == "genie"]
+    assert whole == list(REMOVED) and not CancellationStudy(cases=("qpsk",)).points()[-1].table == "genie"
 
 
 def test_a_stations_own_noise_and_antennas_add_power_of_their_own():

@@ -16,6 +16,7 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, received
+from .genie import GENIE_COLUMNS, GENIE_METHOD, GENIE_SIRS_DB, REMOVED, mixture_without
 from .tracked import FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
@@ -29,14 +30,14 @@ GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
 
 @dataclass(frozen=True)
 class CasePoint(Point):
-    """One of `CASES` at all SIRs, or (table ``tracked``) one of `FLIGHTS` so many times."""
+    """One of `CASES` at all SIRs; of table ``tracked`` one of `FLIGHTS`, of ``genie`` one of `REMOVED`."""
 
     case: str = ""
 
 
 @dataclass(frozen=True)
 class CancellationStudy(Study):
-    """Both tables of docs/cancellation.md.
+    """The tables of docs/cancellation.md; that of the mixture (`genie`) only where all cases are measured.
 
     Attributes
     ----------
@@ -61,12 +62,14 @@ class CancellationStudy(Study):
             whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
         ),
         "tracked": TRACKED_COLUMNS,
+        "genie": GENIE_COLUMNS,
     }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "cancellation.md",
         "rows.csv": "data/cancellation.csv",
         "tracked.csv": "data/cancellation_tracked.csv",
+        "genie.csv": "data/cancellation_genie.csv",
         "pd.png": "figures/cancellation_pd.png",
         "frame.png": "figures/cancellation_frame.png",
     }
@@ -85,6 +88,8 @@ class CancellationStudy(Study):
     def points(self) -> Sequence[CasePoint]:
         """A point per case, and per kind of flight."""
         cases = [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
+        if self.cases == tuple(CASES):
+            cases += [CasePoint(f"mixture without {name}", self.frames, "genie", name) for name in REMOVED]
         if not self.flights:
             return cases
         frames = self.flights * FRAMES
@@ -101,6 +106,9 @@ class CancellationStudy(Study):
             return [
                 row for seed in seeds for row in fly(point.case, TRACKED_METHODS, np.random.default_rng(seed))
             ]
+        if point.table == "genie":
+            seed = [self.seed, 131, batch]
+            return [mixture_without(point.case, sir_db, point.frames, seed) for sir_db in GENIE_SIRS_DB]
         rows, failures = [], dict.fromkeys(self.methods, 0)
         for sir_db in SIRS_DB:
             seed = [
@@ -139,6 +147,12 @@ class CancellationStudy(Study):
         if point.table == "tracked":
             each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in TRACKED_METHODS)
             return point.frames * (each + 0.012)
+        if point.table == "genie":
+            return (
+                len(GENIE_SIRS_DB)
+                * point.frames
+                * (seconds_per_frame(GENIE_METHOD, WAVEFORM, settings) + 0.012)
+            )
         each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods)
         return len(SIRS_DB) * point.frames * (each + 0.012)
 

@@ -1,0 +1,92 @@
+"""CPU time of the cancelling methods, and of their arithmetic alone, in transforms of a frame."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft
+
+from ...core.mitigation import create
+from ...core.mitigation.ofdm.lattice import nearest, power
+from ..results.table import number, table
+from .cases import CASES, WAVEFORM, received
+
+__all__ = ["costs"]
+
+_ROUNDS = 5  # the median of which is given
+_LEAD = 4  # frames in which a method settles
+_FRAMES = 20
+_PER_FRAME = 10  # transforms measured beside each frame
+_KINDS = (
+    ("`ofdm_cancel`: no OFDM", "nr10_stream", None, False),
+    ("following, SIR -45 dB", "nr10_stream", -45.0, False),
+    ("following, users of all four alphabets", "nr10_mixed_stream", -45.0, False),
+    ("following, SIR -28 dB: the return is wider than a cell of 64QAM", "nr10_stream", -28.0, False),
+    ("looking for an emitter, SIR -45 dB", "nr10_stream", -45.0, True),
+    ("`qpsk_cancel`: no QPSK", "qpsk", None, False),
+    ("following, SIR -45 dB", "qpsk", -45.0, False),
+    ("looking for an emitter, SIR -45 dB", "qpsk", -45.0, True),
+)
+_SYMBOLS = np.arange(13)[:, None] * 535 + np.arange(500)  # 13 whole symbols of 15 kHz
+_ROW = np.exp(2j * np.pi * np.arange(500) / 500).astype(np.complex64)
+_PLACES = np.arange(WAVEFORM.samples_per_frame) % _SYMBOLS.size
+
+
+def costs(seed: int) -> str:
+    """CPU time per frame of `ofdm_cancel` and `qpsk_cancel` over that of a transform of the frame."""
+    lines = []
+    for title, case, sir_db, anew in _KINDS:
+        frames, _ = received(CASES[case], sir_db, _LEAD + _FRAMES, np.random.default_rng([seed, 8]))
+        lines.append([title, number(_of_method(case, frames, anew), 0)])
+    alone = _transforms(_kernels, np.tile(frames[_LEAD:], (2, 1)))
+    return table(
+        ["frame", "transforms"], [*lines, ["the arithmetic of following OFDM alone", number(alone, 0)]]
+    )
+
+
+def _of_method(case: str, frames: np.ndarray, anew: bool) -> float:
+    """The method that reads the case, which has heard nothing before if ``anew``."""
+    method = create("qpsk_cancel" if CASES[case].qpsk else "ofdm_cancel", WAVEFORM)
+
+    def settle() -> None:
+        method.reset()
+        method.process(frames[:_LEAD])
+
+    def clean(frame: np.ndarray) -> None:
+        if anew:
+            method.reset()
+        method.process(frame)
+
+    return _transforms(clean, frames[_LEAD:], settle)
+
+
+def _transforms(
+    work: Callable[[np.ndarray], None], frames: np.ndarray, settle: Callable[[], None] = lambda: None
+) -> float:
+    """CPU time of ``work`` per frame over that of a transform of the frame."""
+    ratios = []
+    for _ in range(_ROUNDS):
+        settle()
+        start = time.process_time_ns()
+        for frame in frames:
+            work(frame)
+        middle = time.process_time_ns()
+        for frame in np.tile(frames, (_PER_FRAME, 1)):
+            fft.fft(frame)
+        ratios.append(_PER_FRAME * (middle - start) / max(1, time.process_time_ns() - middle))
+    return float(np.median(ratios))
+
+
+def _kernels(frame: np.ndarray) -> None:
+    """What has to be computed to follow an emitter: symbols there and back, one decision, its error, the channel."""
+    symbols = fft.fft(frame[_SYMBOLS], axis=1, overwrite_x=True)
+    symbols *= _ROW  # timing
+    points = nearest(symbols * _ROW, 64)  # channel
+    sure = power(symbols - points) < 1
+    model = points * _ROW
+    energy = (power(model) * sure).sum(axis=0)
+    channel = (symbols * model.conj() * sure).sum(axis=0) / np.maximum(energy, np.float32(1e-30))
+    model *= channel
+    frame - fft.ifft(model, axis=1, overwrite_x=True).ravel()[_PLACES]
