@@ -159,7 +159,7 @@ class OfdmCancel(Mitigation):
         self.busy = 0.0
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
-        self._places: tuple[bytes, np.ndarray, np.ndarray] | None = None
+        self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that held an emitter."""
@@ -337,8 +337,8 @@ class OfdmCancel(Mitigation):
         if received.drift is None:
             return frame, received
         moving = received.drift * received.points * received.phase.conj() * grid.used
-        places, offsets = self._gather(grid.starts, numerology)
-        frame = frame - self._samples(moving, received.weight > 0).take(places) * offsets
+        _, _, offsets = self._gather(grid.starts, numerology)
+        frame = frame - self._samples(moving, received.weight > 0, grid.starts, numerology) * offsets
         symbols = transforms(frame, grid.starts, numerology) * received.phase
         return frame, once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
 
@@ -387,8 +387,7 @@ class OfdmCancel(Mitigation):
             lock.sir_db = kept[1]
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
-        places, _ = self._gather(grid.starts, lock.numerology)
-        out = frame - self._samples(model, readable).take(places)
+        out = frame - self._samples(model, readable, grid.starts, lock.numerology)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
@@ -397,22 +396,23 @@ class OfdmCancel(Mitigation):
         self._keep(lock, grid, received, middle(misread))
         return out
 
-    @staticmethod
-    def _samples(elements: np.ndarray, readable: np.ndarray) -> np.ndarray:
-        """(L K + 1,) complex64 samples of the symbols, one after the other; 0 for those not readable, and for the
-        last."""
-        count, useful = elements.shape
-        out = np.empty(count * useful + 1, dtype=np.complex64)
-        out[-1] = 0
+    def _samples(
+        self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology
+    ) -> np.ndarray:
+        """(N,) complex64 samples of a frame's symbols with their prefixes; 0 for those not readable, and outside."""
+        useful = numerology.useful
         lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
-        out[:-1].reshape(count, useful)[:] = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
+        symbols = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
-            out[:-1].reshape(count, useful)[~readable] = 0
+            symbols[~readable] = 0
+        places, inside, _ = self._gather(starts, numerology)
+        out = symbols.ravel().take(places)
+        out[: inside.start] = out[inside.stop :] = 0
         return out
 
-    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray]:
-        """For each sample of a frame, which of `_samples` it is (the last: none), and its distance in symbols from the
-        middle of that symbol: (N,) int, (N,) float32."""
+    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice, np.ndarray]:
+        """For each sample of a frame, which one of the symbols without prefixes it is, (N,) int; which of them are in
+        symbols at all; and their distance in symbols from the middle of theirs, (N,) float32."""
         key = starts.tobytes()
         if self._places is None or self._places[0] != key:
             count = self.waveform.samples_per_frame
@@ -422,9 +422,9 @@ class OfdmCancel(Mitigation):
             symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
             since = sample - starts[symbol]
             places = symbol * numerology.useful + since % numerology.useful
-            places[: max(0, edges[0])] = places[edges[-1] :] = starts.size * numerology.useful
+            inside = slice(max(0, edges[0]), edges[-1])
             offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
-            self._places = key, places, offsets
+            self._places = key, places, inside, offsets
         return self._places[1:]
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:

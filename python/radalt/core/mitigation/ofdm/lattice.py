@@ -45,6 +45,7 @@ _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random on
 _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
 _EXPLAINED = 0.3  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
+_FEWEST = 8  # elements of a block that tell something; a user has a hundred
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
 
 
@@ -190,7 +191,7 @@ def _explained(
     blocks = np.arange(0, asked.shape[1], BLOCK)
     wrong = np.add.reduceat(members @ (np.minimum(error, 1) * asked), blocks, axis=1)
     told = np.add.reduceat(members @ asked, blocks, axis=1)
-    if (wrong > _EXPLAINED * (told + 1)).any():
+    if (wrong > _EXPLAINED * (told + _FEWEST)).any():
         return None
     return points, error, np.full((len(members), asked.shape[1]), kind, dtype=np.int8)
 
