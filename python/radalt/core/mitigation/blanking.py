@@ -7,7 +7,7 @@ from scipy import fft
 
 from ..fir import cosine_window
 from ..waveform import Waveform, altitude_to_delay_s
-from .base import Mitigation, MitigationError, PlotStyle, peak_scale
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
 __all__ = ["Blanking"]
 
@@ -83,7 +83,7 @@ class Blanking(Mitigation):
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         scale = peak_scale(batch)
-        plane = self._stft(batch / scale)
+        plane = self._stft(unit_peak(batch))
         power = plane.real**2 + plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
         # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median

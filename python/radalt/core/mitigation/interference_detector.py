@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft
 
 from ..waveform import Waveform
-from .base import peak_scale
+from .base import unit_peak
 
 __all__ = ["InterferenceDetector"]
 
@@ -93,7 +93,7 @@ class InterferenceDetector:
         length = max(8, round(self._half**0.5))
         blocks = self._half // length
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            spectrum, _, cells = self._spectra(frames / peak_scale(frames))
+            spectrum, _, cells = self._spectra(unit_peak(frames))
             np.put_along_axis(spectrum, cells, 0, axis=-1)
             rest = fft.ifft(spectrum, axis=-1)[..., : blocks * length]
             cells = np.abs(fft.fft(rest.reshape(len(rest), -1, length), axis=-1)) ** 2

@@ -11,7 +11,7 @@ from scipy import fft, linalg
 
 from ..fir import tukey_window
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle, peak_scale
+from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
 __all__ = ["LinearPrediction", "NlmsPredictor"]
 
@@ -116,7 +116,7 @@ class LinearPrediction(Mitigation):
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        scaled = batch / peak_scale(batch)
+        scaled = unit_peak(batch)
         tapered = fft.fft(scaled * self._taper, axis=1)
         power = tapered.real.astype(np.float64) ** 2 + tapered.imag.astype(np.float64) ** 2
         lags = fft.ifft(power, axis=1)[:, : self.order + 1]

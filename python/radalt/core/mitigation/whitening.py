@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle, peak_scale
+from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 
 __all__ = ["Whitening"]
 
@@ -48,8 +48,7 @@ class Whitening(Mitigation):
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        scale = peak_scale(batch)
-        spectrum = fft.fft(batch / scale, axis=1)
+        spectrum = fft.fft(unit_peak(batch), axis=1, overwrite_x=True)
         power = spectrum.real**2 + spectrum.imag**2
         smooth = ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap")
         level = smooth.mean(axis=1, keepdims=True)

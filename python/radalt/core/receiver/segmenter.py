@@ -8,36 +8,26 @@ at the assumed timing. The check never moves the timing, so it cannot pull an al
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.linalg import blas
 
 from ..programme import Programme
-from ..returns.point import point_return
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter import AltimeterSettings, shared_altimeter
 from .segmenter_settings import SegmenterSettings
+from .sweep_finder import ALONE, SweepFinder
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
 _MOST_LOST_FRAMES = 64  # whole frames that may have gone missing at once without a tag
 _DOUBT_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
-_FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
 _TOLERANCE, _COARSE = (
     0.4,
     1.0,
 )  # samples between where a sweep is and where it is seen: matched filter, correlation
-_FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
-# A burst of narrow-band interference correlates with a piece of the sweep at many delays, all about as strong; a sweep
-# has one peak. Power of that over any other, beyond its flanks (samples):
-_ALONE, _FLANK = 4.0, 3
-_MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
 
 
 @dataclass
@@ -158,16 +148,7 @@ class FrameSegmenter:
         self.waveform, self.programme, self.settings = waveform, programme, settings
         self.true_delay, self.point_target = true_delay, point_target
         self._n = waveform.samples_per_frame
-        # the two halves apart: a beat shift turns them against each other by k tau^2 cycles, so they add in power only
-        halves = np.zeros((2, self._n), dtype=np.complex64)
-        halves[0, : self._n // 2] = waveform.reference[: self._n // 2]
-        halves[1, self._n // 2 :] = waveform.reference[self._n // 2 :]
-        self._reference_fft = np.conj(fft.fft(halves, axis=1))
-        span = 3.0 * waveform.range_resolution_m
-        self._fine = shared_altimeter(
-            waveform,
-            AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
-        )
+        self._finder = SweepFinder(waveform, settings, true_delay=true_delay)
         self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
         # room for some frames beyond the longest wait, so that what is left over is moved once in a while
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
@@ -184,12 +165,10 @@ class FrameSegmenter:
             ),
             0,
         )
-        self._expected: dict[tuple[float, float], np.ndarray] = {}
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
         self.lock_loss = ""
         self._strength = 0.0  # of the last sweep that was seen near where it was sent
-        self.quality_db = float("nan")
         self.reset()
 
     def reset(self, first_sample: int = 0) -> None:
@@ -322,7 +301,7 @@ class FrameSegmenter:
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
-        found = self._locate(self._waiting(self._n, needed))
+        found = self._finder.locate(self._waiting(self._n, needed))
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
@@ -337,39 +316,6 @@ class FrameSegmenter:
         self.state = LOCKED
         self.counters["acquisitions"] += 1
         return True
-
-    def _locate(self, samples: np.ndarray) -> tuple[int, float] | None:
-        """Sweep start within ``samples`` (at least acquisition_frames + 1 frames): whole samples and rest, or None."""
-        n, count = self._n, self.settings.acquisition_frames
-        rotation = np.conj(self.waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
-        folded = (samples[: count * n].reshape(count, n) * rotation).mean(axis=0).astype(np.complex64)
-        peak, significance, _ = self._correlate(folded)
-        if significance < 0.6 * self.settings.lock_threshold:
-            return None
-        aligned = samples[peak : peak + count * n].reshape(count, n)
-        each = self._fine.process((aligned * rotation).astype(np.complex64))
-        delays = altitude_to_delay_s(each["altitude_m"]) * self.waveform.rate_hz
-        if not each["valid"].all() or np.ptp(delays) > _MAX_SPREAD_SAMPLES:
-            return None  # a frame among them is torn, or there is no sweep
-        total = peak + float(np.mean(delays))
-        whole = round(total)
-        return whole, total - whole
-
-    def _correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
-        """Circular correlation of one frame with the sweep, halves added in power.
-
-        Peak lag, its power over the mean, and over the greatest that is part neither of it nor of a sweep at the lag
-        ``sent``: a torn frame has both.
-        """
-        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
-        power = (response.real**2 + response.imag**2).sum(axis=0)
-        peak = int(np.argmax(power))
-        top, mean = float(power[peak]), float(power.mean())
-        if not (np.isfinite(mean) and mean > 0):
-            return peak, 0.0, 0.0
-        for lag in (peak, round(sent)):
-            power[np.arange(lag - _FLANK, lag + _FLANK + 1) % self._n] = 0.0
-        return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
@@ -473,13 +419,13 @@ class FrameSegmenter:
         """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
         sent, rate = self._sent(frame.index), self.waveform.rate_hz
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
-        near = None if sent is None else self._shift_from_expected(frame, sent)
+        near = None if sent is None else self._finder.shift(frame.samples, sent, self._offset_s)
         if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
             self._strength = near[1]
             return "verified", expected, _TOLERANCE
-        peak, significance, alone = self._correlate(frame.samples, expected + self._offset_s * rate)
+        peak, significance, alone = self._finder.correlate(frame.samples, expected + self._offset_s * rate)
         delay = float((peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate)
-        present = significance >= 0.6 * self.settings.lock_threshold and alone >= _ALONE
+        present = significance >= 0.6 * self.settings.lock_threshold and alone >= ALONE
         # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
         if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
             self._strength = near[1]
@@ -488,55 +434,9 @@ class FrameSegmenter:
             return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
         if not present:
             return "undetermined", 0.0, _COARSE
-        self.quality_db = 10.0 * np.log10(significance)
+        self._finder.quality_db = 10.0 * np.log10(significance)
         inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
         return ("verified" if inside else "contradicted"), delay, _COARSE
-
-    def _shift_from_expected(self, frame: Frame, sent: tuple[float, float]) -> tuple[float, float] | None:
-        """Samples between the assumed and the true timing, -2..2, and strength; None if no sweep is found that near.
-
-        Matched filters at the transmitted altitude, up to two samples either side; whole samples, unless the sweep is
-        strong enough to say a fraction of a quarter and more.
-        """
-        x, n = frame.samples, self._n
-        # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
-        # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
-        expected = self._expected_frame(sent)
-        response = [
-            abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
-            for shift in range(-2, 3)
-        ]
-        rails = x.view(np.float32)
-        energy = blas.sdot(rails, rails)
-        if not (math.isfinite(energy) and energy > 0):
-            return None
-        best = response.index(max(response))
-        strength = response[best] ** 2 * self._n / energy
-        self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
-        away = max(r for shift, r in enumerate(response) if abs(shift - best) >= 2)
-        if strength < self.settings.lock_threshold or response[best] ** 2 < _ALONE * away**2:
-            return None
-        if strength < _FINE_STRENGTH or not 0 < best < 4:
-            return float(best - 2), strength
-        # the filter's response is a sinc in samples: the neighbour's share is the fraction
-        beside = best + (1 if response[best + 1] > response[best - 1] else -1)
-        fraction = (beside - best) * response[beside] / (response[beside] + response[best])
-        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
-
-    def _expected_frame(self, key: tuple[float, float]) -> np.ndarray:
-        """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
-        if key not in self._expected:
-            if len(self._expected) >= 64:
-                self._expected.clear()
-            w = self.waveform
-            if self.true_delay:
-                frame = point_return(w, key[0], vertical_speed_m_per_s=key[1])
-            else:
-                frame = w.beat_shifted(key[0])
-            spectrum = fft.fft(frame.astype(np.complex128))
-            turn = np.exp(-2j * np.pi * fft.fftfreq(self._n) * (self._offset_s * w.rate_hz))
-            self._expected[key] = (fft.ifft(spectrum * turn) / np.sqrt(self._n)).astype(np.complex64)
-        return self._expected[key]
 
     # -- lock lost ------------------------------------------------------------------------------------------------
 
@@ -558,13 +458,12 @@ class FrameSegmenter:
             return True
         if self._filled < (count + 1) * self._n:
             return False
-        found = self._locate(self._waiting(0, (count + 1) * self._n))
+        found = self._finder.locate(self._waiting(0, (count + 1) * self._n))
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
             return True
         self._offset_s = found[1] / self.waveform.rate_hz
-        self._expected.clear()
         self._section_end = section[0] + section[1]
         self._consume(found[0] % self._n)
         self.state = RESYNC
@@ -572,7 +471,7 @@ class FrameSegmenter:
 
     def _confirm_index(self) -> bool:
         """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
-        peak, significance, _ = self._correlate(self._waiting(0, self._n))
+        peak, significance, _ = self._finder.correlate(self._waiting(0, self._n))
         delay = peak if peak < self._n // 2 else peak - self._n
         after = (
             float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz
@@ -604,7 +503,7 @@ class FrameSegmenter:
         return {
             "state": self.state,
             "locked": self.state == LOCKED,
-            "quality_db": self.quality_db,
+            "quality_db": self._finder.quality_db,
             "unverified_frames": self.unverified_frames,
             "timing_verified": self.timing_verified,
             **self.counters,

@@ -1,0 +1,138 @@
+"""Where a sweep lies in received samples: by correlation at any delay, by matched filters near an expected one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import fft
+from scipy.linalg import blas
+
+from ..returns.point import point_return
+from ..waveform import Waveform, altitude_to_delay_s
+from .altimeter import AltimeterSettings, shared_altimeter
+from .segmenter_settings import SegmenterSettings
+
+__all__ = ["ALONE", "SweepFinder"]
+
+_FRACTION = 0.25  # of a sample, 5 m at the default rate: what a strong sweep may be off
+_FINE_STRENGTH = 100.0  # correlation over mean from which a quarter of a sample is six standard deviations
+# A burst of narrow-band interference correlates with a piece of the sweep at many delays, all about as strong; a sweep
+# has one peak. Power of that over any other, beyond its flanks (samples):
+ALONE, _FLANK = 4.0, 3
+_MAX_SPREAD_SAMPLES = 0.2  # between the frames of one acquisition; 0.02 is usual at an SNR of -10 dB
+
+
+class SweepFinder:
+    """Tables of one sweep, and the three looks that `FrameSegmenter` takes at samples.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : SegmenterSettings
+    true_delay : bool
+        Whether altitudes come as true delays (with Doppler) or as beat shifts.
+
+    Attributes
+    ----------
+    quality_db : float
+        Correlation over mean of the last sweep that was looked at, in decibels; NaN before the first.
+    """
+
+    def __init__(self, waveform: Waveform, settings: SegmenterSettings, *, true_delay: bool) -> None:
+        self._waveform, self._settings, self._true_delay = waveform, settings, true_delay
+        self._n = waveform.samples_per_frame
+        # the two halves apart: a beat shift turns them against each other by k tau^2 cycles, so they add in power only
+        halves = np.zeros((2, self._n), dtype=np.complex64)
+        halves[0, : self._n // 2] = waveform.reference[: self._n // 2]
+        halves[1, self._n // 2 :] = waveform.reference[self._n // 2 :]
+        self._reference_fft = np.conj(fft.fft(halves, axis=1))
+        span = 3.0 * waveform.range_resolution_m
+        self._fine = shared_altimeter(
+            waveform,
+            AltimeterSettings(min_altitude_m=-span, max_altitude_m=span, max_vertical_speed_m_per_s=0.0),
+        )
+        self._expected: dict[tuple[float, float, float], np.ndarray] = {}
+        self.quality_db = float("nan")
+
+    def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+        """Sweep start within ``samples`` (at least acquisition_frames + 1 frames): whole samples and rest, or None."""
+        n, count = self._n, self._settings.acquisition_frames
+        rotation = np.conj(self._waveform.frame_rotation(np.arange(count))).reshape(-1, 1)
+        folded = (samples[: count * n].reshape(count, n) * rotation).mean(axis=0).astype(np.complex64)
+        peak, significance, _ = self.correlate(folded)
+        if significance < 0.6 * self._settings.lock_threshold:
+            return None
+        aligned = samples[peak : peak + count * n].reshape(count, n)
+        each = self._fine.process((aligned * rotation).astype(np.complex64))
+        delays = altitude_to_delay_s(each["altitude_m"]) * self._waveform.rate_hz
+        if not each["valid"].all() or np.ptp(delays) > _MAX_SPREAD_SAMPLES:
+            return None  # a frame among them is torn, or there is no sweep
+        total = peak + float(np.mean(delays))
+        whole = round(total)
+        return whole, total - whole
+
+    def correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
+        """Circular correlation of one frame with the sweep, halves added in power.
+
+        Peak lag, its power over the mean, and over the greatest that is part neither of it nor of a sweep at the lag
+        ``sent``: a torn frame has both.
+        """
+        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
+        power = (response.real**2 + response.imag**2).sum(axis=0)
+        peak = int(np.argmax(power))
+        top, mean = float(power[peak]), float(power.mean())
+        if not (np.isfinite(mean) and mean > 0):
+            return peak, 0.0, 0.0
+        for lag in (peak, round(sent)):
+            power[np.arange(lag - _FLANK, lag + _FLANK + 1) % self._n] = 0.0
+        return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
+
+    def shift(
+        self, samples: np.ndarray, sent: tuple[float, float], offset_s: float
+    ) -> tuple[float, float] | None:
+        """Samples between the assumed and the true timing, -2..2, and strength; None if no sweep is found that near.
+
+        Matched filters at the altitude and range rate sent, up to two samples either side. Whole samples, unless the
+        sweep is strong enough to say a fraction of a quarter and more.
+        """
+        x, n = samples, self._n
+        # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
+        # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
+        expected = self._expected_frame(*sent, offset_s)
+        response = [
+            abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
+            for shift in range(-2, 3)
+        ]
+        rails = x.view(np.float32)
+        energy = blas.sdot(rails, rails)
+        if not (math.isfinite(energy) and energy > 0):
+            return None
+        best = response.index(max(response))
+        strength = response[best] ** 2 * self._n / energy
+        self.quality_db = 10.0 * math.log10(max(strength, 1e-9))
+        away = max(r for shift, r in enumerate(response) if abs(shift - best) >= 2)
+        if strength < self._settings.lock_threshold or response[best] ** 2 < ALONE * away**2:
+            return None
+        if strength < _FINE_STRENGTH or not 0 < best < 4:
+            return float(best - 2), strength
+        # the filter's response is a sinc in samples: the neighbour's share is the fraction
+        beside = best + (1 if response[best + 1] > response[best - 1] else -1)
+        fraction = (beside - best) * response[beside] / (response[beside] + response[best])
+        return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
+
+    def _expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
+        """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
+        key = altitude_m, rate_m_per_s, offset_s
+        if key not in self._expected:
+            if len(self._expected) >= 64:
+                self._expected.clear()
+            w = self._waveform
+            if self._true_delay:
+                frame = point_return(w, altitude_m, vertical_speed_m_per_s=rate_m_per_s)
+            else:
+                frame = w.beat_shifted(altitude_m)
+            spectrum = fft.fft(frame.astype(np.complex128))
+            turn = np.exp(-2j * np.pi * fft.fftfreq(self._n) * (offset_s * w.rate_hz))
+            self._expected[key] = (fft.ifft(spectrum * turn) / np.sqrt(self._n)).astype(np.complex64)
+        return self._expected[key]
