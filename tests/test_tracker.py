@@ -198,10 +198,10 @@ def test_a_step_in_the_last_frames_of_a_block_is_noticed_by_the_next_output():
     assert wrong.sum() <= 1 and outputs["status"][-1] == Status.NORMAL
 
 
-def test_a_step_of_little_more_than_a_cell_is_contradicted_by_the_latest_frames():
-    """25 m, twelve frames before the block ends: too near for a second return, and the old altitude still leads."""
-    path = np.where(np.arange(280) < 268, 500.0, 525.0)
-    outputs = tracked(flight(np.random.default_rng(25), path, -10.0))
+def test_a_step_of_a_weak_return_is_contradicted_by_the_latest_frames():
+    """Ten of forty frames show the new altitude: too few for a second return at -28 dB, but they are the latest."""
+    path = np.where(np.arange(200) < 190, 500.0, 600.0)
+    outputs = tracked(flight(np.random.default_rng(25), path, -28.0))
     assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
 
 
