@@ -338,6 +338,8 @@ def main() -> None:
         trainer.run(time.time() + 60 * args.minutes)
     except ChildProcessError as error:
         parser.error(str(error))
+    except KeyboardInterrupt:
+        parser.exit(130, "\ntrain.py: stopped; the same command goes on from the last report\n")
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)
 
