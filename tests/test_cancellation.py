@@ -1,5 +1,6 @@
 """The study of cancellation: its interference is what it says, its rows follow from the seed, its page is written."""
 
+import cancellation
 import numpy as np
 import pytest
 
@@ -98,6 +99,7 @@ def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
     held, without = (mixture_without(removed, -45.0, 6, [5]) for removed in ("nothing", "QPSK"))
     assert held["pd"] < 0.5 < 0.8 < without["pd"]
     assert set(CancellationStudy().tables["genie"].names) == set(held)
+    assert cancellation._describe([without]).startswith("mixture without QPSK, hybrid: Pd ")
     whole = [point.case for point in CancellationStudy().points() if point.table == "genie"]
     assert whole == list(REMOVED) and not CancellationStudy(cases=("qpsk",)).points()[-1].table == "genie"
 
