@@ -322,6 +322,20 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
         create("hybrid", W, other="lms")
 
 
+def test_beside_a_burst_the_network_alone_decides():
+    """Its quiet part is what the network lives on, and whitening spreads the burst over it."""
+    emitters = [
+        Interferer(emitter, 0.0, 0.3) for emitter in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=3))
+    ]
+    rng = np.random.default_rng(31)
+    frames = point_return(W, rng.uniform(3, 1500, 4), dtype=np.complex128)
+    frames += interference_frames(emitters, 4, 7500, W.rate_hz, rng, total_sir_db=-55.0)
+    frames = frames.astype(np.complex64)
+    hybrid, network = create("hybrid", W), create("tcae", W)
+    for frame in frames:
+        np.testing.assert_array_equal(hybrid.process(frame), network.process(frame))
+
+
 def test_hybrid_sums_network_and_whitening_where_neither_is_enough():
     """Tones, QPSK and 5 MHz NR at once, over the whole frame: both outputs hold the return, their errors differ."""
     altitude_m, frames = returns(60, 36)

@@ -19,18 +19,21 @@ _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough o
 _SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
+_PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
 class Hybrid(Mitigation):
     """`OfdmCancel` or `QpskCancel` where one can demodulate what fills the frame, the network or whitening elsewhere.
 
-    Card: *choice by signal.* Tones are fitted and subtracted first. Each frame goes to the method that knows
-    its interference. A chain gains nothing, since the first leaves a signal that the second is not made for.
-    The choice depends on what was demodulated, not on which output looks better. So no frame is chosen for its
-    altitude, and false altitudes are as rare as those of the method that had the frame. Where the network's
-    output holds more than half a return's power beside the return, the whitened frame is added to it. Both hold
-    the return, but their errors differ.
+    Card: *choice by signal.* Each frame goes to the method that knows its interference, to `OfdmCancel` and
+    `QpskCancel` without its tones, which are fitted and subtracted. A chain gains nothing, since the first leaves a
+    signal that the second is not made for. The choice depends on what was demodulated, not on which output looks
+    better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that had
+    the frame. Where interference lasts for the whole frame and the network's output holds more than half a return's
+    power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
+    output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
+    quiet part.
 
     Parameters
     ----------
@@ -92,18 +95,22 @@ class Hybrid(Mitigation):
             heard = frame if heard is None else heard
             cancelled = self._cancelled(heard)
             if cancelled is None:
-                row[:] = self._elsewhere(heard)
+                row[:] = self._elsewhere(frame, heard)
             else:
                 row[:] = cancelled
                 self.cancelled += 1
         return out
 
-    def _elsewhere(self, frame: np.ndarray) -> np.ndarray:
-        """(N,) frame that holds nothing to cancel, behind the other method."""
+    def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
+        """(N,) frame that holds nothing to cancel behind the other method; ``heard`` is it without its tones."""
+        if self._beside is None:
+            return self._other.process(heard)
         out = self._other.process(frame)
-        if self._beside is None or not self._detector.residual_db(out[None])[0] > _UNCLEAR_DB:
+        if not (_lasts(frame) and self._detector.residual_db(out[None])[0] > _UNCLEAR_DB):
             return out
-        white = self._beside.process(frame)
+        if heard is not frame:
+            out = self._other.process(heard)
+        white = self._beside.process(heard)
         level, white_level = np.linalg.norm(out), np.linalg.norm(white)
         return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
 
@@ -116,6 +123,13 @@ class Hybrid(Mitigation):
         if out is None or self._qpsk.busy < _BURST or (self._knows_paper and _spread(frame) < _SPREAD):
             return None
         return out
+
+
+def _lasts(frame: np.ndarray) -> bool:
+    """Whether an (N,) frame has no part that is much quieter than the others."""
+    part = frame.size // _PARTS
+    power = [np.vdot(x, x).real for x in frame[: part * _PARTS].reshape(_PARTS, part)]
+    return min(power) > _QUIET * np.mean(power)
 
 
 def _spread(frame: np.ndarray) -> float:
