@@ -52,7 +52,8 @@ def _lines(frame: np.ndarray) -> np.ndarray:
     """Cycles per frame of the lines that stand out of the spectrum around them."""
     count = frame.size
     spectrum = fft.fft(frame * _window(count))
-    level = spectrum.real**2 + spectrum.imag**2
+    with np.errstate(over="ignore"):  # of a level whose powers no float32 holds nothing is said
+        level = spectrum.real**2 + spectrum.imag**2
     if not level.max() > _PEAK * level.mean():
         return np.zeros(0)
     blocks = level[: count - count % _BLOCK].reshape(-1, _BLOCK)
