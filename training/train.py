@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import multiprocessing
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -338,11 +339,13 @@ def main() -> None:
         trainer.run(time.time() + 60 * args.minutes)
     except ChildProcessError as error:
         parser.error(str(error))
-    except KeyboardInterrupt:
-        parser.exit(130, "\ntrain.py: stopped; the same command goes on from the last report\n")
     if (trainer.folder / "log.csv").is_file():
         draw_curves(trainer.folder)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:  # in any of the recipes that a run begins with
+        print("\ntrain.py: stopped; the same command goes on from the last report", file=sys.stderr)
+        sys.exit(130)

@@ -7,6 +7,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft, ndimage
 
+from ...fir import cosine_window
+
 __all__ = ["without_tones"]
 
 _LINE = 30.0  # times the median power of the bins around it; of 7,500 bins of noise the largest has 13
@@ -43,13 +45,13 @@ def without_tones(frame: np.ndarray) -> np.ndarray | None:
 @lru_cache(maxsize=4)
 def _window(count: int) -> np.ndarray:
     """Hann window, (count,) float32, read-only."""
-    window = (0.5 - 0.5 * np.cos(2 * np.pi / count * np.arange(count))).astype(np.float32)
+    window = cosine_window("hann", count, periodic=True).astype(np.float32)
     window.setflags(write=False)
     return window
 
 
 def _lines(frame: np.ndarray) -> np.ndarray:
-    """Cycles per frame of the lines that stand out of the spectrum around them."""
+    """(k,) cycles per frame of the lines that stand out of the spectrum around them."""
     count = frame.size
     spectrum = fft.fft(frame * _window(count))
     with np.errstate(over="ignore"):  # of a level whose powers no float32 holds nothing is said
@@ -75,7 +77,7 @@ def _lines(frame: np.ndarray) -> np.ndarray:
 
 
 def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The frame less tones of about ``turns`` cycles per frame, and what these are exactly.
+    """(N,) complex64 frame less tones of about ``turns`` (k,) cycles per frame, and what these are exactly, (k,).
 
     Least squares over ``sum_k (a_k + b_k t) exp(2j pi f_k t)``, t in frames from the middle. What of ``b_k / a_k`` is
     imaginary is an error of ``f_k`` (Gauss and Newton's method).
