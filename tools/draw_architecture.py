@@ -25,7 +25,7 @@ FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
 
 # along the signal's way: a room imports itself and what stands before it
 ROOMS = (
-    "core",  # the files directly in core/: they know of no room
+    "core",  # what in core/ is no room of its own: it knows of none
     "core.radio.device",  # numbers of radios: the scene checks its own against them
     "core.returns",
     "core.interference",
@@ -153,8 +153,7 @@ def contents(room: str, package: Path = PACKAGE) -> str:
     other = {r.rpartition(".")[2] for r in ROOMS if r.rpartition(".")[0] == room}
     files = [] if room == "evaluation" else [f.stem for f in sorted(folder.glob("[!_]*.py"))]
     folders = [f.name + "/" for f in sorted(folder.iterdir()) if (f / "__init__.py").is_file()]
-    names = folders + files if room != "core" else files
-    return ", ".join(name for name in names if name.rstrip("/") not in other)
+    return ", ".join(name for name in folders + files if name.rstrip("/") not in other)
 
 
 def needed_arrows(arrows: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
