@@ -49,7 +49,8 @@ class SceneConfig:
     persistent : int
         Examples in a row that share their interferers, which go on from one to the next.
     any_sweep : bool
-        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate.
+        Every batch has a sweep of its own (`sweep_of`); its interference is made in proportion to its rate, NR also to
+        half of it and four times.
     recordings : tuple of str
         SigMF files of one's own; a third of the interferers are cut from them. See `split_recordings`.
     size, validation : int

@@ -24,6 +24,7 @@ from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from radalt.core.interference.placement import Emitter
 from radalt.core.mitigation.any_sweep import layout_of
+from radalt.core.mitigation.base import MitigationError
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -43,13 +44,16 @@ _FILTER_EDGE = (0.4, 0.49)  # of the rate: from there a receiver's filter falls 
 _CLOCK = 2e-6
 
 _OWN_SHARE = 0.3  # of the batches have the default sweep
-_SWEEP_SAMPLES = (600, 9000)  # per frame: longer ones cost as many steps
+_SWEEP_SAMPLES = (600, 20_000)  # per frame: longer ones cost as many steps
+# of the default rate: NR for another sweep is made at one of these, so that its 5 MHz are all of the band, two thirds of
+# it, or a sixth
+_NR_RATES = (0.5, 1.0, 1.0, 4.0)
 
 
 def sweep_of(config: SceneConfig, batch: int, waveform: Waveform) -> Waveform:
     """Sweep of a batch: ``waveform``, or with ``any_sweep`` in 70 % one drawn for it.
 
-    1 to 12 MHz, 0.2 to 5 ms, centred or not, sampled at the bandwidth or up to half above, 600 to 9,000 samples, at a
+    1 to 56 MHz, 0.2 to 10 ms, centred or not, sampled at the bandwidth or up to half above, 600 to 20,000 samples, at a
     rate that the network takes without resampling.
     """
     rng = np.random.default_rng([config.seed, 2 * 10**9, batch])
@@ -57,7 +61,7 @@ def sweep_of(config: SceneConfig, batch: int, waveform: Waveform) -> Waveform:
         return waveform
     while True:
         bandwidth_hz, sweep_s = (
-            float(np.exp(rng.uniform(*np.log(span)))) for span in ((1e6, 12e6), (2e-4, 5e-3))
+            float(np.exp(rng.uniform(*np.log(span)))) for span in ((1e6, 56e6), (2e-4, 1e-2))
         )
         rate_hz = max(2e6, bandwidth_hz * float(rng.choice([1.0, 1.0, rng.uniform(1.0, 1.5)])))
         centered = bool(rng.random() < 0.7)
@@ -65,10 +69,13 @@ def sweep_of(config: SceneConfig, batch: int, waveform: Waveform) -> Waveform:
         if not _SWEEP_SAMPLES[0] <= samples <= _SWEEP_SAMPLES[1]:
             continue
         drawn = Waveform(bandwidth_hz, sweep_s, samples / sweep_s, centered=centered)
-        samples = layout_of(drawn).samples
-        drawn = replace(drawn, rate_hz=samples / sweep_s)
-        if layout_of(drawn).samples == samples:
-            return drawn
+        try:
+            samples = layout_of(drawn).samples
+            drawn = replace(drawn, rate_hz=samples / sweep_s)
+            if layout_of(drawn).samples == samples:
+                return drawn
+        except MitigationError:  # outside what the network serves
+            continue
 
 
 _RECORDED = 1 / 3  # of the interferers, where there are recordings
@@ -110,7 +117,7 @@ def _shaped_bank(rate_hz: float) -> list[np.ndarray]:
     return bank
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def _nr_bank(channel_hz: float, rate_hz: float) -> list[np.ndarray]:
     """20 ms of NR carriers at several offsets, loads and cells."""
     rng = np.random.default_rng(int(channel_hz) % 1009)
@@ -212,6 +219,7 @@ def _interference(
 ) -> np.ndarray:
     """(samples,) complex128 of unit-power-return SIR drawn from the configuration; may be silent."""
     rate_hz = Waveform.rate_hz if config.any_sweep else waveform.rate_hz
+    other = config.any_sweep and waveform != Waveform()
     names = [name for name, _ in config.kinds]
     weights = np.array([weight for _, weight in config.kinds])
     total = np.zeros(samples, dtype=np.complex128)
@@ -223,7 +231,9 @@ def _interference(
             )
             emitter = RecordingEmitter(file=file, offset_hz=offset_hz)
         else:
-            emitter = _emitter(str(rng.choice(names, p=weights / weights.sum())), rate_hz, rng)
+            kind = str(rng.choice(names, p=weights / weights.sum()))
+            relative = float(rng.choice(_NR_RATES)) if other and kind.startswith("nr") else 1.0
+            emitter = _emitter(kind, relative * rate_hz, rng)
         if config.received and rng.random() < config.received:
             emitter = _Received(emitter)
         overlap = 1.0 if rng.random() < config.full_overlap else float(rng.uniform(0.02, 1.0))

@@ -69,12 +69,19 @@ RECIPES: dict[str, Recipe] = {
     "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
     "compact": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
     # the same weights for any sweep, and for frames that hold no return
-    "any_sweep": Recipe("compact", data="any_sweep", steps=1_300, rate=5e-4, start_from="compact", margin=26),
+    "any_sweep": Recipe("compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact", margin=26),
     # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks; each was
     # stopped after 20 epochs
     "paper": Recipe("paper", data="paper", stop=7_812, **_PAPER),
     "fc": Recipe("fc", data="paper", stop=7_812, **_PAPER),
     "cnn": Recipe("cnn", data="paper", stop=7_812, **_PAPER),
+    # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch each, from random weights
+    "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
+    "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),
+    "plateau_dropout_10": Recipe("paper_dropout_10", data="paper", stop=260, **_PAPER),
+    "plateau_dropout_30": Recipe("paper_dropout_30", data="paper", stop=260, **_PAPER),
+    "plateau_rate_1e-4": Recipe("paper", data="paper", stop=260, **(_PAPER | {"rate": 1e-4})),
+    "plateau_warm_up": Recipe("paper", data="paper", stop=260, **(_PAPER | {"schedule": "cosine"})),
     # comparison of architectures: same data, same number of examples, same loss
     "compare_compact_wide": Recipe("compact_wide", steps=700),
     "compare_beat_spectrum": Recipe("beat_spectrum", steps=700),

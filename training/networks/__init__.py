@@ -25,6 +25,9 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "mask": Mask,
     "residual": Residual,
     "paper": Paper,
+    "paper_dropout_0": lambda w: Paper(w, 0.0),
+    "paper_dropout_10": lambda w: Paper(w, 0.1),
+    "paper_dropout_30": lambda w: Paper(w, 0.3),
     "fc": FullyConnected,
     "cnn": Convolutional,
 }
