@@ -45,8 +45,8 @@ _CLOCK = 2e-6
 
 _OWN_SHARE = 0.3  # of the batches have the default sweep
 _SWEEP_SAMPLES = (600, 20_000)  # per frame: longer ones cost as many steps
-# of the default rate: NR for another sweep is made at one of these, so that its 5 MHz are all of the band, two thirds of
-# it, or a sixth
+# of the default rate: NR for another sweep is made at one of these, so that its 5 MHz are all of the band, two thirds
+# or a sixth of it
 _NR_RATES = (0.5, 1.0, 1.0, 4.0)
 
 

@@ -75,7 +75,7 @@ RECIPES: dict[str, Recipe] = {
     "paper": Recipe("paper", data="paper", stop=7_812, **_PAPER),
     "fc": Recipe("fc", data="paper", stop=7_812, **_PAPER),
     "cnn": Recipe("cnn", data="paper", stop=7_812, **_PAPER),
-    # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch each, from random weights
+    # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch, from random weights
     "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
     "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),
     "plateau_dropout_10": Recipe("paper_dropout_10", data="paper", stop=260, **_PAPER),
