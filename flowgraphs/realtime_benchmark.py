@@ -163,6 +163,18 @@ def _print(title: str, numbers: dict) -> None:
         f"grown by {mega * numbers['memory_growth_bytes']:.1f} MiB"
     )
 
+    outside = numbers["outside"]
+    gaps = ", ".join(
+        f"{longest:.0f} ms at most, {1e-3 * total:.2f} s in all over 20 ms"
+        for longest, total in zip(outside["longest_ms"], outside["total_ms"], strict=True)
+    )
+    print(f"  cores held up     {gaps}; stolen {outside['steal_s']:.2f} s")
+    if title == HELD:
+        print(
+            f"  samples waited    {numbers['source_held_up_s']:.2f} s in all, "
+            f"{1e3 * numbers['source_longest_hold_up_s']:.0f} ms at most"
+        )
+
 
 def _print_alone(numbers: dict) -> None:
     print("functions alone, in a loop without GNU Radio: FFTs per frame")
