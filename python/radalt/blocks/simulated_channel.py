@@ -32,8 +32,8 @@ class simulated_channel(gr.basic_block):
     jammer : bool
         Whether the second input exists.
     realtime : bool
-        Never faster than the sample rate, as radios are; for live views. Where the flowgraph takes no samples, those of a
-        radio would wait in its ring; here the clock waits, for ``held_up_s`` in all and ``longest_hold_up_s`` at once.
+        Never faster than the sample rate, as radios are; for live views. Where the flowgraph takes no samples, those of
+        a radio would wait in its ring; here the clock waits, ``held_up_s`` in all and ``longest_hold_up_s`` at once.
 
     Example
     -------
