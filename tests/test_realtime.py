@@ -100,6 +100,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
         "frame_segmenter",
         "calls per frame",
         "blocks that copy",
+        "kernels of simulated_channel",
         "tracker_none",
         "dropped",
         "memory",
