@@ -10,7 +10,8 @@
 Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
 drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
 in FFTs: CPU time per frame over that of one complex64 transform of a frame, timed in the same run. Beside each block's
-cost stands how often it was called per frame; at the end, what its function costs alone in a loop.
+cost stands how often it was called per frame; at the end, what its function costs alone in a loop, and what the
+arithmetic inside it costs (its kernels: transforms, random bits, elementary functions, products).
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.core.scene import load_scene
     from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
     from gnuradio.radalt.evaluation.realtime.gateway import gateway_seconds
+    from gnuradio.radalt.evaluation.realtime.kernels import kernel_seconds
     from gnuradio.radalt.evaluation.realtime.report import Benchmark
     from gnuradio.radalt.evaluation.realtime.study import (
         at_rate,
@@ -110,6 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         unit_s = fft_seconds(samples)
         alone_s = alone_seconds(in_turn, scene, batch=args.batch)
         alone_s["(six blocks that copy)"] = gateway_seconds(samples)
+        alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
         # in units of their own hour, and told in those of the run
         share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
         found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})
@@ -162,6 +165,18 @@ def _print(title: str, numbers: dict) -> None:
         f"  memory            {mega * numbers['memory_bytes']:.0f} MiB, "
         f"grown by {mega * numbers['memory_growth_bytes']:.1f} MiB"
     )
+
+    outside = numbers["outside"]
+    gaps = ", ".join(
+        f"{longest:.0f} ms at most, {1e-3 * total:.2f} s in all over 20 ms"
+        for longest, total in zip(outside["longest_ms"], outside["total_ms"], strict=True)
+    )
+    print(f"  cores held up     {gaps}; stolen {outside['steal_s']:.2f} s")
+    if title == HELD:
+        print(
+            f"  samples waited    {numbers['source_held_up_s']:.2f} s in all, "
+            f"{1e3 * numbers['source_longest_hold_up_s']:.0f} ms at most"
+        )
 
 
 def _print_alone(numbers: dict) -> None:

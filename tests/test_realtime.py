@@ -1,6 +1,9 @@
 """The live path's own accounts: CPU by block, latency, drops; frames that skip the network; no result by batch."""
 
 import dataclasses
+import os
+import signal
+import time
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.realtime.outside import OutsideWatch
 from gnuradio.radalt.evaluation.realtime.study import (
     at_rate,
     fly_benchmark,
@@ -96,6 +100,7 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
         "frame_segmenter",
         "calls per frame",
         "blocks that copy",
+        "kernels of simulated_channel",
         "tracker_none",
         "dropped",
         "memory",
@@ -103,6 +108,20 @@ def test_the_command_prints_and_writes_what_it_measured(tmp_path, capsys):
         assert word in printed
     assert realtime_benchmark.main(["--scene", "no_such_scene"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_core_that_is_held_up_from_outside_is_seen():
+    watch = OutsideWatch()
+    time.sleep(0.3)
+    held = watch._watchers[0].pid
+    os.kill(held, signal.SIGSTOP)
+    time.sleep(0.2)
+    os.kill(held, signal.SIGCONT)
+    time.sleep(0.1)
+    outside = watch.end()
+    assert outside.longest_ms[0] > 150
+    assert outside.total_ms[0] >= outside.longest_ms[0]
+    assert len(outside.longest_ms) == len(os.sched_getaffinity(0))
 
 
 def test_clean_frames_skip_the_network_and_others_do_not():

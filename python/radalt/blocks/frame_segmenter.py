@@ -28,9 +28,15 @@ from ._guard import guarded
 __all__ = ["frame_segmenter"]
 
 _STATUS_EVERY = 1000  # frames between unsolicited status messages
-# Part of the ring for which the scheduler offers room, at least. Where input has run out it halves its offer down to
-# this number and asks `forecast` each time, which cost more than the calls that found something to do.
-_PLACES = 0.25
+# Frames that wait beside the ring while something holds the methods up, and memory for wider ones. A method for which
+# frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
+_HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
+_SLOW_S = 1.0
+_POLL_S = 1e-3
+# Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
+# it halves its offer down to this number and asks `forecast` each time, which cost more than the calls that found
+# something to do.
+_PLACES = 32
 
 
 class frame_segmenter(gr.basic_block):
@@ -54,7 +60,10 @@ class frame_segmenter(gr.basic_block):
         altitude set by hand needs `follow`, or False here.
     drop_when_slow : bool
         Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
-        In simulation leave it off: nothing is lost by waiting.
+        While something holds the methods up, up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384
+        here. Where these wait for a second, or are too many, they are dropped, and for a second after a drop none wait
+        here. So behind a method that is slow for good at most 95 frames wait. In simulation leave it off: nothing is
+        lost by waiting.
 
     Example
     -------
@@ -95,8 +104,12 @@ class frame_segmenter(gr.basic_block):
         self._silent_from: int | None = None  # sample counter from which there is no timing
         self._said = False
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        self._places = int(_PLACES * frame_ring(self, n))
-        self.set_output_multiple(self._places)
+        places = min(_PLACES, frame_ring(self, n) // 4)
+        self.set_output_multiple(places)
+        # with fewer places free the scheduler would stop calling, and the radio would overflow
+        self._kept_free = places if drop_when_slow else 0
+        self._most_waiting = min(_HELD_UP, _HELD_UP_BYTES // (8 * n))
+        self._waits_from, self._dropped_at = 0, -np.inf  # by the input's sample counter
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -150,10 +163,13 @@ class frame_segmenter(gr.basic_block):
         if self._reacquire:
             self._reacquire = False
             self.segmenter.reacquire()
-        # a bounded bite: never more frames than the output can take
-        bite = input_items[0][: max(1, len(out) - len(self._ready)) * out.shape[1]]
-        if self.drop_when_slow:
-            bite = input_items[0]
+        # a bounded bite: never more frames than the output can take, unless they are to wait here
+        room = len(out) - self._kept_free - len(self._ready)
+        bite = input_items[0]
+        if room > 0 or not self.drop_when_slow:
+            bite = bite[: max(1, room) * out.shape[1]]
+        elif not bite.size:
+            time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
         self._take(bite)
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
@@ -193,18 +209,30 @@ class frame_segmenter(gr.basic_block):
 
     def _hand_on(self, out: np.ndarray) -> int:
         done = 0
-        while self._ready and done < len(out):
+        while self._ready and done < len(out) - self._kept_free:
             frame = self._ready.popleft()
-            if self.drop_when_slow and len(out) - done <= self._places:
-                # keep places free: with fewer the scheduler would stop calling, and the radio would overflow
-                self.dropped_slow += 1
-                continue
             out[done] = frame.samples
             self._inspect(frame)
             sent_m = self._known(frame.index)[0] if self._known is not None else float("nan")
             self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame, sent_m))
             done += 1
+        if self.drop_when_slow:
+            self._drop()
         return done
+
+    def _drop(self) -> None:
+        """Drop what waits where it is too much, or has waited for too long, or was dropped a moment ago."""
+        now, lasting = self.nitems_read(0), _SLOW_S * self._rate
+        if not self._ready:
+            self._waits_from = now
+        elif (
+            len(self._ready) > self._most_waiting
+            or now - self._waits_from > lasting
+            or now - self._dropped_at < lasting
+        ):
+            self.dropped_slow += len(self._ready)
+            self._ready.clear()
+            self._dropped_at = now
 
     def _inspect(self, frame: Frame) -> None:
         """Count saturation, keep the latency, and put a calibrated latency in place of the measured one."""

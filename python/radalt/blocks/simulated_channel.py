@@ -32,7 +32,8 @@ class simulated_channel(gr.basic_block):
     jammer : bool
         Whether the second input exists.
     realtime : bool
-        Never faster than the sample rate, as radios are; for live views.
+        Never faster than the sample rate, as radios are; for live views. Where the flowgraph takes no samples, those of
+        a radio would wait in its ring; here the clock waits, ``held_up_s`` in all and ``longest_hold_up_s`` at once.
 
     Example
     -------
@@ -61,7 +62,8 @@ class simulated_channel(gr.basic_block):
         self._pieces: deque[tuple[int, np.ndarray]] = deque()
         self._expected: int | None = None
         self._realtime = bool(realtime)
-        self._start_s = 0.0  # of sample 0, by the monotonic clock
+        self._start_s: float | None = None  # of sample 0, by the monotonic clock
+        self.held_up_s = self.longest_hold_up_s = 0.0  # for which a radio's samples would have had to wait
         self.set_tag_propagation_policy(gr.TPP_DONT)
         gather_frames(self, self._n)
 
@@ -93,8 +95,14 @@ class simulated_channel(gr.basic_block):
     def _wait(self) -> None:
         """Sleep while samples are ahead of the clock; a backlog is not caught up with."""
         now, sent_s = time.monotonic(), (self._expected or 0) / self._rate
-        self._start_s = max(self._start_s, now - sent_s)
-        time.sleep(max(0.0, self._start_s + sent_s - now))
+        if self._start_s is None:
+            self._start_s = now - sent_s
+        late_s = now - sent_s - self._start_s
+        if late_s > 0:
+            self._start_s += late_s
+            self.held_up_s += late_s
+            self.longest_hold_up_s = max(self.longest_hold_up_s, late_s)
+        time.sleep(max(0.0, -late_s))
 
     def _flush(self, out: np.ndarray, done: int) -> int:
         """Copy waiting pieces, tagging the first sample after a gap."""

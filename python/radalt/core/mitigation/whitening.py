@@ -11,7 +11,6 @@ from .base import Mitigation, MitigationError, PlotStyle, unit_peak
 __all__ = ["Whitening"]
 
 _SEAM_S = 5e-6  # within which the filter's response decays; a return loses 0.05 dB
-_ROUNDING = 1e-14  # of a frame's energy; a return 80 dB under a tone has 1e-12 a cell
 
 
 class Whitening(Mitigation):
@@ -49,15 +48,24 @@ class Whitening(Mitigation):
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         spectrum = fft.fft(unit_peak(batch), axis=1, overwrite_x=True)
-        power = spectrum.real**2 + spectrum.imag**2
-        smooth = ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap")
-        level = smooth.mean(axis=1, keepdims=True)
-        # floor: cells 60 dB under the mean are not worth raising to it
-        smooth = np.maximum(smooth / np.where(level > 0, level, 1), np.float32(1e-6))
-        # exp and log of float32 are vectorised, a power is not and costs as much as a transform
-        spectrum *= np.exp(np.float32(-self.exponent) * np.log(smooth))
+        spectrum *= self._gains(spectrum)
         out = fft.ifft(spectrum, axis=1, overwrite_x=True)
         # the frame's end is not its beginning: at the seam interference comes through, 40 dB above the rest
         out[:, : self._seam] = 0
         out[:, -self._seam :] = 0
         return out
+
+    def _gains(self, spectrum: np.ndarray) -> np.ndarray:
+        """(n, N) float32 factors of spectra (n, N), made in two arrays."""
+        power = np.square(spectrum.real)
+        smooth = np.square(spectrum.imag)
+        power += smooth
+        ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap", output=smooth)
+        level = smooth.mean(axis=1, keepdims=True)
+        smooth /= np.where(level > 0, level, 1)
+        # floor: cells 60 dB under the mean are not worth raising to it
+        np.maximum(smooth, np.float32(1e-6), out=smooth)
+        # exp and log of float32 are vectorised, a power is not and costs as much as a transform
+        np.log(smooth, out=smooth)
+        smooth *= np.float32(-self.exponent)
+        return np.exp(smooth, out=smooth)

@@ -54,6 +54,7 @@ class Benchmark:
             "calls_per_frame_by_block": {name: count / frames for name, count in m.calls.items()},
             "measured_share": min(1.0, min(m.frames.values()) / frames),
             "latency_ms": latency,
+            "outside": vars(m.outside),
         }
 
 

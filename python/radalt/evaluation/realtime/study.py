@@ -22,6 +22,7 @@ from ..flowgraph.generate import Prepared, generate
 from ..flowgraph.rewrite import load_grc, prune, simulate, tracked
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import blocks_of, run_to_end
+from .outside import Outside, OutsideWatch
 
 __all__ = ["Measurement", "at_rate", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
 
@@ -56,6 +57,11 @@ class Measurement:
     memory_bytes, memory_growth_bytes : int
         Resident memory at the end, that of the network's process included, and its growth after the first tenth of the
         run.
+    outside : Outside
+        What kept the cores from the run, from outside of it.
+    source_held_up_s, source_longest_hold_up_s : float
+        For how long, in all and at once, the simulated radio's samples were not taken in time; 0 where nothing was held
+        to real time. A radio's samples wait in its ring meanwhile, which the flowgraphs make 0.5 s long.
     """
 
     signal_s: float
@@ -70,6 +76,9 @@ class Measurement:
     skipped_frames: int
     memory_bytes: int
     memory_growth_bytes: int
+    outside: Outside
+    source_held_up_s: float
+    source_longest_hold_up_s: float
 
     @property
     def real_time_factor(self) -> float:
@@ -174,15 +183,19 @@ def fly_benchmark(
     tcae = getattr(top, "mitigation_tcae", None)
     beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
     watch = _Watch(blocks_of(top), beside)
+    cores = OutsideWatch()
     cpu = time.process_time()
-    wall = run_to_end(
-        top,
-        time_limit_s=time_limit_s,
-        over=lambda: watch.look(segmenter.segmenter.sample_counter),
-        poll_s=_POLL_S,
-        too_long=lambda limit_s: f"the run did not end within {limit_s:g} s; use fewer --seconds",
-    )
-    cpu = time.process_time() - cpu
+    try:
+        wall = run_to_end(
+            top,
+            time_limit_s=time_limit_s,
+            over=lambda: watch.look(segmenter.segmenter.sample_counter),
+            poll_s=_POLL_S,
+            too_long=lambda limit_s: f"the run did not end within {limit_s:g} s; use fewer --seconds",
+        )
+        cpu = time.process_time() - cpu
+    finally:
+        outside = cores.end()
     status = segmenter.status()
     if beside is not None:
         watch.cpu_s["network's process"] = 1e-9 * beside.outside_cpu_ns
@@ -200,6 +213,9 @@ def fly_benchmark(
         skipped_frames=tcae.status().get("skipped_frames", 0) if tcae is not None else 0,
         memory_bytes=watch.memory[-1][1],
         memory_growth_bytes=watch.growth_bytes(),
+        outside=outside,
+        source_held_up_s=top.simulated_channel.held_up_s,
+        source_longest_hold_up_s=top.simulated_channel.longest_hold_up_s,
     )
 
 
