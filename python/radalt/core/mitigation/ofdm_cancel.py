@@ -14,7 +14,6 @@ from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, 
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
-    MORE,
     MOVING,
     Before,
     Received,
@@ -24,7 +23,8 @@ from .ofdm.demodulator import (
     misfit,
     once_more,
 )
-from .ofdm.lattice import BLOCK, DENSE, box, middle, power, unit
+from .ofdm.echoes import grown
+from .ofdm.lattice import DENSE, amid, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
@@ -42,15 +42,12 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
-_MOST_READINGS = 8  # of a frame whose channel moves
-_MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_SYMBOLS_BESIDE = 2  # before and after, that tell so
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
@@ -84,14 +81,6 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
-
-
-def _amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
-    """(L, K) mean error of the ``heard`` elements around each one, in cells, each at most 1."""
-    number = np.arange(len(capped))
-    near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
-    told = near @ box(heard.astype(np.float32), BLOCK)
-    return near @ box(capped * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 class OfdmCancel(Mitigation):
@@ -230,10 +219,13 @@ class OfdmCancel(Mitigation):
         received = demodulate(grid, clear, numerology, FIRST)
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
-            moving = demodulate(replace(grid, channel=grid.middle()), clear, numerology, MOVING)
+            quarter = len(grid.starts) // 4
+            amid = grid.around(slice(quarter, len(grid.starts) - quarter))
+            moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
-            received = self._settled(grid, clear, received, numerology)
+            if received.misread.mean() > _PARTLY:
+                received = grown(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
@@ -320,16 +312,6 @@ class OfdmCancel(Mitigation):
         turn = turn.ravel()[: frame.size]
         return turn, frame * turn
 
-    @staticmethod
-    def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
-        """The frame read again and again while that mends symbols: what is right spreads to its neighbours."""
-        for _ in range(_MOST_READINGS if received.misread.mean() > _PARTLY else 0):
-            better = once_more(grid, clear, received, numerology, MORE)
-            if better.misread.mean() > _MENDS * received.misread.mean():
-                break
-            received = better
-        return received
-
     def _still(
         self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[np.ndarray, Received]:
@@ -340,7 +322,11 @@ class OfdmCancel(Mitigation):
         _, _, offsets = self._gather(grid.starts, numerology)
         frame = frame - self._samples(moving, received.weight > 0, grid.starts, numerology) * offsets
         symbols = transforms(frame, grid.starts, numerology) * received.phase
-        return frame, once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+        received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+        # what that change hid can be read now
+        if received.misread.mean() > _READ:
+            received = grown(grid, clear, received, numerology)
+        return frame, received
 
     def _subtract(
         self,
@@ -374,7 +360,7 @@ class OfdmCancel(Mitigation):
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (_amid(received.capped, heard) < _AMISS) if partly else both
+        asked = both & (amid(received.capped, heard.astype(np.float32)) < _AMISS) if partly else both
         kept = expected_return(received, asked, heard, lock.sir_db)
         lock.sir_db = None
         if kept is not None and partly:
