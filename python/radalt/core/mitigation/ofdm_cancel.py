@@ -14,6 +14,7 @@ from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, 
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
+    MORE,
     MOVING,
     Before,
     Received,
@@ -42,6 +43,8 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_MOST_READINGS = 8  # of a frame whose channel moves
+_MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
@@ -224,8 +227,7 @@ class OfdmCancel(Mitigation):
             moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
-            if received.misread.mean() > _PARTLY:
-                received = grown(grid, clear, received, numerology)
+            received = self._settled(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._subtract(straight, turn, grid, clear, received, lock)
@@ -311,6 +313,18 @@ class OfdmCancel(Mitigation):
         )
         turn = turn.ravel()[: frame.size]
         return turn, frame * turn
+
+    @staticmethod
+    def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
+        """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
+        if received.misread.mean() > _PARTLY:
+            received = grown(grid, clear, received, numerology)
+        for _ in range(_MOST_READINGS if received.misread.mean() > _PARTLY else 0):
+            better = once_more(grid, clear, received, numerology, MORE)
+            if better.misread.mean() > _MENDS * received.misread.mean():
+                break
+            received = better
+        return received
 
     def _still(
         self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology

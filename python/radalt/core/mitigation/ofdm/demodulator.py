@@ -18,6 +18,7 @@ __all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain
 # turn; in the end each subcarrier for itself
 FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0), (1, 1, 1.0))
 MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
+MORE = ((9, 2, 1.0), (3, 2, 1.0))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
