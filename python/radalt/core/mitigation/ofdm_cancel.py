@@ -24,7 +24,8 @@ from .ofdm.demodulator import (
     misfit,
     once_more,
 )
-from .ofdm.lattice import BLOCK, DENSE, box, middle, power, unit
+from .ofdm.echoes import grown
+from .ofdm.lattice import DENSE, amid, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
@@ -50,7 +51,6 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_SYMBOLS_BESIDE = 2  # before and after, that tell so
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
@@ -84,14 +84,6 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
-
-
-def _amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
-    """(L, K) mean error of the ``heard`` elements around each one, in cells, each at most 1."""
-    number = np.arange(len(capped))
-    near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
-    told = near @ box(heard.astype(np.float32), BLOCK)
-    return near @ box(capped * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 class OfdmCancel(Mitigation):
@@ -230,7 +222,9 @@ class OfdmCancel(Mitigation):
         received = demodulate(grid, clear, numerology, FIRST)
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
-            moving = demodulate(replace(grid, channel=grid.middle()), clear, numerology, MOVING)
+            quarter = len(grid.starts) // 4
+            amid = grid.around(slice(quarter, len(grid.starts) - quarter))
+            moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
             if moving.misread.mean() < received.misread.mean():
                 received = moving
             received = self._settled(grid, clear, received, numerology)
@@ -322,7 +316,9 @@ class OfdmCancel(Mitigation):
 
     @staticmethod
     def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
-        """The frame read again and again while that mends symbols: what is right spreads to its neighbours."""
+        """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
+        if received.misread.mean() > _PARTLY:
+            received = grown(grid, clear, received, numerology)
         for _ in range(_MOST_READINGS if received.misread.mean() > _PARTLY else 0):
             better = once_more(grid, clear, received, numerology, MORE)
             if better.misread.mean() > _MENDS * received.misread.mean():
@@ -340,7 +336,11 @@ class OfdmCancel(Mitigation):
         _, _, offsets = self._gather(grid.starts, numerology)
         frame = frame - self._samples(moving, received.weight > 0, grid.starts, numerology) * offsets
         symbols = transforms(frame, grid.starts, numerology) * received.phase
-        return frame, once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+        received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+        # what that change hid can be read now
+        if received.misread.mean() > _READ:
+            received = grown(grid, clear, received, numerology)
+        return frame, received
 
     def _subtract(
         self,
@@ -374,7 +374,7 @@ class OfdmCancel(Mitigation):
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (_amid(received.capped, heard) < _AMISS) if partly else both
+        asked = both & (amid(received.capped, heard.astype(np.float32)) < _AMISS) if partly else both
         kept = expected_return(received, asked, heard, lock.sir_db)
         lock.sir_db = None
         if kept is not None and partly:

@@ -12,7 +12,17 @@ from scipy import fft, ndimage
 from .lattice import BLOCK, box, middle, power, unit
 from .numerology import Numerology
 
-__all__ = ["Grid", "Prefix", "acquire", "carrier_step", "course", "find_prefix", "retuned", "transforms"]
+__all__ = [
+    "Grid",
+    "Prefix",
+    "acquire",
+    "carrier_step",
+    "course",
+    "find_prefix",
+    "level_in_use",
+    "retuned",
+    "transforms",
+]
 
 _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
 _SMOOTH = 9  # subcarriers over which a first channel is averaged
@@ -98,8 +108,8 @@ class Grid:
         Subcarriers worth demodulating.
     angles : (L,) float
         The symbols' phases in ``phase``, in radians; a quarter turn more or less is the same.
-    middle : function that returns (K,) complex64, or None
-        The channel in the frame's middle, where it was acquired; noisier, but right where the channel moves.
+    around : function that takes a slice of the symbols and returns (K,) complex64, or None
+        The channel at those symbols, where it was acquired; noisier, but right where the channel moves.
     """
 
     starts: np.ndarray
@@ -109,10 +119,10 @@ class Grid:
     channel: np.ndarray
     used: np.ndarray
     angles: np.ndarray
-    middle: Callable[[], np.ndarray] | None = None
+    around: Callable[[slice], np.ndarray] | None = None
 
 
-def _level(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def level_in_use(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Power per subcarrier where something is sent, and which subcarriers are in use: (K,) float32, (K,) bool."""
     share = box(clear.astype(np.float32), BLOCK)
     blocks = box(np.where(clear, power(symbols), 0), BLOCK) / np.maximum(share, 1e-3)
@@ -143,7 +153,7 @@ def acquire(
     _, starts = numerology.windows(middles, frame.size)
     symbols = transforms(frame, starts, numerology)
     clear = clear_of(starts)
-    level, used = _level(symbols, clear)
+    level, used = level_in_use(symbols, clear)
     fourth = symbols / np.sqrt(level)
     size = power(fourth)
     fourth *= fourth
@@ -174,7 +184,6 @@ def acquire(
     turned = course(vector)
     phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
     upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
-    part = slice(count // 4, count - count // 4)
     return Grid(
         starts,
         float(
@@ -187,7 +196,7 @@ def acquire(
         _channel(upright.sum(axis=0), level, numerology),
         used,
         turned / 4,
-        lambda: _channel(upright[part].sum(axis=0), level, numerology),
+        lambda part: _channel(upright[part].sum(axis=0), level, numerology),
     )
 
 

@@ -14,6 +14,7 @@ __all__ = [
     "SCALE",
     "SPARSE_POINTS",
     "Decisions",
+    "amid",
     "box",
     "middle",
     "decide",
@@ -46,6 +47,7 @@ _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
 _EXPLAINED = 0.3  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
 _FEWEST = 8  # elements of a block that tell something; a user has a hundred
+_SYMBOLS_BESIDE = 2  # before and after, whose errors tell of an element
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
 
 
@@ -87,6 +89,14 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
         if count > width:
             return out * np.float32(1 / width)
         ahead = ahead[..., : -count // 2] + ahead[..., count // 2 :]
+
+
+def amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
+    """(L, K) mean error of the ``heard`` (L, K) float32 elements around each one, in cells, each at most 1."""
+    number = np.arange(len(capped))
+    near = (np.abs(number[:, None] - number) <= _SYMBOLS_BESIDE).astype(np.float32)
+    told = near @ box(heard, BLOCK)
+    return near @ box(capped * heard, BLOCK) / np.maximum(told, np.float32(1e-3))
 
 
 def nearest(values: np.ndarray, points: int) -> np.ndarray:
