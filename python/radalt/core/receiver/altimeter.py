@@ -1,8 +1,8 @@
 """The altimeter: CFAR on beat spectra (`beat_spectra.py`), pairing of the sweeps, altitude (docs/design.md).
 
-Forced and declared decisions share one joint statistic. It is the sum over both half sweeps of ``-log P``, with ``P``
-the probability that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`,
-`PairSearch`).
+Of all pairs of cells that the allowed speeds permit, the one of greatest power over noise is the forced decision. It is
+declared by the sum over both half sweeps of ``-log P``, with ``P`` the probability that noise alone shows a cell's
+power (`Cfar`, `PairSearch`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .sweep_pairing import FLOOR, Found, PairSearch
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
-_CLEAR_DB = 999.0  # ambiguity where there is no rival at all
+_CLEAR_DB = 999.0  # greatest ambiguity that is given
 
 
 class Altimeter(BeatSpectra):

@@ -31,10 +31,12 @@ class Significance(NamedTuple):
 
     Attributes
     ----------
-    value : (n, 2, C) float32
-        ``-log P`` with ``P`` the probability that noise alone reaches the cell's power; in noise exponential of mean 1.
+    power : (n, 2, C) float32
+        Of the cells that have all their training cells.
     noise : (n, 2, C) float32
-        Noise level.
+        Noise level, without the cell's own energy.
+    level : (n, 2, C) or (n, 2, 1) float32
+        Noise level with it: the same for every cell of a white band, so that cells compare as their powers do.
     looks : (n, 2) float32
         Independent cells that the noise level is the mean of.
     support : (n, 2) float
@@ -45,12 +47,35 @@ class Significance(NamedTuple):
         How much a frame's threshold is lowered for narrow support: its cells are fewer independent trials.
     """
 
-    value: np.ndarray
+    power: np.ndarray
     noise: np.ndarray
+    level: np.ndarray
     looks: np.ndarray
     support: np.ndarray
     colour: np.ndarray
     spared: np.ndarray
+
+    @property
+    def value(self) -> np.ndarray:
+        """(n, 2, C) float32 significance of the cells, see `of`."""
+        return self.of(self.power, self.noise)
+
+    def of(self, power: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """(n, 2, k) ``-log P`` of powers over noise levels, with ``P`` the probability that noise alone reaches them.
+
+        In noise exponential of mean 1, whatever the number of looks is.
+        """
+        looks = self.looks[..., None]
+        value = noise * looks
+        np.divide(power, value, out=value)
+        value += np.float32(1.0)
+        np.log(value, out=value)  # of float32 it is vectorised, log1p is not
+        value *= looks
+        return value
+
+    def frames(self, which: np.ndarray) -> Significance:
+        """The same for some of the frames, by index or mask."""
+        return Significance(*(field[which] for field in self))
 
 
 @dataclass(frozen=True)
@@ -122,20 +147,20 @@ class Cfar:
             sums = sums + power[..., k : groups * q : q]
         whole = sums.sum(axis=-1, keepdims=True)
         noise = (whole - np.float32(self.energy) * cells) * np.float32(1.0 / (q * groups - self.energy))
+        level = whole * np.float32(1.0 / (q * groups))
+        least = level * np.float32(_ROUNDING) + np.float32(_TINY)
         colour = self._colour(sums, support)
         if colour.any():
             around = np.repeat(self._around(sums), q, axis=-1)
-            noise += colour.astype(np.float32)[..., None] * (around - noise)
-        np.maximum(noise, whole * np.float32(_ROUNDING / (q * groups)) + np.float32(_TINY), out=noise)
+            local = colour.astype(np.float32)[..., None]
+            noise += local * (around - noise)
+            level = level + local * (around - level)
+        np.maximum(noise, least, out=noise)
+        level = np.maximum(level, least)
         share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
         looks = np.maximum(support / (share * self.per_resolution) * q, _FEWEST).astype(np.float32)
-        value = noise * looks[..., None]
-        np.divide(cells, value, out=value)
-        value += np.float32(1.0)
-        np.log(value, out=value)
-        value *= looks[..., None]
         spared = -0.5 * ((1.0 - colour) * np.log(support)).sum(axis=1)
-        return Significance(value, noise, looks, support, colour, spared.astype(np.float32))
+        return Significance(cells, noise, level, looks, support, colour, spared.astype(np.float32))
 
     def declared_level(
         self, power: np.ndarray, cells: Significance, at: np.ndarray, span: slice
