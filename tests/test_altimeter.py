@@ -344,7 +344,7 @@ def test_the_pair_is_the_best_of_all_that_the_speeds_allow():
     rng = np.random.default_rng(32)
     for apart in ((0, 0), (-3, 3), (-9, 9), (2, 5), (-7, -4), (-60, 60)):
         value = rng.exponential(size=(20, 2, 40)).astype(np.float32) ** 2
-        search = PairSearch(Cfar(), 0, 40, apart, 4, 1.0, 1.0, 1.0, np.zeros(60), False)
+        search = PairSearch(Cfar(), 0, 40, apart, 4, 1.0, 1.0, 1.0, 1.0, np.zeros(60), False)
         pair, best, rival = search._best_pair(value)
         for k in range(20):
             pairs = [

@@ -64,6 +64,8 @@ class PairSearch:
         Cells per resolution cell.
     cell_threshold, pair_threshold : float
         On one cell's significance, and on the sum of two.
+    spare : float
+        By how much the threshold on a pair falls per `Significance.spared`: 1 per cell searched, 2 per pair of cells.
     flank : float
         Ratio of the power half a resolution cell away to a cell's own that no peak reaches.
     side_lobes : (J,) float array
@@ -79,6 +81,7 @@ class PairSearch:
     per_resolution: int
     cell_threshold: float
     pair_threshold: float
+    spare: float
     flank: float
     side_lobes: np.ndarray
     outshining: bool
@@ -108,7 +111,7 @@ class PairSearch:
         noise = cells.noise[n, halves, pair]
         each = cells.of(peak[..., None], noise[..., None])[..., 0]
         joint = each.sum(axis=1)
-        found = (joint + cells.spared > self.pair_threshold) & (each >= FLOOR).all(axis=1)
+        found = (joint > self.threshold(cells)) & (each >= FLOOR).all(axis=1)
         doubtful = np.nonzero(found & self._doubtful(joint, each, power.shape[-1]))[0]
         if doubtful.size:
             found[doubtful] = self._stands_out(
@@ -130,6 +133,10 @@ class PairSearch:
         looks = cells.looks.sum(axis=1)
         lead = looks * (np.log1p(best / looks) - np.log1p(np.maximum(rival, 0.0) / looks))
         return Found(reason, pair, around[..., 1:4], noise, lead)
+
+    def threshold(self, cells: Significance) -> np.ndarray:
+        """(n,) what the sum of both halves' significance has to exceed where noise lasts without a gap."""
+        return self.pair_threshold - self.spare * cells.spared
 
     def _single(self, cells: Significance) -> np.ndarray:
         """(n,) bool: whether each half sweep shows a cell above the threshold for one."""
@@ -172,8 +179,11 @@ class PairSearch:
         span = slice(margin + self.first, margin + self.last)
         noise, own = self.cfar.declared_level(power, cells, at, span)
         each = cells.of(peak[..., None], noise[..., None])[..., 0]
-        joint = each.sum(axis=1) + np.where(own, 0.0, cells.spared)
-        return (joint > self.pair_threshold) & (each >= FLOOR).all(axis=1)
+        # support alone spares once; more is for noise that is known to last without a gap
+        shared = 0.5 * ((1.0 - cells.colour) * self.cfar.shared(power, at)).sum(axis=1)
+        fall = cells.spared + (self.spare - 1.0) * np.clip(shared, 0.0, cells.spared)
+        threshold = self.pair_threshold - np.where(own, 0.0, fall)
+        return (each.sum(axis=1) > threshold) & (each >= FLOOR).all(axis=1)
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival.
