@@ -1,8 +1,8 @@
 """The altimeter: CFAR on beat spectra (`beat_spectra.py`), pairing of the sweeps, altitude (docs/design.md).
 
-Forced and declared decisions share one joint statistic. It is the sum over both half sweeps of ``-log P``, with ``P``
-the probability that noise alone shows a cell's power, for every pair of cells that the allowed speeds permit (`Cfar`,
-`PairSearch`).
+Of all pairs of cells that the allowed speeds permit, the one of greatest power over noise is the forced decision. It is
+declared by the sum over both half sweeps of ``-log P``, with ``P`` the probability that noise alone shows a cell's
+power (`Cfar`, `PairSearch`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .sweep_pairing import FLOOR, Found, PairSearch
 
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
-_CLEAR_DB = 999.0  # ambiguity where there is no rival at all
+_CLEAR_DB = 999.0  # greatest ambiguity that is given
 
 
 class Altimeter(BeatSpectra):
@@ -83,7 +83,13 @@ class Altimeter(BeatSpectra):
             if len(self._searches) >= 256:
                 self._searches.clear()
             partners = (most - least) / self._per_resolution
-            cells = (self._last - self._first) / self._per_resolution
+            s = self.settings
+            # as many as have an altitude that `_inside` lets pass
+            cells = 1.0 + (s.max_altitude_m - s.min_altitude_m) / self.waveform.range_resolution_m
+            level, lower = (
+                pair_threshold(self._false_alarms, cells, partners, share * self._crossings, FLOOR)
+                for share in (1.0, 0.25)  # of a half sweep, over which cells are correlated
+            )
             self._searches[least, most] = PairSearch(
                 cfar=self.cfar,
                 first=self._first,
@@ -91,7 +97,8 @@ class Altimeter(BeatSpectra):
                 apart=(least, most),
                 per_resolution=round(self._per_resolution),
                 cell_threshold=-float(np.log(self.settings.pfa)),
-                pair_threshold=pair_threshold(self._false_alarms, cells, partners, self._crossings, FLOOR),
+                pair_threshold=level,
+                spare=(level - lower) / float(np.log(4.0)),
                 flank=self._flank,
                 side_lobes=self._side_lobes,
                 outshining=self.settings.strategy == "strongest",
@@ -106,12 +113,15 @@ class Altimeter(BeatSpectra):
         self._crossings = upcrossings(shape)
         group = max(1, round(self._per_resolution))
         each = self._per_resolution / group  # groups a resolution cell: 1, but for FFT sizes that are none
+        turns = np.exp(2j * np.pi * step * np.arange(shape.size))  # by one cell
         self.cfar = Cfar(
             train=max(2, round(s.train_cells * each)),
             guard=round((s.guard_cells - 0.5) * each),
             group=group,
             per_resolution=self._per_resolution,
             energy=self._per_resolution * shape.size * float(np.sum(shape**2) / np.sum(shape) ** 2),
+            change=1.0 - float(abs(turns @ shape**2 / np.sum(shape**2)) ** 2),
+            whole=float(np.sum(shape**2) ** 2 / (shape.size * np.sum(shape**4))),
         )
         margin = self.cfar.margin
         inner = self.beat_hz[margin : self.beat_hz.size - margin]
@@ -264,12 +274,14 @@ class Altimeter(BeatSpectra):
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
         noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
         strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
-        strong &= _joint(before, pair) >= special.gammainccinv(2.0, pfa)  # of the sum of two exponentials
+        least = special.gammainccinv(2.0, pfa)  # of the sum of two exponentials
+        strong &= _joint(before, pair) + before.spared >= least
         beats = self.beat_hz[pair + self.cfar.margin]
         inside = self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
         declared, nothing = found.reason == Reason.OK, found.reason == Reason.NO_DETECTION
         if pfa < 1.0:
-            there = nothing & (_joint(after, pair) >= self._search_within((0.0, 0.0)).pair_threshold)
+            still = self._search_within((0.0, 0.0))
+            there = nothing & (_joint(after, pair) >= still.threshold(after))
             declared, nothing = declared | there, nothing & ~there
         return (strong & inside & declared) | nothing
 
@@ -382,7 +394,7 @@ class Altimeter(BeatSpectra):
 def _joint(cells: Significance, pair: np.ndarray) -> np.ndarray:
     """(n,) joint significance of pairs (n, 2), each half by the strongest of a cell and its neighbours."""
     near = np.clip(pair[..., None] + np.arange(-1, 2), 0, cells.value.shape[-1] - 1)
-    return np.take_along_axis(cells.value, near, axis=-1).max(axis=-1).sum(axis=-1) + cells.spared
+    return np.take_along_axis(cells.value, near, axis=-1).max(axis=-1).sum(axis=-1)
 
 
 @lru_cache(maxsize=64)

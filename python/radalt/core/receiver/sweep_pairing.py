@@ -19,6 +19,9 @@ _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies o
 _HALVES = np.arange(2)
 _OUTSHINING = 10.0  # power of a return beyond the span over the cells found
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
+# Points per cell where pairs compete: a return between two cells loses up to 0.4 dB of a peak that holes in the sweep
+# narrow, and a grating lobe that lies on a cell then wins.
+_FINER = 2
 
 
 class Found(NamedTuple):
@@ -35,7 +38,7 @@ class Found(NamedTuple):
     noise : (n, 2) float32
         Noise level of each cell.
     lead : (n,) float32
-        Joint significance of the pair less that of the best other pair; infinite if there is none.
+        Joint significance of the pair less that of the best other pair, both halves' noise taken as one.
     """
 
     reason: np.ndarray
@@ -61,6 +64,8 @@ class PairSearch:
         Cells per resolution cell.
     cell_threshold, pair_threshold : float
         On one cell's significance, and on the sum of two.
+    spare : float
+        By how much the threshold on a pair falls per `Significance.spared`: 1 per cell searched, 2 per pair of cells.
     flank : float
         Ratio of the power half a resolution cell away to a cell's own that no peak reaches.
     side_lobes : (J,) float array
@@ -76,15 +81,18 @@ class PairSearch:
     per_resolution: int
     cell_threshold: float
     pair_threshold: float
+    spare: float
     flank: float
     side_lobes: np.ndarray
     outshining: bool
 
     def __call__(self, power: np.ndarray, cells: Significance) -> Found:
-        """The pair of greatest joint significance, and whether it is a target.
+        """The pair of greatest power over noise, and whether it is a target.
 
-        Forced and declared decisions are the same pair: it is declared if the sum exceeds the threshold and each half
-        sweep shows it above a floor of its own.
+        All cells of a half sweep share its noise, so that the most likely pair is that of the greatest sum of powers
+        over it, however uncertain the noise is. Significance would let a lobe win that is even in both halves. Forced
+        and declared decisions are the same pair: it is declared if the sum of its significance exceeds the threshold
+        and each half sweep shows it above a floor of its own.
 
         Parameters
         ----------
@@ -92,33 +100,49 @@ class PairSearch:
         cells : Significance
             Of the cells with a noise level.
         """
-        value = cells.value[..., self.first : self.last]
-        pair, joint, lead = self._best_pair(value)
-        n, halves = np.arange(len(pair))[:, None], _HALVES
-        each = value[n, halves, pair]
-        found = (joint + cells.spared > self.pair_threshold) & (each >= FLOOR).all(axis=1)
-        pair += self.first
+        fine = self._finer(power)
+        level = cells.level
+        if level.shape[-1] > 1:
+            level = np.repeat(level[..., self.first : self.last], _FINER, axis=-1)[..., : fine.shape[-1]]
+        at, best, rival = self._best_pair(fine / level)
+        n, halves = np.arange(len(at))[:, None], _HALVES
+        peak = fine[n, halves, at]
+        pair = self._cells_of(at, power)
+        noise = cells.noise[n, halves, pair]
+        each = cells.of(peak[..., None], noise[..., None])[..., 0]
+        joint = each.sum(axis=1)
+        found = (joint > self.threshold(cells)) & (each >= FLOOR).all(axis=1)
         doubtful = np.nonzero(found & self._doubtful(joint, each, power.shape[-1]))[0]
         if doubtful.size:
-            some = Significance(*(field[doubtful] for field in cells))
-            found[doubtful] = self._stands_out(power[doubtful], some, pair[doubtful])
+            found[doubtful] = self._stands_out(
+                power[doubtful], cells.frames(doubtful), pair[doubtful], peak[doubtful]
+            )
         reason = np.full(len(found), Reason.OK)
         if not found.all():
-            single = (value[~found].max(axis=-1) > self.cell_threshold).all(axis=-1)
-            reason[~found] = np.where(single, Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
+            single = self._single(cells)
+            reason[~found] = np.where(single[~found], Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
         far = max(1, self.per_resolution // 2)
         steps = self.cfar.margin + np.array([-far, -1, 0, 1, far])
-        around, noise = (
-            power[n[..., None], _HALVES[:, None], pair[..., None] + steps],
-            cells.noise[n, halves, pair],
-        )
+        around = power[n[..., None], _HALVES[:, None], pair[..., None] + steps]
         cut, beyond = self._on_flank(around[..., ::2], pair, noise)
         side_lobe, outshone = self._outshone(power, pair, around[..., 2])
         doubt = cut | side_lobe
         if (doubt | beyond).any() or outshone.any():
             reason[found & doubt.any(axis=1)] = Reason.SWEEPS_DISAGREE
             reason[found & (beyond.any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
+        looks = cells.looks.sum(axis=1)
+        lead = looks * (np.log1p(best / looks) - np.log1p(np.maximum(rival, 0.0) / looks))
         return Found(reason, pair, around[..., 1:4], noise, lead)
+
+    def threshold(self, cells: Significance) -> np.ndarray:
+        """(n,) what the sum of both halves' significance has to exceed where noise lasts without a gap."""
+        return self.pair_threshold - self.spare * cells.spared
+
+    def _single(self, cells: Significance) -> np.ndarray:
+        """(n,) bool: whether each half sweep shows a cell above the threshold for one."""
+        span = slice(self.first, self.last)
+        factor = cells.looks * np.expm1(self.cell_threshold / cells.looks)
+        return (cells.power[..., span] > cells.noise[..., span] * factor[..., None]).any(axis=-1).all(axis=-1)
 
     def _doubtful(self, joint: np.ndarray, each: np.ndarray, count: int) -> np.ndarray:
         """(n,) bool: whether a pair might not be declared against the highest level that the span can have of its own.
@@ -128,31 +152,53 @@ class PairSearch:
         most = (count - self.cfar.energy) / (self.last - self.first - self.cfar.energy)
         return (joint <= most * self.pair_threshold) | (each < most * FLOOR).any(axis=1)
 
-    def _stands_out(self, power: np.ndarray, cells: Significance, pair: np.ndarray) -> np.ndarray:
-        """(n,) bool: whether pairs exceed the threshold over `Cfar.declared_level`."""
+    def _finer(self, power: np.ndarray) -> np.ndarray:
+        """(n, 2, points) power over the span, with a point between any two cells: a cubic through four."""
+        cells = power[..., self.cfar.margin + self.first - 1 : self.cfar.margin + self.last + 1]
+        inner = cells[..., 1:-1]
+        fine = np.empty((*inner.shape[:-1], _FINER * inner.shape[-1] - 1), dtype=np.float32)
+        fine[..., ::_FINER] = inner
+        between = np.float32(9.0 / 16.0) * (inner[..., :-1] + inner[..., 1:])
+        between -= np.float32(1.0 / 16.0) * (cells[..., :-3] + cells[..., 3:])
+        np.maximum(between, 0.0, out=fine[..., 1::_FINER])
+        return fine
+
+    def _cells_of(self, at: np.ndarray, power: np.ndarray) -> np.ndarray:
+        """(n, 2) cells, counted from the margin, of points of `_finer`; between two the stronger."""
+        cell = at // _FINER + self.first
+        here = cell[..., None] + self.cfar.margin + np.arange(2)
+        two = np.take_along_axis(power, here, axis=-1)
+        return cell + ((at % _FINER > 0) & (two[..., 1] > two[..., 0]))
+
+    def _stands_out(
+        self, power: np.ndarray, cells: Significance, pair: np.ndarray, peak: np.ndarray
+    ) -> np.ndarray:
+        """(n,) bool: whether pairs of peak powers (n, 2) exceed the threshold over `Cfar.declared_level`."""
         margin = self.cfar.margin
         at = pair + margin
         span = slice(margin + self.first, margin + self.last)
         noise, own = self.cfar.declared_level(power, cells, at, span)
-        ratio = np.take_along_axis(power, at[..., None], axis=-1)[..., 0] / noise
-        each = cells.looks * np.log1p(ratio / cells.looks)
-        joint = each.sum(axis=1) + np.where(own, 0.0, cells.spared)
-        return (joint > self.pair_threshold) & (each >= FLOOR).all(axis=1)
+        each = cells.of(peak[..., None], noise[..., None])[..., 0]
+        # support alone spares once; more is for noise that is known to last without a gap
+        shared = 0.5 * ((1.0 - cells.colour) * self.cfar.shared(power, at)).sum(axis=1)
+        fall = cells.spared + (self.spare - 1.0) * np.clip(shared, 0.0, cells.spared)
+        threshold = self.pair_threshold - np.where(own, 0.0, fall)
+        return (each.sum(axis=1) > threshold) & (each >= FLOOR).all(axis=1)
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(n, 2) cells of the greatest sum of (n, 2, cells), the sum, and its lead over the best rival.
+        """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival.
 
         A rival has a cell beyond the main lobe in at least one half sweep: a side lobe, or a grating lobe of what is
         left of a sweep.
         """
         up, down = value[:, 0], value[:, 1]
-        least, most = self.apart
+        least, most = (_FINER * cells for cells in self.apart)
         count, n = up.shape[1], np.arange(len(up))
         padded = self._padded(down)
         joint = up + _running_maxima(padded, most - least + 1)[:, -count:]
         cell = joint.argmax(axis=1)
         best = joint[n, cell]
-        lobe = max(1, round(_MAIN_LOBE * self.per_resolution))
+        lobe = max(1, round(_MAIN_LOBE * _FINER * self.per_resolution))
         # partners of the main lobe of the up cell: those of its own cell are in the middle
         first = cell[:, None] - lobe
         near = padded[
@@ -165,11 +211,11 @@ class PairSearch:
         steps = np.arange(near.shape[1])
         near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
         rest = up[n[:, None], ups] + _running_maxima(near, most - least + 1)
-        return pair, best, best - np.maximum(joint.max(axis=1), rest.max(axis=1))
+        return pair, best, np.maximum(joint.max(axis=1), rest.max(axis=1))
 
     def _padded(self, down: np.ndarray) -> np.ndarray:
-        """Down cells, so that the partners that the allowed differences give up cell ``k`` start at ``k``."""
-        least, most = self.apart
+        """Down points, so that the partners that the allowed differences give up point ``k`` start at ``k``."""
+        least, most = (_FINER * cells for cells in self.apart)
         count = down.shape[1]
         padded = np.full((len(down), count + most - least), -np.inf, dtype=down.dtype)
         low, high = (
