@@ -58,18 +58,22 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
     assert (folder / "compact_first/log.csv").read_text().splitlines()[-1].startswith("30,")
 
 
-def test_export_for_every_sweep_loads_and_keeps_its_contract(training, root, tmp_path):
+def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(training, root, tmp_path):
+    """The weights of `tcae.onnx` in a graph that takes a sweep's tables: the same result but for rounding."""
     model = tmp_path / "any.onnx"
     chosen = ("compact", "--weights", root / "models/tcae.onnx", "--any-sweep", "--out", model)
     status, said, errors = training("export.py", *chosen)
     assert status == 0, errors
     assert "against PyTorch: relative error" in said
+    rng = np.random.default_rng(2)
+    noise = rng.standard_normal((2, 7500, 2)).view(np.complex128)[..., 0]
+    frames = (Waveform().reference + noise).astype(np.complex64)
+    unchecked = {"shift_check": False, "skip_white": False}
+    mine = create("tcae", Waveform(), model=model, **unchecked).process(frames)
+    own = create("tcae", Waveform()).process(frames)
+    assert np.linalg.norm(mine - own) < 1e-4 * np.linalg.norm(own)
     frame = SWEEP.reference[None].copy()
-    mine, shipped = (
-        create("tcae", SWEEP, model=file, shift_check=False).process(frame)
-        for file in (model, root / "models/any_sweep.onnx")
-    )
-    np.testing.assert_allclose(mine, shipped, atol=0.2 * np.abs(shipped).max())
+    assert np.isfinite(create("tcae", SWEEP, model=model).process(frame).view(np.float32)).all()
 
 
 def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
