@@ -52,8 +52,11 @@ RECIPE = {
         "float32 on a shared two-core machine, three hours in all."
     ),
     "any_sweep": (
-        "The weights of `tcae.onnx`, to the bit, in a graph that takes the tables of a sweep as inputs "
-        "(`training/export.py --any-sweep`). Trained at 7.5 MHz in 1 ms only."
+        "From the weights of `tcae.onnx` on. Every batch of 32 has a sweep of its own: three in ten that of `tcae.onnx`, "
+        "the others 1 to 56 MHz in 0.2 to 10 ms, centred or not, 600 to 20,000 samples. A fifth of the frames has no "
+        "return, and the noise as target; 8 % have two; other radars are among the interferers; four interferers of "
+        "ten come as a receiver hears them. Peak rate 1e-3, cosine to zero; the validation loss fell from -2.49 (after "
+        "100 steps) to -2.83 nepers (`training/logs/any_sweep.csv`). 52 minutes of a part of two busy cores."
     ),
     "paper": (
         "The paper's recipe: its set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam "
@@ -86,8 +89,8 @@ LIMITS = {
     ),
     "any_sweep": (
         "Sweeps of 1 to 56 MHz, 0.2 to 10 ms and 2 to 56 MS/s, frames aligned with the sweep, returns at 0-1500 m. "
-        "Without the test for white noise it makes altitudes of noise at some sweeps; what the checks leave of that "
-        "stands in the table. Otherwise as `tcae.onnx`."
+        "Without the shift check it makes altitudes of interference alone at narrow sweeps; what the checks leave of "
+        "that stands in the table. At 7.5 MHz `tcae.onnx` is a little ahead. Otherwise as that."
     ),
     "paper": (
         "Same frames. Trained on rectangular QPSK and tones at SIR -20..0 dB: it gains 4 to 17 dB on rectangular QPSK "

@@ -2,10 +2,9 @@
 variants.
 
     PYTHONPATH=python .venv-train/bin/python training/export.py compact --out models/tcae.onnx
-    PYTHONPATH=python .venv-train/bin/python training/export.py compact --weights models/tcae.onnx --any-sweep
-        --out models/any_sweep.onnx
+    PYTHONPATH=python .venv-train/bin/python training/export.py any_sweep --any-sweep --out models/any_sweep.onnx
 
-The second takes the weights and their provenance from an exported model and writes a network that serves every sweep.
+The second writes a network that serves every sweep. ``--weights`` takes weights and provenance from an exported model.
 
 Variants store or compute weights in fewer bits: ``float32``; ``float16`` and ``int8`` store them so and
 widen them once when the model is loaded (the arithmetic stays float32); ``int8-dynamic`` computes matrix

@@ -100,8 +100,8 @@ class Tcae(Mitigation):
 
     skip_white : bool or None
         Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
-        in ``skipped_frames``: a network that sees other sweeps than it was trained on makes altitudes of noise. None:
-        on for a network of any sweep. 5G wider than the sweep looks white, too.
+        in ``skipped_frames``: what is not touched costs nothing and holds no invention. None: on for a network of any
+        sweep. 5G wider than the sweep looks white, too.
 
     Notes
     -----
