@@ -16,6 +16,7 @@ from radalt.evaluation.integrity.study import IntegrityStudy
 from radalt.evaluation.landing import config as landing
 from radalt.evaluation.landing.study import LandingStudy
 from radalt.evaluation.leaving_out.study import LeavingOutStudy
+from radalt.evaluation.realtime.outside import Outside
 from radalt.evaluation.realtime.report import Benchmark
 from radalt.evaluation.realtime.report import write_report as write_benchmark
 from radalt.evaluation.realtime.study import Measurement
@@ -95,6 +96,9 @@ def _realtime(path):
         0,
         1,
         0,
+        Outside(0.0, (3.0, 25.0), (0.0, 25.0)),
+        0.0,
+        0.0,
     )
     head = {"study": "realtime", "command": RUN.command, "scene": {"name": "paper"}, "methods": ["none"]}
     folder = RunFolder(path, head | {"versions": {"radalt": "0"}})

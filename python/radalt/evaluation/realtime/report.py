@@ -88,11 +88,14 @@ def _rates(runs: Mapping[str, Mapping[str, Any]]) -> str:
             r["lost_samples"],
             number(r["memory_bytes"] / 2**20, 0),
             number(r["memory_growth_bytes"] / 2**20, 1),
+            number(max(r["outside"]["longest_ms"]), 0),
+            number(r["source_held_up_s"]),
         ]
         for name, r in runs.items()
     ]
     header = ["run", "signal / s", "real-time factor", "FFTs per frame", "one FFT / µs", "measured / %"]
-    return table([*header, "dropped frames", "lost samples", "memory / MiB", "growth / MiB"], lines)
+    header += ["dropped frames", "lost samples", "memory / MiB", "growth / MiB", "latest wake-up / ms"]
+    return table([*header, "samples waited / s"], lines)
 
 
 def _blocks(runs: Mapping[str, Mapping[str, Any]]) -> str:
