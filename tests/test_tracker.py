@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.integrator import Integrator, Measurement
-from radalt.core.receiver.track import Evidence, Kalman
-from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
+from radalt.core.receiver.integrator import Entry, Integrator, Measurement
+from radalt.core.receiver.track import Evidence, Kalman, Track
+from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings, _exceeds
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.waveform import Waveform
@@ -374,6 +374,26 @@ def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
     assert evidence.farthest(4.0, (-2, 2), 1.0, (-20.0, 4.0)) == (0.0, 0.0)
     assert evidence.farthest(4.0, (-2, 2), 6.0, everywhere) == (0.0, 0.0)  # within the main lobe
     assert evidence.farthest(0.9, (-2, 2), 1.0, everywhere) == (0.0, 0.0)
+
+
+def test_a_lobe_that_wins_the_votes_alone_does_not_outdo_a_return():
+    found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.zeros(2), 9.0, 0)
+    for strength, power, outdone in ((50.0, 5.0, False), (30.0, 20.0, False), (50.0, 20.0, True)):
+        assert _exceeds(Entry(strength, 525.0, (0, 0), power, 0), found, 3.0) is outdone
+
+
+def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_leave_open():
+    """Four level altitudes 40 ms apart: a deviation of 0.5 m per altitude, and what an acceleration adds meanwhile."""
+    found = Measurement(500.0, 0.0, 0.25, 0.01, 40.0, np.zeros(2), 9.0, 0)
+    for acceleration in (1.0, 400.0):
+        tracker = AltitudeTracker(FAST, TrackerSettings(doppler=True, acceleration_m_per_s2=acceleration))
+        track = Track(Kalman(np.array([500.0, 0.0]), np.eye(2)), Evidence(2.0))
+        for k in range(4):
+            track.take(found, 40.0 * k)
+        slope_variance = 0.25 / np.sum((0.04 * (np.arange(4) - 1.5)) ** 2)
+        sigma = np.sqrt(slope_variance + (acceleration * 0.04 * 2.0) ** 2 + 0.01)
+        cells = int(np.ceil(tracker._noise_sigmas * sigma / tracker.integrator.speed_per_cell))
+        assert tracker._open_cells(track) == (-cells, cells)
 
 
 def test_a_filter_notices_innovations_beyond_what_it_expects():
