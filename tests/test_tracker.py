@@ -90,6 +90,39 @@ def test_frames_moved_by_their_speed_lose_nothing_of_a_fast_return():
     assert 10 * np.log10(unmoved / still) < -3.0
 
 
+def test_spectra_are_moved_by_fractions_of_a_cell_one_by_one_and_in_the_sum():
+    """Reference: linear interpolation of each frame by itself; beyond the band there is nothing to move in."""
+    tables = Integrator(FAST, 8, doppler=True, max_speed_m_per_s=150.0)  # the fewest frames there may be
+    values = np.random.default_rng(27).exponential(size=(8, 2, 60)).astype(np.float32)
+    shifts, cells = np.linspace(-3.3, 2.9, 8), np.arange(60)
+    expected = np.stack(
+        [
+            [np.interp(cells + shift, cells, half) for half in frame]
+            for shift, frame in zip(shifts, values, strict=True)
+        ]
+    )
+    inner = slice(4, 56)
+    np.testing.assert_allclose(tables.moved(values, shifts)[..., inner], expected[..., inner], atol=1e-5)
+    total = tables.moved_sum(values, shifts)
+    np.testing.assert_allclose(total[..., inner], expected.sum(axis=0)[..., inner], atol=1e-4)
+
+
+@pytest.mark.parametrize("doppler", [True, False])
+def test_every_row_of_the_table_stands_for_its_own_speed(doppler):
+    """By the cells that Doppler sets up and down beats apart, or by the speed that frames are moved by."""
+    tables = Integrator(FAST, 40, doppler=doppler, max_speed_m_per_s=100.0)
+    apart, moved = tables.rows[:, 1], tables.speeds[tables.rows[:, 0]]
+    step = np.diff(tables.speeds).max()
+    assert tables.speeds.max() + 0.5 * step == pytest.approx(100.0)  # half a step blurs a block by little
+    if doppler:
+        speed = W.beats_to_vertical_speed_m_per_s(apart * tables.cell_hz, 0.0)
+        assert speed.max() >= 100.0 and np.abs(moved - speed).max() < 0.75 * step
+    else:
+        speed = moved
+        assert set(apart) == {-1, 0, 1} and np.ptp(speed) == pytest.approx(2 * tables.speeds.max())
+    np.testing.assert_allclose(tables.row_speed, speed, atol=1e-6)
+
+
 def test_measurement_knows_its_own_error():
     """Squared error over its claimed variance has a mean of one: 120 blocks, at two strengths."""
     rng, ratio = np.random.default_rng(3), []
