@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.integrator import Integrator, Measurement
-from radalt.core.receiver.track import Evidence, Kalman
-from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
+from radalt.core.receiver.integrator import Entry, Integrator, Measurement
+from radalt.core.receiver.track import Evidence, Kalman, Track
+from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings, _exceeds
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.waveform import Waveform
@@ -88,6 +88,39 @@ def test_frames_moved_by_their_speed_lose_nothing_of_a_fast_return():
     assert 10 * np.log10(np.mean([b.best().power for b in blocks]) / still) > -1.2
     unmoved = np.mean([b.tables.moved_sum(b._ratio, np.zeros(320)).max() / 320 - 1 for b in blocks])
     assert 10 * np.log10(unmoved / still) < -3.0
+
+
+def test_spectra_are_moved_by_fractions_of_a_cell_one_by_one_and_in_the_sum():
+    """Reference: linear interpolation of each frame by itself; beyond the band there is nothing to move in."""
+    tables = Integrator(FAST, 8, doppler=True, max_speed_m_per_s=150.0)  # the fewest frames there may be
+    values = np.random.default_rng(27).exponential(size=(8, 2, 60)).astype(np.float32)
+    shifts, cells = np.linspace(-3.3, 2.9, 8), np.arange(60)
+    expected = np.stack(
+        [
+            [np.interp(cells + shift, cells, half) for half in frame]
+            for shift, frame in zip(shifts, values, strict=True)
+        ]
+    )
+    inner = slice(4, 56)
+    np.testing.assert_allclose(tables.moved(values, shifts)[..., inner], expected[..., inner], atol=1e-5)
+    total = tables.moved_sum(values, shifts)
+    np.testing.assert_allclose(total[..., inner], expected.sum(axis=0)[..., inner], atol=1e-4)
+
+
+@pytest.mark.parametrize("doppler", [True, False])
+def test_every_row_of_the_table_stands_for_its_own_speed(doppler):
+    """By the cells that Doppler sets up and down beats apart, or by the speed that frames are moved by."""
+    tables = Integrator(FAST, 40, doppler=doppler, max_speed_m_per_s=100.0)
+    apart, moved = tables.rows[:, 1], tables.speeds[tables.rows[:, 0]]
+    step = np.diff(tables.speeds).max()
+    assert tables.speeds.max() + 0.5 * step == pytest.approx(100.0)  # half a step blurs a block by little
+    if doppler:
+        speed = W.beats_to_vertical_speed_m_per_s(apart * tables.cell_hz, 0.0)
+        assert speed.max() >= 100.0 and np.abs(moved - speed).max() < 0.75 * step
+    else:
+        speed = moved
+        assert set(apart) == {-1, 0, 1} and np.ptp(speed) == pytest.approx(2 * tables.speeds.max())
+    np.testing.assert_allclose(tables.row_speed, speed, atol=1e-6)
 
 
 def test_measurement_knows_its_own_error():
@@ -374,6 +407,26 @@ def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
     assert evidence.farthest(4.0, (-2, 2), 1.0, (-20.0, 4.0)) == (0.0, 0.0)
     assert evidence.farthest(4.0, (-2, 2), 6.0, everywhere) == (0.0, 0.0)  # within the main lobe
     assert evidence.farthest(0.9, (-2, 2), 1.0, everywhere) == (0.0, 0.0)
+
+
+def test_a_lobe_that_wins_the_votes_alone_does_not_outdo_a_return():
+    found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.zeros(2), 9.0, 0)
+    for strength, power, outdone in ((50.0, 5.0, False), (30.0, 20.0, False), (50.0, 20.0, True)):
+        assert _exceeds(Entry(strength, 525.0, (0, 0), power, 0), found, 3.0) is outdone
+
+
+def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_leave_open():
+    """Four level altitudes 40 ms apart: a deviation of 0.5 m per altitude, and what an acceleration adds meanwhile."""
+    found = Measurement(500.0, 0.0, 0.25, 0.01, 40.0, np.zeros(2), 9.0, 0)
+    for acceleration in (1.0, 400.0):
+        tracker = AltitudeTracker(FAST, TrackerSettings(doppler=True, acceleration_m_per_s2=acceleration))
+        track = Track(Kalman(np.array([500.0, 0.0]), np.eye(2)), Evidence(2.0))
+        for k in range(4):
+            track.take(found, 40.0 * k)
+        slope_variance = 0.25 / np.sum((0.04 * (np.arange(4) - 1.5)) ** 2)
+        sigma = np.sqrt(slope_variance + (acceleration * 0.04 * 2.0) ** 2 + 0.01)
+        cells = int(np.ceil(tracker._noise_sigmas * sigma / tracker.integrator.speed_per_cell))
+        assert tracker._open_cells(track) == (-cells, cells)
 
 
 def test_a_filter_notices_innovations_beyond_what_it_expects():

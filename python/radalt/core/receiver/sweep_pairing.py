@@ -148,6 +148,7 @@ class PairSearch:
         """(n,) bool: whether a pair might not be declared against the highest level that the span can have of its own.
 
         All of a band's noise within the span is ``most`` times its mean, and no significance falls by more than that.
+        What only a lowered threshold lets pass is among them.
         """
         most = (count - self.cfar.energy) / (self.last - self.first - self.cfar.energy)
         return (joint <= most * self.pair_threshold) | (each < most * FLOOR).any(axis=1)
