@@ -30,7 +30,7 @@ from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
 
-__all__ = ["OfdmCancel"]
+__all__ = ["BLANKED", "OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _CERTAIN = 8.0  # no other spacing has so much
@@ -63,7 +63,7 @@ _ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _FEW = 5  # every so manieth sample tells the median
-_LIMIT = 6.0  # times the median power: what is left where symbols meet
+BLANKED = 6.0  # times the median power: what is left where symbols meet
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -391,7 +391,7 @@ class OfdmCancel(Mitigation):
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out *= level <= np.float32(_LIMIT) * middle(level[::_FEW])
+        out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
         lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
