@@ -25,7 +25,7 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.lattice import DENSE, amid, middle, power, unit
+from .ofdm.lattice import DENSE, FAINT, amid, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
@@ -43,6 +43,9 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
+_PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
+_PAUSE = 4  # every so manieth frame is looked at from then on
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
@@ -55,7 +58,6 @@ _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
-_FAINT = np.float32(1e-30)
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
@@ -93,9 +95,9 @@ class OfdmCancel(Mitigation):
     subcarriers gives the place of the long prefix and all phases. Points and channel are estimated in turns from
     elements that no return can be in, about five of six. In the other elements the nearest point is subtracted. Where
     the return is larger than a cell of the constellation, the mean of the return given all near points is kept instead.
-    Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. Frames
-    without such a signal pass bit for bit. What cannot be demodulated stays: the emitter's own noise, other
-    interference on top of it, several antennas' streams.
+    Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
+    could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
+    cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
 
     Parameters
     ----------
@@ -149,6 +151,7 @@ class OfdmCancel(Mitigation):
         super().reset()
         self.found = self.followed = 0
         self.busy = 0.0
+        self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
         self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
@@ -164,8 +167,11 @@ class OfdmCancel(Mitigation):
             row[:] = frame if cancelled is None else cancelled
         return out
 
-    def cancel(self, frame: np.ndarray) -> np.ndarray | None:
-        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated."""
+    def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
+
+        ``toneless`` says that its tones were taken away before.
+        """
         mean = float(np.vdot(frame, frame).real) / frame.size
         if not _TINY < mean < np.inf:
             return None
@@ -176,7 +182,10 @@ class OfdmCancel(Mitigation):
                 self.followed += 1
                 return out * np.float32(level)
             self._lock = None
-        heard = without_tones(frame)
+        if self._vain > _PATIENCE and self._vain % _PAUSE:
+            self._vain += 1
+            return None
+        heard = None if toneless else without_tones(frame)
         tones = heard is not None
         heard = heard if tones else frame
         level = float(np.sqrt(np.vdot(heard, heard).real / frame.size))
@@ -184,6 +193,7 @@ class OfdmCancel(Mitigation):
         if out is None:
             return None
         self.found += 1
+        self._vain = 0
         self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
 
@@ -200,7 +210,9 @@ class OfdmCancel(Mitigation):
             if found.contrast > _CERTAIN:
                 break
         if prefix.contrast < _CONTRAST:
+            self._vain = 0
             return None
+        self._vain += 1
         carrier = prefix.carrier
         turn, straight = self._without(frame, carrier, numerology)
         grid = acquire(straight, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
@@ -220,6 +232,8 @@ class OfdmCancel(Mitigation):
         if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
+        if received.misread.min() > _HOPELESS:
+            return None
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
             quarter = len(grid.starts) // 4
@@ -368,7 +382,7 @@ class OfdmCancel(Mitigation):
             return None
         self.busy = float(sending.mean())
         rest = received.symbols - received.channel * received.points
-        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), _FAINT)
+        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
         # the receiver's skirts stand out of what noise leaves in all subcarriers
         both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
         both &= readable[:, None]

@@ -18,9 +18,7 @@ __all__ = ["grown"]
 _EARLY, _LATE = 12, 30  # samples of delay about the mean one; echoes come later
 _ORDER = 2  # of each echo's course in time
 _LOADING = (1e-5, 1e-4, 1e-3)  # of the energy, by power of time: 120 Hz of Doppler leave such shares in 1 ms
-_FAINT = (
-    1e-3  # of the strongest echo's power, in its three powers of time: what counts as little in the next fit
-)
+_FAINT = 1e-3  # of the strongest echo's power: what counts as little in the next fit
 _SHARES = np.array([1.0, 0.33, 0.1])[
     :, None
 ]  # of a power of time in an echo's power, mean over the frame and above
