@@ -25,7 +25,7 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.lattice import DENSE, FAINT, amid, middle, power, unit
+from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
@@ -54,6 +54,10 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
+_MISREAD = (
+    0.2  # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
+)
+_FEW_BESIDE = 3  # subcarriers
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
@@ -388,17 +392,18 @@ class OfdmCancel(Mitigation):
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (amid(received.capped, heard.astype(np.float32)) < _AMISS) if partly else both
-        kept = expected_return(received, asked, heard, lock.sir_db)
+        asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
+        if partly:
+            asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
+        kept, where = expected_return(received, asked, heard, lock.sir_db), asked
         lock.sir_db = None
         if kept is not None and partly:
             # where the return is larger than a cell, misread elements make little difference
-            kept = expected_return(received, both, heard, kept[1])
+            kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
         rest *= asked
         if kept is not None:
-            rest[both] = kept[0]
-            lock.sir_db = kept[1]
+            rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
         out = frame - self._samples(model, readable, grid.starts, lock.numerology)
@@ -409,6 +414,14 @@ class OfdmCancel(Mitigation):
         lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
+
+    @staticmethod
+    def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
+        """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
+        halves = numerology.halves(grid.starts, grid.first_long)
+        members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
+        told = members @ heard
+        return (box(members @ (capped * heard), _FEW_BESIDE) > _MISREAD * box(told, _FEW_BESIDE))[halves]
 
     def _samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology
