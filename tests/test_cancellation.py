@@ -7,8 +7,10 @@ import pytest
 from gnuradio.radalt.core.interference import Interferer, QpskEmitter
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.stream import JammerStream
+from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.genie import REMOVED, mixture_without
+from gnuradio.radalt.evaluation.cancellation.known_symbols import KNOWN, misread_share, with_known_symbols
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
@@ -128,3 +130,27 @@ def _prefixes(frame):
         + np.arange(20)
     )
     return np.max(np.abs(product[starts].sum(axis=(1, 2))) / power[starts].sum(axis=(1, 2)))
+
+
+def test_with_all_symbols_known_the_emitters_own_noise_is_what_stays():
+    held = {kind: with_known_symbols(kind, -29.0, 12, [1]) for kind in ("64qam", "64qam_8")}
+    assert list(held["64qam"][0]) == list(CancellationStudy().tables["known"].names)
+    pd = {kind: {row["method"]: row["pd"] for row in rows} for kind, rows in held.items()}
+    assert pd["64qam"]["known symbols"] == pd["64qam_8"]["known symbols"] == 1.0
+    assert pd["64qam_8"]["none"] < 0.7
+    errors = [rows[-1]["rmse_correct_m"] for rows in held.values()]
+    assert errors[0] < 0.1 < errors[1]
+    study = CancellationStudy()
+    assert [point.case for point in study.points() if point.table == "known"] == list(KNOWN)
+
+
+@pytest.mark.parametrize("points", [4, 16, 64, 256])
+def test_share_of_wrong_points_is_that_of_decided_ones(points):
+    rng = np.random.default_rng(points)
+    half = np.sqrt(1.5 / (points - 1))
+    sent = half * (2 * rng.integers(0, round(np.sqrt(points)), (2, 40_000)) - np.sqrt(points) + 1)
+    heard = sent + np.sqrt(0.05) * rng.standard_normal(sent.shape)  # 10 dB
+    wrong = np.abs(
+        nearest((heard[0] + 1j * heard[1]).astype(np.complex64), points) - (sent[0] + 1j * sent[1])
+    )
+    assert np.mean(wrong > half) == pytest.approx(misread_share(points, 10.0), abs=0.008)

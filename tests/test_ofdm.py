@@ -202,6 +202,17 @@ def test_a_stream_cut_anywhere_gives_the_same_bits():
     np.testing.assert_array_equal(parts, whole)
 
 
+def test_what_cannot_be_read_is_looked_for_less_often_and_found_when_it_can():
+    hidden, _ = received(CASES["nr10_noise5"], -40.0, 20, np.random.default_rng(7))
+    seen, _ = received(CASES["nr10_stream"], -40.0, 4, np.random.default_rng(8))
+    method, looks = create("ofdm_cancel", W), []
+    find = method._find
+    method._find = lambda frame: looks.append(1) or find(frame)
+    np.testing.assert_array_equal(method.process(hidden), hidden)
+    assert 8 <= len(looks) <= 12
+    assert (method.process(seen) != seen).any(axis=1)[-1] and method.found == 1
+
+
 def test_another_emitter_is_found_when_the_first_has_gone():
     altitude_m, frames = returns(12, 14)
     jam = np.concatenate([continuing(6, -40.0, 15), continuing(6, -40.0, 16, cell_id=300, seed=9)])

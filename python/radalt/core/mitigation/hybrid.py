@@ -115,11 +115,11 @@ class Hybrid(Mitigation):
         return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
 
     def _cancelled(self, frame: np.ndarray) -> np.ndarray | None:
-        """The frame without the OFDM or QPSK that fills it; None where neither does."""
-        out = self._ofdm.cancel(frame)
+        """A toneless frame without the OFDM or QPSK that fills it; None where neither does."""
+        out = self._ofdm.cancel(frame, toneless=True)
         if out is not None and self._ofdm.busy >= _BURST:
             return out
-        out = self._qpsk.cancel(frame)
+        out = self._qpsk.cancel(frame, toneless=True)
         if out is None or self._qpsk.busy < _BURST or (self._knows_paper and _spread(frame) < _SPREAD):
             return None
         return out

@@ -25,12 +25,12 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.lattice import DENSE, amid, middle, power, unit
+from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return
 from .ofdm.tones import without_tones
 
-__all__ = ["OfdmCancel"]
+__all__ = ["BLANKED", "OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _CERTAIN = 8.0  # no other spacing has so much
@@ -43,6 +43,9 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
+_PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
+_PAUSE = 4  # every so manieth frame is looked at from then on
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
@@ -51,11 +54,14 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
+_MISREAD = (
+    0.2  # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
+)
+_FEW_BESIDE = 3  # subcarriers
 _SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
-_FAINT = np.float32(1e-30)
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
@@ -63,7 +69,7 @@ _ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _FEW = 5  # every so manieth sample tells the median
-_LIMIT = 6.0  # times the median power: what is left where symbols meet
+BLANKED = 6.0  # times the median power: what is left where symbols meet
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -93,9 +99,9 @@ class OfdmCancel(Mitigation):
     subcarriers gives the place of the long prefix and all phases. Points and channel are estimated in turns from
     elements that no return can be in, about five of six. In the other elements the nearest point is subtracted. Where
     the return is larger than a cell of the constellation, the mean of the return given all near points is kept instead.
-    Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. Frames
-    without such a signal pass bit for bit. What cannot be demodulated stays: the emitter's own noise, other
-    interference on top of it, several antennas' streams.
+    Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
+    could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
+    cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
 
     Parameters
     ----------
@@ -149,6 +155,7 @@ class OfdmCancel(Mitigation):
         super().reset()
         self.found = self.followed = 0
         self.busy = 0.0
+        self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
         self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
@@ -164,8 +171,11 @@ class OfdmCancel(Mitigation):
             row[:] = frame if cancelled is None else cancelled
         return out
 
-    def cancel(self, frame: np.ndarray) -> np.ndarray | None:
-        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated."""
+    def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+        """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
+
+        ``toneless`` says that its tones were taken away before.
+        """
         mean = float(np.vdot(frame, frame).real) / frame.size
         if not _TINY < mean < np.inf:
             return None
@@ -176,7 +186,10 @@ class OfdmCancel(Mitigation):
                 self.followed += 1
                 return out * np.float32(level)
             self._lock = None
-        heard = without_tones(frame)
+        if self._vain > _PATIENCE and self._vain % _PAUSE:
+            self._vain += 1
+            return None
+        heard = None if toneless else without_tones(frame)
         tones = heard is not None
         heard = heard if tones else frame
         level = float(np.sqrt(np.vdot(heard, heard).real / frame.size))
@@ -184,6 +197,7 @@ class OfdmCancel(Mitigation):
         if out is None:
             return None
         self.found += 1
+        self._vain = 0
         self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
 
@@ -200,7 +214,9 @@ class OfdmCancel(Mitigation):
             if found.contrast > _CERTAIN:
                 break
         if prefix.contrast < _CONTRAST:
+            self._vain = 0
             return None
+        self._vain += 1
         carrier = prefix.carrier
         turn, straight = self._without(frame, carrier, numerology)
         grid = acquire(straight, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
@@ -220,6 +236,8 @@ class OfdmCancel(Mitigation):
         if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
+        if received.misread.min() > _HOPELESS:
+            return None
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
             quarter = len(grid.starts) // 4
@@ -368,33 +386,42 @@ class OfdmCancel(Mitigation):
             return None
         self.busy = float(sending.mean())
         rest = received.symbols - received.channel * received.points
-        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), _FAINT)
+        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
         # the receiver's skirts stand out of what noise leaves in all subcarriers
         both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
         both &= readable[:, None]
         partly = misread.mean() > _PARTLY
         heard = trusted & readable[:, None]
-        asked = both & (amid(received.capped, heard.astype(np.float32)) < _AMISS) if partly else both
-        kept = expected_return(received, asked, heard, lock.sir_db)
+        asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
+        if partly:
+            asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
+        kept, where = expected_return(received, asked, heard, lock.sir_db), asked
         lock.sir_db = None
         if kept is not None and partly:
             # where the return is larger than a cell, misread elements make little difference
-            kept = expected_return(received, both, heard, kept[1])
+            kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
         rest *= asked
         if kept is not None:
-            rest[both] = kept[0]
-            lock.sir_db = kept[1]
+            rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
         out = frame - self._samples(model, readable, grid.starts, lock.numerology)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out *= level <= np.float32(_LIMIT) * middle(level[::_FEW])
+        out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
         lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
+
+    @staticmethod
+    def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
+        """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
+        halves = numerology.halves(grid.starts, grid.first_long)
+        members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
+        told = members @ heard
+        return (box(members @ (capped * heard), _FEW_BESIDE) > _MISREAD * box(told, _FEW_BESIDE))[halves]
 
     def _samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology

@@ -81,9 +81,12 @@ class QpskCancel(Mitigation):
         """See `Mitigation.status`; with the frames that were cancelled."""
         return super().status() | {"cancelled": self.cancelled}
 
-    def cancel(self, frame: np.ndarray) -> np.ndarray | None:
-        """An (N,) complex64 frame without its QPSK; None where none could be read."""
-        heard = without_tones(frame)
+    def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+        """An (N,) complex64 frame without its QPSK; None where none could be read.
+
+        ``toneless`` says that its tones were taken away before.
+        """
+        heard = None if toneless else without_tones(frame)
         frame = frame if heard is None else heard
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not scale > 0:

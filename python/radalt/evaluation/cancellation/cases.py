@@ -19,13 +19,13 @@ from ...core.interference.stream import JammerStream
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CASES", "SNR_DB", "WAVEFORM", "Case", "received"]
+__all__ = ["CASES", "NR10", "SNR_DB", "WAVEFORM", "Case", "received"]
 
 WAVEFORM = Waveform()
 SNR_DB = 10.0
 SPEED_M_PER_S = 10.0
 _LEAD = 4  # frames of a stream before the first that counts
-_NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41}
+NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41}
 _NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43}
 
 
@@ -58,7 +58,7 @@ class Case:
     """
 
     title: str
-    carrier: Mapping[str, object] = field(default_factory=lambda: _NR10)
+    carrier: Mapping[str, object] = field(default_factory=lambda: NR10)
     overlap: float = 1.0
     fading: FadingChannel | None = None
     antennas: int = 1
@@ -74,11 +74,13 @@ class Antennas(NamedEmitter):
     """A base station's antennas, each with a stream of its own on the same elements, and noise that comes along.
 
     Emitter protocol; the streams have equal power, one timing, and payloads and phases of their own.
+    ``sent``, if given, gets what was sent, (count,) complex64 per call, without the noise: for a genie.
     """
 
     carrier: NrEmitter
     antennas: int = 1
     own_snr_db: float | None = None
+    sent: list[np.ndarray] | None = field(default=None, compare=False, repr=False)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """(count,) complex128 at `rate_hz`, mean power of the signal 1."""
@@ -91,6 +93,8 @@ class Antennas(NamedEmitter):
             )
             for number, turn in enumerate(phase)
         ) / np.sqrt(self.antennas)
+        if self.sent is not None:
+            self.sent.append(sent.astype(np.complex64))
         if self.own_snr_db is None:
             return sent
         noise = rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
@@ -98,7 +102,7 @@ class Antennas(NamedEmitter):
 
 
 def _nr10(**changes: object) -> dict[str, object]:
-    return {**_NR10, **changes}
+    return {**NR10, **changes}
 
 
 _TWO_RADIOS = {
@@ -170,9 +174,16 @@ CASES = {
 
 
 def received(
-    case: Case, sir_db: float | None, count: int, rng: np.random.Generator
+    case: Case,
+    sir_db: float | None,
+    count: int,
+    rng: np.random.Generator,
+    sent: list[np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(count, N) complex64 frames at the case's SIR (None: without interference) and their altitudes, 3..1500 m."""
+    """(count, N) complex64 frames at the case's SIR (None: without interference) and their altitudes, 3..1500 m.
+
+    ``sent``, if given, gets what NR antennas sent in each frame, (N,) complex64.
+    """
     n, rate_hz = WAVEFORM.samples_per_frame, WAVEFORM.rate_hz
     altitude_m = rng.uniform(3.0, 1500.0, count)
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S, count)
@@ -184,8 +195,8 @@ def received(
         dtype=np.complex128,
     )
     emitter = case.qpsk or NrEmitter(**case.carrier)
-    if case.antennas > 1 or case.own_snr_db is not None:
-        emitter = Antennas(carrier=emitter, antennas=case.antennas, own_snr_db=case.own_snr_db)
+    if case.antennas > 1 or case.own_snr_db is not None or sent is not None:
+        emitter = Antennas(carrier=emitter, antennas=case.antennas, own_snr_db=case.own_snr_db, sent=sent)
     if case.fading is not None:
         emitter = FadedEmitter(emitter=emitter, channel=case.fading)
     interferers = [Interferer(emitter, 0.0 if sir_db is None else sir_db, case.overlap)]

@@ -12,6 +12,7 @@ import numpy as np
 from ...core.mitigation import create
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix
 from ...core.mitigation.ofdm.demodulator import FIRST, demodulate
+from ...core.mitigation.ofdm.lattice import DENSE
 from ...core.mitigation.ofdm.numerology import SPACINGS_HZ, Numerology
 from ...core.mitigation.ofdm.ridge import Ridge
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings
@@ -28,6 +29,7 @@ from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
 from .costs import costs
 from .genie import GENIE_METHOD
+from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m
 from .tracked import FLIGHTS
 
 if TYPE_CHECKING:
@@ -53,6 +55,8 @@ def write_report(
         "break_points": _break_points(found, study.methods),
         **_errors(found, study),
         "genie": _genie(rows["genie"]),
+        "known": _known(rows["known"]),
+        "misread": _misread(),
         "tracked": _tracked(rows["tracked"]),
         "sir_db": f"{_ERROR_SIR_DB:g}",
         "costs": costs(study.seed),
@@ -95,31 +99,35 @@ def _errors(rows: Sequence[Row], study: CancellationStudy) -> dict[str, object]:
     frames, altitude_m = received(
         CASES["nr10_64qam"], None, study.frames, np.random.default_rng([study.seed, 9])
     )
-    clean = [
-        score_frames(Chain(m, m).results(frames, WAVEFORM)[0], altitude_m).row()
-        for m in ("none", *study.methods)
-    ]
+    clean = []
+    for method in ("none", *study.methods):
+        results, _ = Chain(method, method).results(frames, WAVEFORM)
+        error = {"rmse_correct_m": rmse_correct_m(results, altitude_m)}
+        clean.append(score_frames(results, altitude_m).row() | error)
     limit_m = _WITHIN * clean[0]["rmse_detected_m"]
-    lines, within = [["no interference", *(_error(row) for row in clean[1:])]], []
+    lines, within, within_right = [["no interference", *(_error(row) for row in clean[1:])]], [], 0
     for case in _cases(rows):
         cells = []
         for method in study.methods:
             mine = [r for r in _of(rows, case, method) if r["sir_db"] == _ERROR_SIR_DB]
             cells.append(_error(mine[0]) if mine else "given up")
-            if method == _made_for(case) and mine and (mine[0]["rmse_detected_m"] or np.inf) <= limit_m:
-                within.append(CASES[case].title)
+            if method == _made_for(case) and mine:
+                within_right += (mine[0]["rmse_correct_m"] or np.inf) <= limit_m
+                if (mine[0]["rmse_detected_m"] or np.inf) <= limit_m:
+                    within.append(CASES[case].title)
         lines.append([CASES[case].title, *cells])
     return {
         "errors": table(["interference", *study.methods], lines),
         "clean_rmse": number(clean[0]["rmse_detected_m"], 3),
         "within": len(within),
+        "within_right": within_right,
         "within_names": "; ".join(within) or "none",
         "case_count": len(_cases(rows)),
     }
 
 
 def _error(row: Row) -> str:
-    return f"{row['pd']:.2f}, {number(row['rmse_detected_m'])}"
+    return f"{row['pd']:.2f}, {number(row['rmse_detected_m'])}, {number(row['rmse_correct_m'])}"
 
 
 def _tracked(rows: Sequence[Row]) -> str:
@@ -147,6 +155,31 @@ def _genie(rows: Sequence[Row]) -> str:
         mine = [r for r in rows if r["removed"] == removed]
         lines.append([removed, str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine]))])
     return table(["taken away by the genie", f"break-point of {GENIE_METHOD} in dB"], lines)
+
+
+def _known(rows: Sequence[Row]) -> str:
+    """Break-points and errors with all symbols known, beside those of the method."""
+    if not rows:
+        return ""
+    lines = []
+    for kind in dict.fromkeys(r["kind"] for r in rows):
+        points, errors = [], []
+        for method in KNOWN_METHODS:
+            mine = [r for r in rows if (r["kind"], r["method"]) == (kind, method)]
+            points.append(str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine])))
+            errors += [number(r["rmse_correct_m"]) for r in mine if r["sir_db"] == _ERROR_SIR_DB]
+        lines.append([KNOWN[kind].title, *points, *errors[1:]])
+    header = ["10 MHz of", *KNOWN_METHODS, *(f"error of {method} (m)" for method in KNOWN_METHODS[1:])]
+    return table(header, lines)
+
+
+def _misread() -> str:
+    """Share of wrong decisions by alphabet and noise."""
+    lines = [
+        [f"{snr_db:g}", *(number(misread_share(points, snr_db), 3) for points in (4, *DENSE))]
+        for snr_db in (20.0, 15.0, 10.0, 8.0, 5.0)
+    ]
+    return table(["emitter over its noise, dB", "QPSK", *(f"{points}QAM" for points in DENSE)], lines)
 
 
 def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:

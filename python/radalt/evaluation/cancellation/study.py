@@ -17,6 +17,7 @@ from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, received
 from .genie import GENIE_COLUMNS, GENIE_METHOD, GENIE_SIRS_DB, REMOVED, mixture_without
+from .known_symbols import KNOWN, KNOWN_COLUMNS, KNOWN_SIRS_DB, rmse_correct_m, with_known_symbols
 from .tracked import FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
@@ -30,14 +31,14 @@ GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
 
 @dataclass(frozen=True)
 class CasePoint(Point):
-    """One of `CASES` at all SIRs; of table ``tracked`` one of `FLIGHTS`, of ``genie`` one of `REMOVED`."""
+    """One of `CASES` at all SIRs; of other tables one of `FLIGHTS`, `REMOVED`, `KNOWN`."""
 
     case: str = ""
 
 
 @dataclass(frozen=True)
 class CancellationStudy(Study):
-    """The tables of docs/cancellation.md; that of the mixture (`genie`) only where all cases are measured.
+    """The tables of docs/cancellation.md; those of the genies only where all cases are measured.
 
     Attributes
     ----------
@@ -57,12 +58,13 @@ class CancellationStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {
         "rows": Columns(
-            ("case", "sir_db", "method", *SCORE_COLUMNS),
+            ("case", "sir_db", "method", *SCORE_COLUMNS, "rmse_correct_m"),
             text=frozenset({"case", "method"}),
             whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
         ),
         "tracked": TRACKED_COLUMNS,
         "genie": GENIE_COLUMNS,
+        "known": KNOWN_COLUMNS,
     }
     sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
@@ -70,6 +72,7 @@ class CancellationStudy(Study):
         "rows.csv": "data/cancellation.csv",
         "tracked.csv": "data/cancellation_tracked.csv",
         "genie.csv": "data/cancellation_genie.csv",
+        "known.csv": "data/cancellation_known.csv",
         "pd.png": "figures/cancellation_pd.png",
         "frame.png": "figures/cancellation_frame.png",
     }
@@ -90,6 +93,10 @@ class CancellationStudy(Study):
         cases = [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
         if self.cases == tuple(CASES):
             cases += [CasePoint(f"mixture without {name}", self.frames, "genie", name) for name in REMOVED]
+            cases += [
+                CasePoint(f"symbols known: {case.title}", self.frames, "known", name)
+                for name, case in KNOWN.items()
+            ]
         if not self.flights:
             return cases
         frames = self.flights * FRAMES
@@ -109,6 +116,13 @@ class CancellationStudy(Study):
         if point.table == "genie":
             seed = [self.seed, 131, batch]
             return [mixture_without(point.case, sir_db, point.frames, seed) for sir_db in GENIE_SIRS_DB]
+        if point.table == "known":
+            seed = [self.seed, 137, batch]
+            return [
+                row
+                for sir_db in KNOWN_SIRS_DB
+                for row in with_known_symbols(point.case, sir_db, point.frames, seed)
+            ]
         rows, failures = [], dict.fromkeys(self.methods, 0)
         for sir_db in SIRS_DB:
             seed = [
@@ -126,7 +140,8 @@ class CancellationStudy(Study):
                 results, _ = Chain(method, method).results(frames, WAVEFORM)
                 score = score_frames(results, altitude_m)
                 failures[method] += score.pd < GIVEN_UP_PD
-                rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row())
+                error = {"rmse_correct_m": rmse_correct_m(results, altitude_m)}
+                rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row() | error)
         return rows
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -153,6 +168,9 @@ class CancellationStudy(Study):
                 * point.frames
                 * (seconds_per_frame(GENIE_METHOD, WAVEFORM, settings) + 0.012)
             )
+        if point.table == "known":
+            each = seconds_per_frame("ofdm_cancel", WAVEFORM, settings)
+            return len(KNOWN_SIRS_DB) * point.frames * (each + 0.02)
         each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in self.methods)
         return len(SIRS_DB) * point.frames * (each + 0.012)
 

@@ -17,18 +17,14 @@ __all__ = ["grown"]
 
 _EARLY, _LATE = 12, 30  # samples of delay about the mean one; echoes come later
 _ORDER = 2  # of each echo's course in time
-_LOADING = (1e-5, 1e-4, 1e-3)  # of the energy, by power of time: 120 Hz of Doppler leave such shares in 1 ms
-_FAINT = (
-    1e-3  # of the strongest echo's power, in its three powers of time: what counts as little in the next fit
-)
-_SHARES = np.array([1.0, 0.33, 0.1])[
-    :, None
-]  # of a power of time in an echo's power, mean over the frame and above
+_LOADING = (1e-5, 1e-4, 1e-3)  # of the energy, by power of time: high ones are less likely
+_FAINT = 1e-3  # of the strongest echo's power: what counts as little in the next fit
+_SHARES = np.array([[1.0], [0.33], [0.1]])  # of a power of time in an echo's power, mean over the frame
 _SEED = 0.3  # mean error of the elements around one that was read before
 _FEWEST = 60  # elements of a region that was read before
 _MOST = 5  # such regions
 _TRUSTED = 0.5  # mean error of the elements around one that is read with the echoes
-_WEIGHT = 0.2  # mean error around an element that halves, or nearly so, its weight
+_WEIGHT = 0.2  # mean error around an element at which its weight is 1/e
 _SURE = 1.5  # error in cells, up to half a neighbour's distance
 _BRIDGE = np.ones((3, 9))  # symbols and subcarriers over which a region goes on
 _ROUNDS, _SPREADS = 12, 0.005  # at most; share of the elements that have to be won in one
@@ -114,7 +110,8 @@ class _Growth:
             model, self._likely = self._fitted(self.now.points, weight)
             self._turn((self.symbols * (model * self.now.points).conj() * weight).sum(axis=1), weight)
             size = np.abs(model)
-            self.model = model * np.minimum(1, self._most / np.maximum(size, np.float32(1e-9)))
+            loudest = np.minimum(1, self._most / np.maximum(size, np.float32(1e-9)))
+            self.model = np.where(size > 0, model * loudest, self._most)
             found = decide(self.symbols / self.model, self.clear, self._halves)
             self.now = _Reading(found.points, found.error, amid(found.capped, self._heard))
             region = self._connected((self.now.near < _TRUSTED) & self.grid.used, region)

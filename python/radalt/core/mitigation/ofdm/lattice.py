@@ -10,6 +10,7 @@ __all__ = [
     "BLOCK",
     "CELL",
     "DENSE",
+    "FAINT",
     "FEW_CELL",
     "SCALE",
     "SPARSE_POINTS",
@@ -33,6 +34,7 @@ CELL = {
     m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE
 }  # squared error of a number anywhere in a cell
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
+FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
 _BOOSTED = np.float32(

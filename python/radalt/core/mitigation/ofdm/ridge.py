@@ -6,7 +6,7 @@ import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
 from .demodulator import Received
-from .lattice import BLOCK, DENSE, SCALE, SPARSE_POINTS, box, middle, nearest, power
+from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
 __all__ = ["Ridge", "expected_return"]
@@ -20,7 +20,6 @@ _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # every so manieth element is asked for the SIR
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
-_FAINT = np.float32(1e-30)
 
 
 class Ridge:
@@ -123,7 +122,7 @@ def expected_return(
     def evidence(sir_db: float) -> float:
         many = (_density(some_square, modulus(sir_db), received.noise) * some_prior).sum(axis=(0, 1))
         few = _SPARSE_PRIOR @ _density(some_few, modulus(sir_db), received.noise)
-        return float(np.mean(np.log(np.maximum(many, few) + _FAINT)))
+        return float(np.mean(np.log(np.maximum(many, few) + FAINT)))
 
     sir_db = float(max(tried, key=evidence))
     if sir_db == _SIR_DB[0]:
@@ -131,9 +130,9 @@ def expected_return(
     weight = _density(square, modulus(sir_db), received.noise)
     weight *= prior
     across = weight.sum(axis=1)
-    many = across.sum(axis=0) + _FAINT
+    many = across.sum(axis=0) + FAINT
     few_weight = _density(few_square, modulus(sir_db), received.noise) * _SPARSE_PRIOR[:, None]
-    few = few_weight.sum(axis=0) + _FAINT
+    few = few_weight.sum(axis=0) + FAINT
     # a block is of one alphabet
     plane = np.zeros(ridge.shape, dtype=np.float32)
     np.put(plane, at, np.log(few / many))
