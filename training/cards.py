@@ -52,11 +52,12 @@ RECIPE = {
         "float32 on a shared two-core machine, three hours in all."
     ),
     "any_sweep": (
-        "From the weights of `tcae.onnx` on. Every batch of 32 has a sweep of its own: three in ten that of `tcae.onnx`, "
-        "the others 1 to 56 MHz in 0.2 to 10 ms, centred or not, 600 to 20,000 samples. A fifth of the frames has no "
-        "return, and the noise as target; 8 % have two; other radars are among the interferers; four interferers of "
-        "ten come as a receiver hears them. Peak rate 1e-3, cosine to zero; the validation loss fell from -2.49 (after "
-        "100 steps) to -2.83 nepers (`training/logs/any_sweep.csv`). 52 minutes of a part of two busy cores."
+        "From the weights of `tcae.onnx` on. Every batch of 32 has a sweep of its own: three in ten that of "
+        "`tcae.onnx`, the others 1 to 56 MHz in 0.2 to 10 ms, centred or not, 600 to 20,000 samples. A fifth of the "
+        "frames has no return, and the noise as target; 8 % have two; other radars are among the interferers; four "
+        "interferers of ten come as a receiver hears them. Peak rate 1e-3, cosine to zero; the validation loss fell "
+        "from -2.49 (after 100 steps) to -2.83 nepers (`training/logs/any_sweep.csv`). 52 minutes of a part of two "
+        "busy cores."
     ),
     "paper": (
         "The paper's recipe: its set (50,000 + 10,000 examples, I and Q each at unit peak), mean squared error, Adam "
