@@ -123,14 +123,50 @@ def test_every_row_of_the_table_stands_for_its_own_speed(doppler):
     np.testing.assert_allclose(tables.row_speed, speed, atol=1e-6)
 
 
+def test_the_table_covers_the_span_and_half_a_resolution_cell_at_either_end():
+    tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=100.0)
+    low, high = FAST.search_hz
+    searched = tables.beat_hz[tables.first : tables.last]
+    assert low <= searched[0] < low + tables.cell_hz and high - tables.cell_hz < searched[-1] <= high
+    np.testing.assert_allclose(tables.altitude_span_m, [-9.99, 1009.99], atol=0.01)
+
+
+def test_what_one_half_sweep_shows_alone_is_no_return():
+    tables = Integrator(ALTIMETER, 40, doppler=True, max_speed_m_per_s=20.0)
+    ratio = np.random.default_rng(29).exponential(size=(40, 2, tables.beat_hz.size)).astype(np.float32)
+    ratio[:, 0, 150] = 30.0
+    block = tables.integrate(ratio, np.arange(40.0))
+    assert block.table.max() > 25.0 and block.strongest().strength < 12.0
+    ratio[:, 1, 150] = 30.0
+    assert tables.integrate(ratio, np.arange(40.0)).strongest().strength > 50.0
+
+
+def test_differences_and_the_main_lobe_of_a_return():
+    """Per frame the peak less the cell, its mean and that mean's variance; what is a cell off in one half is away."""
+    tables = Integrator(ALTIMETER, 40, doppler=True, max_speed_m_per_s=20.0)
+    ratio = np.random.default_rng(28).exponential(size=(40, 2, tables.beat_hz.size)).astype(np.float32)
+    block, row = tables.integrate(ratio, np.arange(40.0)), int(np.abs(tables.row_speed).argmin())
+    found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.array([120.0, 121.0]), 9.0, row)
+    mean, variance = block.differences(found, 9)
+    for half, cell in enumerate((120, 121)):
+        apart = ratio[:, half, cell, None] - ratio[:, half, cell - 9 : cell + 10]
+        np.testing.assert_allclose(mean[half], apart.mean(axis=0), atol=1e-5)
+        np.testing.assert_allclose(variance[half], apart.var(axis=0, ddof=1) / 40, atol=1e-5)
+    away = block.away_from(found)[row]
+    one = round(tables.resolution_cells)
+    assert not away[120 - tables.first - one + 1] and away[120 - tables.first - one - 2]
+
+
 def test_measurement_knows_its_own_error():
-    """Squared error over its claimed variance has a mean of one: 120 blocks, at two strengths."""
-    rng, ratio = np.random.default_rng(3), []
+    """Squared error over its claimed variance has a mean of one, in altitude and speed: 120 blocks, two strengths."""
+    rng, altitude_ratio, speed_ratio = np.random.default_rng(3), [], []
     for snr_db in (-33.0, -20.0):
         for altitude in rng.uniform(100.0, 900.0, 60):
             found = block_of(rng, 40, snr_db, altitude=altitude).best()
-            ratio.append((found.altitude_m - altitude) ** 2 / found.altitude_variance_m2)
-    assert 0.6 < np.mean(ratio) < 1.6
+            altitude_ratio.append((found.altitude_m - altitude) ** 2 / found.altitude_variance_m2)
+            speed_ratio.append(found.speed_m_per_s**2 / found.speed_variance_m2_per_s2)
+    assert 0.6 < np.mean(altitude_ratio) < 1.6
+    assert 0.6 < np.mean(speed_ratio) < 1.6
 
 
 def test_one_frame_of_forty_decides_nothing():
