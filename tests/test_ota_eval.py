@@ -141,7 +141,9 @@ def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tm
     os.kill(worker_of(process.pid), signal.SIGKILL)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert err.startswith("ota_eval: overlap") and "the worker process ended (SIGKILL" in err
+    # between two points nobody knows what it died of
+    assert err.startswith("ota_eval: overlap")
+    assert "the worker process ended (SIGKILL" in err or "the worker process ended (it no longer" in err
     assert err.count("\n") == 1
     assert len(stable(tmp_path / "run")) >= 4
 

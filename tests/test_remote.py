@@ -200,7 +200,7 @@ def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
         socket.send_multipart(parts)
         wait(lambda: control.errors == 1)
     assert bench.ask(b'{"version": 1, "command": "get"}')["error"].startswith("the flowgraph has not started")
-    assert bench.gates[0].why_closed is None
+    wait(lambda: bench.gates[0].why_closed is None)
 
 
 def test_a_subscriber_that_never_reads_slows_nothing(loop):

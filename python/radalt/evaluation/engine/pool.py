@@ -64,6 +64,8 @@ def run_tasks(
         If a worker dies, a task exceeds its time or reports an error that is meant for the user. The other workers
         are stopped.
     """
+    from concurrent.futures.process import BrokenProcessPool
+
     from pebble import ProcessExpired, ProcessPool
 
     if not tasks:
@@ -100,6 +102,8 @@ def run_tasks(
                         raise WorkerError(
                             f"{what}: the worker process ended ({cause(error.exitcode)})"
                         ) from None
+                    except BrokenProcessPool:  # it ended before it had said that it took the task
+                        raise WorkerError(f"{what}: the worker process ended ({cause(None)})") from None
                     if failed:
                         raise WorkerError(f"{what}: {value}")
                     hand_out()
