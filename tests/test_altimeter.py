@@ -310,6 +310,16 @@ def test_return_whose_middle_was_notched_is_read_at_its_peak():
     assert np.mean(np.abs(error) < 10.0) > 0.97
 
 
+def test_a_half_sweep_that_shows_no_peak_leaves_the_altitude_to_the_other():
+    """Speed 0, the up sweep all noise: where it has no peak at the return, the down sweep says where the return is."""
+    rng = np.random.default_rng(9)
+    altitudes = rng.uniform(50, 1400, 40)
+    frames = frames_of("synthetic", altitudes) + noise((40, 7500), 20.0, rng)
+    frames[:, :3750] = noise((40, 3750), 0.0, rng)
+    result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0)).process(frames)
+    assert np.median(np.abs(result["forced_altitude_m"] - altitudes)) < 0.3
+
+
 # -- the joint decision -----------------------------------------------------------------------------------------------
 
 

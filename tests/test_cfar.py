@@ -162,6 +162,35 @@ def test_cells_share_a_trial_where_noise_lasts_without_a_gap_and_not_where_it_is
     assert white == pytest.approx(0.0, abs=0.05) and pieces < 0.0
 
 
+@pytest.mark.parametrize(("beyond", "trials"), [(1.0, 0.2), (0.4, 1.0)])
+def test_narrow_support_lowers_the_threshold_only_where_the_cells_beyond_the_span_are_as_loud(beyond, trials):
+    """By the logarithm of the trials that are left. Quieter cells there say that a method made the support narrow."""
+    altimeter = Altimeter(W)
+    search, margin = altimeter._search, altimeter.cfar.margin
+    power = np.random.default_rng(13).exponential(size=(40, 2, altimeter.beat_hz.size)).astype(np.float32)
+    span = slice(margin + search.first, margin + search.last)
+    power[..., : span.start] *= np.float32(beyond)
+    power[..., span.stop :] *= np.float32(beyond)
+    cells = altimeter.cfar.significance(power, np.full((40, 2), 0.2))
+    pair = np.full((40, 2), search.first + 100)
+    noise, _ = altimeter.cfar.declared_level(power, cells, pair + margin, span)
+    for more in (-0.2, 0.2):
+        each = 0.5 * (search.pair_threshold + np.log(trials) + more)
+        peak = noise * cells.looks * np.expm1(each / cells.looks)
+        declared = search._stands_out(power, cells, pair, peak)
+        assert np.mean(declared == (more > 0)) > 0.9
+
+
+def test_how_long_noise_lasts_is_not_read_from_the_cells_of_the_return():
+    """A return 60 dB above noise, whose main lobe changes slowly as a burst does, leaves the noise's own figure."""
+    altimeter = Altimeter(W, AltimeterSettings())
+    power = altimeter.spectra(noise_frames(np.random.default_rng(12), 20)).power
+    at, lobe = np.full((20, 2), 200), np.sinc(np.arange(-16, 17) / 4.0) ** 2
+    returned = power.copy()
+    returned[..., 184:217] += 1e6 * power.mean() * lobe.astype(np.float32)
+    np.testing.assert_allclose(altimeter.cfar.shared(returned, at), altimeter.cfar.shared(power, at))
+
+
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.2])
 def test_support_is_the_share_of_the_samples_that_noise_lasts_for(share):
     rng = np.random.default_rng(1)
