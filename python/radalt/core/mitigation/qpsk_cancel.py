@@ -91,7 +91,7 @@ class QpskCancel(Mitigation):
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not scale > 0:
             return None
-        frame = frame / scale
+        frame = frame * (1 / scale)  # a complex division costs four times that
         clocks = find_clocks(frame, _CONTRAST)
         if self._known is not None:  # the same emitter first
             clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
