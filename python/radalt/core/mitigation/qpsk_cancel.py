@@ -126,7 +126,7 @@ class QpskCancel(Mitigation):
         out[known] = frame[known] - model[known]
         level = power(out)
         sent = power(model[known])
-        gain = float(sent.sum() / max(level[known][sent > _SENDS * sent.mean()].sum(), 1e-30))
+        gain = float(sent.sum() / max(level[known] @ (sent > _SENDS * sent.mean()), 1e-30))
         if gain < _WORTH:
             return None
         out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0

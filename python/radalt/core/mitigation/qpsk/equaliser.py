@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft, linalg, ndimage
+from scipy import fft, linalg
 
 from ...waveform import exp_cycles
 from ..ofdm.lattice import box, power, unit
@@ -71,7 +71,7 @@ class Equaliser:
         self._half = max(1, round(0.5 / (clock.rate * self._step)))
         self.times, self._rows = self._taken(frame, clock)
         level = power(self._rows[:, ::4]).sum(axis=1)
-        level = ndimage.uniform_filter1d(level, _BURST, mode="nearest")
+        level = box(level, _BURST)
         loud = int(0.9 * level.size)
         self._active = level > _QUIET * np.partition(level, loud)[loud]
         asked = np.flatnonzero(self._active)
@@ -79,8 +79,8 @@ class Equaliser:
         some = self._rows[self._asked]
         self._turned = some.conj().T
         gram = self._turned @ some
-        gram[np.diag_indices(TAPS)] += np.float32(_LOADING * np.trace(gram).real / TAPS)
-        self._solved = linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+        gram.flat[:: TAPS + 1] += np.float32(_LOADING * np.trace(gram).real / TAPS)
+        self._solved = linalg.lapack.cpotrf(gram)[0]
         self._some = some
 
     def _taken(self, frame: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
@@ -90,21 +90,18 @@ class Equaliser:
         first = clock.instant - np.floor((clock.instant - side) * clock.rate) / clock.rate
         times = np.arange(first, count - side - 1, 1 / clock.rate)
         # each of the points between samples is the frame, a part of a sample early
-        fine = np.empty((_UP, count), dtype=np.complex64)
-        fine[0] = frame
-        fine[1:] = fft.ifft(fft.fft(frame) * _early(count), overwrite_x=True)
+        fine = fft.ifft(fft.fft(frame) * _early(count), overwrite_x=True)
         place = times * _UP
         whole = place.astype(np.intp)
-        part = (place - whole).astype(np.float32)[:, None]
+        part = (place - whole).astype(np.float32)
         first_tap = whole // _UP - TAPS // 2 * self._step
         pairs = _pairs(fine, self._step)[first_tap % self._step * _UP + whole % _UP, first_tap // self._step]
-        rows = pairs[:, 1] - pairs[:, 0]
-        rows.view(np.float32)[:] *= part
-        rows += pairs[:, 0]
+        weights = np.stack([1 - part, part], axis=1)
+        rows = np.einsum("kpt,kp->kt", pairs.view(np.float32), weights).view(np.complex64)
         return times, rows
 
     def _fitted(self, targets: np.ndarray) -> np.ndarray:
-        return linalg.cho_solve(self._solved, self._turned @ targets, check_finite=False)
+        return linalg.lapack.cpotrs(self._solved, self._turned @ targets)[0]
 
     def blind(self, late: int) -> np.ndarray:
         """(TAPS,) weights that give the outputs one modulus, from the single tap ``late`` half symbols off the middle.
@@ -140,8 +137,8 @@ class Equaliser:
 
 @lru_cache(maxsize=4)
 def _early(count: int) -> np.ndarray:
-    """(_UP - 1, count) complex64, read-only: what a transform is multiplied by for 1, 2 ... points of _UP earlier."""
-    turns = fft.fftfreq(count) * np.arange(1, _UP)[:, None] / _UP
+    """(_UP, count) complex64, read-only: what a transform is multiplied by for 0, 1 ... points of _UP earlier."""
+    turns = fft.fftfreq(count) * np.arange(_UP)[:, None] / _UP
     early = exp_cycles(turns)
     early.setflags(write=False)
     return early
