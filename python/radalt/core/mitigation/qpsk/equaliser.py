@@ -70,7 +70,8 @@ class Equaliser:
         self._step = max(1, int(1 / (_PER_SYMBOL * clock.rate)))
         self._half = max(1, round(0.5 / (clock.rate * self._step)))
         self.times, self._rows = self._taken(frame, clock)
-        level = power(self._rows[:, ::4]).sum(axis=1)
+        rails = np.ascontiguousarray(self._rows[:, ::4]).view(np.float32)
+        level = np.einsum("kt,kt->k", rails, rails)
         level = box(level, _BURST)
         loud = int(0.9 * level.size)
         self._active = level > _QUIET * np.partition(level, loud)[loud]
@@ -169,8 +170,8 @@ def _nearest(outputs: np.ndarray) -> np.ndarray:
 def _carrier(cycles: float, count: int) -> np.ndarray:
     """(count,) complex64 of ``cycles`` per symbol: products of few long and few short steps."""
     short = int(np.sqrt(count)) + 1
-    long = exp_cycles(cycles * short * np.arange(short))
-    return np.outer(long, exp_cycles(cycles * np.arange(short))).ravel()[:count]
+    long, steps = exp_cycles(cycles * np.array([[short], [1]]) * np.arange(short))
+    return (long[:, None] * steps).ravel()[:count]
 
 
 def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,10 +26,12 @@ _SETTLED = 0.8  # of the residual power before, at which another round gains not
 
 @lru_cache(maxsize=1)
 def _window() -> np.ndarray:
-    """Kaiser-Bessel window by distance, (_WIDTH // 2 * _TABLE + 2,) float32."""
-    distance = np.arange(_WIDTH // 2 * _TABLE + 2) / _TABLE
+    """Kaiser-Bessel window, (_TABLE + 1, _WIDTH) float32, read-only: the points around each place between two."""
+    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1) - np.arange(_TABLE + 1)[:, None] / _TABLE
     inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
-    return (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
+    window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
+    window.setflags(write=False)
+    return window
 
 
 def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
@@ -41,11 +43,11 @@ def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
     grid = np.zeros(2 * count, dtype=np.complex64)
     place = 2 * symbols.times
     whole = place.astype(np.intp)
-    step = np.rint((place - whole) * _TABLE).astype(np.intp)
-    window = _window()
-    for offset in range(1 - _WIDTH // 2, _WIDTH // 2 + 1):
+    spread = _window()[np.rint((place - whole) * _TABLE).astype(np.intp)] * symbols.values[:, None]
+    whole += 1 - _WIDTH // 2
+    for offset in range(_WIDTH):
         # symbols are two and more points apart, so no point is written to twice
-        grid[whole + offset] += symbols.values * window[np.abs(offset * _TABLE - step)]
+        grid[whole + offset] += spread[:, offset]
     spectrum = fft.fft(grid, overwrite_x=True)
     return np.concatenate([spectrum[: count // 2], spectrum[-(count // 2) :]])
 
