@@ -95,8 +95,11 @@ class Equaliser:
         place = times * _UP
         whole = place.astype(np.intp)
         part = (place - whole).astype(np.float32)
-        first_tap = whole // _UP - TAPS // 2 * self._step
-        pairs = _pairs(fine, self._step)[first_tap % self._step * _UP + whole % _UP, first_tap // self._step]
+        sample = whole // _UP
+        first_tap = sample - TAPS // 2 * self._step
+        column = first_tap // self._step
+        row = (first_tap - column * self._step) * _UP + whole - sample * _UP
+        pairs = _pairs(fine, self._step)[row, column]
         weights = np.stack([1 - part, part], axis=1)
         rows = np.einsum("kpt,kp->kt", pairs.view(np.float32), weights).view(np.complex64)
         return times, rows

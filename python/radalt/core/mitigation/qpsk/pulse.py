@@ -61,7 +61,7 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
     """
     count = frame.size
     apart = float(symbols.times[1] - symbols.times[0])
-    length = int(np.clip(2 * round(_SYMBOLS * apart / 2), _FEWEST, _MOST))
+    length = min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
     spectrum = _spectrum(symbols, count)
     # the transform of a real sequence: half of it says all
     lag_zero_first = (
