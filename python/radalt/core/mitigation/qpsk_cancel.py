@@ -91,7 +91,7 @@ class QpskCancel(Mitigation):
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not scale > 0:
             return None
-        frame = frame / scale
+        frame = frame * (1 / scale)  # a complex division costs four times that
         clocks = find_clocks(frame, _CONTRAST)
         if self._known is not None:  # the same emitter first
             clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
@@ -126,7 +126,7 @@ class QpskCancel(Mitigation):
         out[known] = frame[known] - model[known]
         level = power(out)
         sent = power(model[known])
-        gain = float(sent.sum() / max(level[known][sent > _SENDS * sent.mean()].sum(), 1e-30))
+        gain = float(sent.sum() / max(level[known] @ (sent > _SENDS * sent.mean()), 1e-30))
         if gain < _WORTH:
             return None
         out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 
 from ...fir import cosine_window
 
@@ -59,9 +59,10 @@ def _lines(frame: np.ndarray) -> np.ndarray:
     if not level.max() > _PEAK * level.mean():
         return np.zeros(0)
     blocks = level[: count - count % _BLOCK].reshape(-1, _BLOCK)
-    floor = np.partition(blocks, _BLOCK // 2, axis=1)[:, _BLOCK // 2]
+    floor = np.sort(blocks, axis=1)[:, _BLOCK // 2]
     # beside a wide signal the floor is that signal's
-    floor = ndimage.maximum_filter1d(floor, 3, mode="wrap")
+    floor = np.concatenate([floor[-1:], floor, floor[:1]])
+    floor = np.maximum(np.maximum(floor[:-2], floor[2:]), floor[1:-1])
     high = np.flatnonzero(blocks.max(axis=1) > np.maximum(_LINE * floor, _RANGE * level.max()))
     least = np.full(count, np.inf, dtype=np.float32)
     for block in high:

@@ -60,7 +60,7 @@ def find_clocks(frame: np.ndarray, least: float) -> list[Clock]:
     spectrum = fft.rfft(real * _window(count))
     power = spectrum.real**2 + spectrum.imag**2
     used = power[: power.size - power.size % _BLOCK].reshape(-1, _BLOCK)
-    floor = np.partition(used, _BLOCK // 2, axis=1)[:, _BLOCK // 2]
+    floor = np.sort(used, axis=1)[:, _BLOCK // 2]
     contrast = (used / np.maximum(floor, 1e-30)[:, None]).ravel()
     contrast[: int(_SLOWEST * count)] = 0
     contrast[int(_FASTEST * count) :] = 0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy import fft, linalg, ndimage
+from scipy import fft, linalg
 
 from ...waveform import exp_cycles
-from ..ofdm.lattice import power
+from ..ofdm.lattice import box, power, unit
 from .clock import Clock
 
 __all__ = ["TAPS", "Equaliser", "Symbols", "decide"]
@@ -69,8 +70,9 @@ class Equaliser:
         self._step = max(1, int(1 / (_PER_SYMBOL * clock.rate)))
         self._half = max(1, round(0.5 / (clock.rate * self._step)))
         self.times, self._rows = self._taken(frame, clock)
-        level = power(self._rows[:, ::4]).sum(axis=1)
-        level = ndimage.uniform_filter1d(level, _BURST, mode="nearest")
+        rails = np.ascontiguousarray(self._rows[:, ::4]).view(np.float32)
+        level = np.einsum("kt,kt->k", rails, rails)
+        level = box(level, _BURST)
         loud = int(0.9 * level.size)
         self._active = level > _QUIET * np.partition(level, loud)[loud]
         asked = np.flatnonzero(self._active)
@@ -78,8 +80,8 @@ class Equaliser:
         some = self._rows[self._asked]
         self._turned = some.conj().T
         gram = self._turned @ some
-        gram[np.diag_indices(TAPS)] += np.float32(_LOADING * np.trace(gram).real / TAPS)
-        self._solved = linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+        gram.flat[:: TAPS + 1] += np.float32(_LOADING * np.trace(gram).real / TAPS)
+        self._solved = linalg.lapack.cpotrf(gram)[0]
         self._some = some
 
     def _taken(self, frame: np.ndarray, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
@@ -88,27 +90,22 @@ class Equaliser:
         side = self._step * TAPS // 2 + 1
         first = clock.instant - np.floor((clock.instant - side) * clock.rate) / clock.rate
         times = np.arange(first, count - side - 1, 1 / clock.rate)
-        spectrum = fft.fft(frame)
-        padded = np.zeros(_UP * count, dtype=np.complex64)
-        padded[: count // 2] = spectrum[: count // 2]
-        padded[-(count // 2) :] = spectrum[-(count // 2) :]
-        fine = fft.ifft(padded, overwrite_x=True)
-        fine *= np.float32(_UP)
-        slope = np.diff(fine, append=fine[:1])
+        # each of the points between samples is the frame, a part of a sample early
+        fine = fft.ifft(fft.fft(frame) * _early(count), overwrite_x=True)
         place = times * _UP
         whole = place.astype(np.intp)
-        part = (place - whole).astype(np.float32)[:, None]
-        # of points that are one tap apart, the taps of a symbol are neighbours
-        apart = self._step * _UP
-        first_tap = whole - TAPS // 2 * apart
-        at = first_tap % apart, first_tap // apart
-        rows, slopes = (_neighbours(points, apart)[at] for points in (fine, slope))
-        slopes *= part
-        rows += slopes
+        part = (place - whole).astype(np.float32)
+        sample = whole // _UP
+        first_tap = sample - TAPS // 2 * self._step
+        column = first_tap // self._step
+        row = (first_tap - column * self._step) * _UP + whole - sample * _UP
+        pairs = _pairs(fine, self._step)[row, column]
+        weights = np.stack([1 - part, part], axis=1)
+        rows = np.einsum("kpt,kp->kt", pairs.view(np.float32), weights).view(np.complex64)
         return times, rows
 
     def _fitted(self, targets: np.ndarray) -> np.ndarray:
-        return linalg.cho_solve(self._solved, self._turned @ targets, check_finite=False)
+        return linalg.lapack.cpotrs(self._solved, self._turned @ targets)[0]
 
     def blind(self, late: int) -> np.ndarray:
         """(TAPS,) weights that give the outputs one modulus, from the single tap ``late`` half symbols off the middle.
@@ -134,20 +131,50 @@ class Equaliser:
             weights = self._fitted((points * turn)[self._asked])
         outputs = (self._rows @ weights) * turn.conj()
         points = _nearest(outputs) * active
-        error = float(np.mean(np.abs(outputs - points)[active] ** 2))
-        alike = max(abs(np.mean(points[lag:] * points[:-lag].conj())) for lag in (1, 2, 3)) / active.mean()
-        return Symbols(self.times, points * turn, points, error, float(alike), float(active.mean()), weights)
+        sent = np.count_nonzero(active)
+        wrong = (outputs - points)[active]
+        error = float(np.vdot(wrong, wrong).real / sent)
+        alike = max(abs(np.vdot(points[:-lag], points[lag:])) / (points.size - lag) for lag in (1, 2, 3))
+        busy = sent / active.size
+        return Symbols(self.times, points * turn, points, error, float(alike / busy), busy, weights)
 
 
-def _neighbours(points: np.ndarray, apart: int) -> np.ndarray:
-    """(apart, places, TAPS): from each point on, every so manieth; the last points, if they are few, are left out."""
-    used = points[: points.size - points.size % apart].reshape(-1, apart).T
-    return np.lib.stride_tricks.sliding_window_view(np.ascontiguousarray(used), TAPS, axis=1)
+@lru_cache(maxsize=4)
+def _early(count: int) -> np.ndarray:
+    """(_UP, count) complex64, read-only: what a transform is multiplied by for 0, 1 ... points of _UP earlier."""
+    turns = fft.fftfreq(count) * np.arange(_UP)[:, None] / _UP
+    early = exp_cycles(turns)
+    early.setflags(write=False)
+    return early
+
+
+def _pairs(fine: np.ndarray, step: int) -> np.ndarray:
+    """(step * _UP, places, 2, TAPS): from each point and from the next one on, samples that are ``step`` apart.
+
+    Of points that are one tap apart, the taps of a symbol are neighbours. The last points,
+    if they are few, are left out.
+    """
+    places = fine.shape[1] // step
+    points = np.empty((step * _UP + 1, places), dtype=np.complex64)
+    points[:-1].reshape(step, _UP, places)[:] = (
+        fine[:, : places * step].reshape(_UP, places, step).transpose(2, 0, 1)
+    )
+    points[-1, :-1] = points[0, 1:]
+    points[-1, -1] = 0
+    return np.lib.stride_tricks.sliding_window_view(points, (2, TAPS))
 
 
 def _nearest(outputs: np.ndarray) -> np.ndarray:
     """Nearest points of unit QPSK."""
-    return ((np.sign(outputs.real) + 1j * np.sign(outputs.imag)) * np.sqrt(0.5)).astype(np.complex64)
+    rails = np.ascontiguousarray(outputs).view(np.float32)
+    return np.copysign(np.float32(np.sqrt(0.5)), rails).view(np.complex64)
+
+
+def _carrier(cycles: float, count: int) -> np.ndarray:
+    """(count,) complex64 of ``cycles`` per symbol: products of few long and few short steps."""
+    short = int(np.sqrt(count)) + 1
+    long, steps = exp_cycles(cycles * np.array([[short], [1]]) * np.arange(short))
+    return (long[:, None] * steps).ravel()[:count]
 
 
 def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,8 +192,10 @@ def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndar
     spectrum = fft.fft(fourth, size)
     line = int(np.abs(spectrum).argmax())
     index = np.arange(outputs.size)
-    turn = exp_cycles(index * (line / size / 4))
-    rest = ndimage.uniform_filter1d(fourth * exp_cycles(index * (-line / size)), _COURSE, mode="nearest")
+    turn = _carrier(line / size / 4, outputs.size)
+    carrier = turn * turn
+    carrier *= carrier
+    rest = box(fourth * carrier.conj(), _COURSE)
     mean = np.angle(rest.sum())
     # what is left is less than an eighth of a turn either way
     course = np.angle(rest * np.exp(-1j * mean))
@@ -175,5 +204,5 @@ def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndar
     distance = index - centre
     slope = (weight @ (distance * course)) / (weight @ (distance * distance))
     offset = (weight @ course) / weight.sum()
-    turn = turn * np.exp(0.25j * (mean + offset + slope * distance)).astype(np.complex64)
+    turn *= unit((0.25 * (mean + offset + slope * distance)).astype(np.float32))
     return _nearest(outputs * turn.conj()) * active, turn

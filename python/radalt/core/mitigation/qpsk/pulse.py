@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
 from .equaliser import Symbols
@@ -17,16 +18,20 @@ _TABLE = 512  # steps of that window per point
 _SYMBOLS = 14  # that a pulse lasts
 _FEWEST, _MOST = 64, 192  # samples that a pulse lasts
 _LOADING = 1e-4  # of the symbols' power: outside their band there is nothing to be fitted to
+_BATCH = 4  # pieces that the processor transforms side by side
+_PIECE = 500  # samples of a piece, about
 _ROUNDS = 4
 _SETTLED = 0.8  # of the residual power before, at which another round gains nothing
 
 
 @lru_cache(maxsize=1)
 def _window() -> np.ndarray:
-    """Kaiser-Bessel window by distance, (_WIDTH // 2 * _TABLE + 2,) float32."""
-    distance = np.arange(_WIDTH // 2 * _TABLE + 2) / _TABLE
+    """Kaiser-Bessel window, (_TABLE + 1, _WIDTH) float32, read-only: the points around each place between two."""
+    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1) - np.arange(_TABLE + 1)[:, None] / _TABLE
     inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
-    return (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
+    window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
+    window.setflags(write=False)
+    return window
 
 
 def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
@@ -38,11 +43,11 @@ def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
     grid = np.zeros(2 * count, dtype=np.complex64)
     place = 2 * symbols.times
     whole = place.astype(np.intp)
-    step = np.rint((place - whole) * _TABLE).astype(np.intp)
-    window = _window()
-    for offset in range(1 - _WIDTH // 2, _WIDTH // 2 + 1):
+    spread = _window()[np.rint((place - whole) * _TABLE).astype(np.intp)] * symbols.values[:, None]
+    whole += 1 - _WIDTH // 2
+    for offset in range(_WIDTH):
         # symbols are two and more points apart, so no point is written to twice
-        grid[whole + offset] += symbols.values * window[np.abs(offset * _TABLE - step)]
+        grid[whole + offset] += spread[:, offset]
     spectrum = fft.fft(grid, overwrite_x=True)
     return np.concatenate([spectrum[: count // 2], spectrum[-(count // 2) :]])
 
@@ -56,46 +61,48 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
     """
     count = frame.size
     apart = float(symbols.times[1] - symbols.times[0])
-    length = int(np.clip(2 * round(_SYMBOLS * apart / 2), _FEWEST, _MOST))
-    lags = np.arange(-length // 2, length // 2)
+    length = min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
     spectrum = _spectrum(symbols, count)
-    power = spectrum.real**2 + spectrum.imag**2
-    lag_zero_first = fft.ifft(power)[:length].astype(np.complex128)
+    # the transform of a real sequence: half of it says all
+    lag_zero_first = (
+        fft.rfft(spectrum.real**2 + spectrum.imag**2)[:length].conj().astype(np.complex128) / count
+    )
     lag_zero_first[0] *= 1 + _LOADING
-    solved = linalg.cho_factor(linalg.toeplitz(lag_zero_first), overwrite_a=True, check_finite=False)
+    solved = linalg.lapack.zpotrf(linalg.toeplitz(lag_zero_first))[0]
     sent = symbols.times[symbols.points != 0]
     middle, half = (sent[-1] + sent[0]) / 2, (sent[-1] - sent[0]) / 2
     ramp = ((np.arange(count) - middle) / half).astype(np.float32)
-    drifting = fft.fft(fft.ifft(spectrum) * ramp)
     known = slice(int(symbols.times[0]) + length // 2, int(symbols.times[-1]) - length // 2)
-    response, change = (np.zeros(length, dtype=np.complex128) for _ in range(2))
-    model = np.zeros(count, dtype=np.complex64)
     # at a burst's edge symbols are cut, and cut symbols are not known
     begin, end = max(known.start, int(sent[0]) + length // 2), min(known.stop, int(sent[-1]) - length // 2)
     scale = sent.size / np.count_nonzero((sent > begin) & (sent < end))
+    weights = scale * np.array([[1], [3]])
 
-    def transform(pulse: np.ndarray) -> np.ndarray:
-        padded = np.zeros(count, dtype=np.complex64)
-        padded[lags] = pulse
-        return fft.fft(padded, overwrite_x=True)
-
+    # overlap-save: a pulse is short, and transforms of many short pieces at once cost less than one of the frame
+    pieces = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
+    hop = -(-count // pieces)
+    size = fft.next_fast_len(hop + length - 1)
+    steady = fft.ifft(spectrum, overwrite_x=True)
+    padded = np.zeros((2, pieces * hop + size), dtype=np.complex64)
+    before = length // 2 - 1
+    padded[0, before : before + count] = steady
+    np.multiply(steady, ramp, out=padded[1, before : before + count])
+    sources = fft.fft(sliding_window_view(padded, size, axis=1)[:, : pieces * hop : hop])
+    left = np.zeros(pieces * hop, dtype=np.complex64)
+    left[begin:end] = frame[begin:end]
+    late = np.zeros((pieces, size), dtype=np.complex64)
+    model = np.zeros(pieces * hop, dtype=np.complex64)
+    pulses = np.zeros((2, length), dtype=np.complex128)
     rest = np.inf
     for _ in range(_ROUNDS):
-        left = np.zeros(count, dtype=np.complex64)
-        left[begin:end] = frame[begin:end] - model[begin:end]
-        before, rest = rest, np.vdot(left, left).real
-        if rest > _SETTLED * before:
+        last, rest = rest, np.vdot(left, left).real
+        if rest > _SETTLED * last:
             break
-        left = fft.fft(left, overwrite_x=True)
-        both = np.stack(
-            [
-                scale * fft.ifft(spectrum.conj() * left)[lags],
-                3 * scale * fft.ifft(drifting.conj() * left)[lags],
-            ],
-            axis=1,
-        )
-        step = linalg.cho_solve(solved, both, check_finite=False)
-        response += step[:, 0]
-        change += step[:, 1]
-        model = fft.ifft(transform(response) * spectrum + transform(change) * drifting)
-    return model.astype(np.complex64), known
+        late[:, length - 1 : length - 1 + hop] = left.reshape(pieces, hop)
+        alike = (sources * fft.fft(late).conj()).sum(axis=1).conj()
+        pulses += linalg.lapack.zpotrs(solved, (weights * fft.ifft(alike)[:, :length]).T)[0].T
+        short = fft.fft(pulses.astype(np.complex64), size)
+        made = fft.ifft(sources[0] * short[0] + sources[1] * short[1], overwrite_x=True)
+        model = made[:, length - 1 : length - 1 + hop].ravel()
+        left[begin:end] = frame[begin:end] - model[begin:end]
+    return model[:count], known
