@@ -111,6 +111,12 @@ def test_what_is_left_is_less_than_the_return(emitter, sir_db):
     assert method.depth_db == pytest.approx(-sir_db, abs=3.0) and method.busy > 0.98
 
 
+def test_a_frame_may_have_an_odd_number_of_samples():
+    frames, clean, _ = received(QpskReceivedEmitter(), -30.0, count=1)
+    cleaned = create("qpsk_cancel", W).cancel(frames[0, :-1])
+    assert left([cleaned], [clean[0, :-1]]) < 0.3
+
+
 def test_tones_on_top_are_taken_away_first():
     tones = interference_frames([Interferer(ToneEmitter(3), -30.0)], 4, N, RATE_HZ, np.random.default_rng(17))
     frames, clean, _ = received(QpskReceivedEmitter(), -30.0)

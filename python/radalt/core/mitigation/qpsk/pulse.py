@@ -49,7 +49,7 @@ def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
         # symbols are two and more points apart, so no point is written to twice
         grid[whole + offset] += spread[:, offset]
     spectrum = fft.fft(grid, overwrite_x=True)
-    return np.concatenate([spectrum[: count // 2], spectrum[-(count // 2) :]])
+    return np.concatenate([spectrum[: count - count // 2], spectrum[-(count // 2) :]])
 
 
 def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
