@@ -357,6 +357,14 @@ def pulls_by_two_cells(planes):
     return np.stack([out.real, out.imag], axis=1)
 
 
+@pytest.mark.parametrize("scale", [1e-30, 1e-12, 1.0, 1e18, 1e30])
+def test_a_network_that_changes_nothing_gives_the_frame_back_at_any_level(fake, scale):
+    """Squares of float32 leave its range below 1e-19 and above 1e19; the frame itself does not."""
+    frames = (scale * scene(2, None, 5)[0]).astype(np.complex64)
+    out = fake(lambda planes: planes, shift_check=False, dither_db=None).process(frames)
+    assert np.abs(out - frames).max() < 1e-5 * np.abs(frames).max()
+
+
 @pytest.mark.parametrize("interferer", [None, Interferer(QpskEmitter(), -10.0)])
 def test_shift_check_lets_returns_pass_at_any_altitude(fake, interferer):
     frames, altitudes = scene(40, interferer, 12)
