@@ -194,9 +194,12 @@ def test_whitening_levels_a_tone_to_the_sweep():
 
 
 def lms_reference(
-    received: np.ndarray, desired: np.ndarray, length: int, block: int, mu: float
+    received: np.ndarray, desired: np.ndarray, length: int, block: int, mu: float, normalised: bool = False
 ) -> np.ndarray:
-    """Textbook block LMS in float64: y = w^T x, w += mu sum_n conj(x_n) e_n, weights of one frame from zero."""
+    """Textbook block LMS in float64: y = w^T x, w += mu sum_n conj(x_n) e_n, weights of one frame from zero.
+
+    Normalised, mu is divided by sum_n |x_n|^2.
+    """
     padded = np.concatenate([np.zeros(length - 1), received]).astype(complex)
     weights = np.zeros(length, complex)
     out = np.zeros(received.size, complex)
@@ -205,7 +208,7 @@ def lms_reference(
         x = np.array([padded[n : n + length] for n in rows])
         out[first : first + len(rows)] = x @ weights
         error = desired[first : first + len(rows)] - x @ weights
-        weights = weights + mu * x.conj().T @ error
+        weights = weights + mu / (np.vdot(x, x).real if normalised else 1.0) * x.conj().T @ error
     return out
 
 
@@ -217,6 +220,14 @@ def test_block_lms_is_the_textbook_recursion(name):
     pair = (frames[0], W.reference) if name == "lms" else (W.reference, frames[0])
     np.testing.assert_allclose(cleaned, lms_reference(*pair, method.length, 100, 1e-4), atol=1e-4)
     assert method.diverged_frames == 0
+
+
+def test_nlms_divides_the_step_by_the_power_in_its_taps():
+    """With the received frame as input, whose power a burst changes 30 times within the frame."""
+    frames, _ = scene(1, Interferer(QpskEmitter(), -10.0, 0.3), 5)
+    cleaned = create("nlms", W, wiring="reference_desired").process(frames)[0]
+    expected = lms_reference(frames[0], W.reference, 96, 25, 0.8, normalised=True)
+    np.testing.assert_allclose(cleaned, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("power", [1.0, 4.0, 8.0, 20.0, 100.0])
@@ -302,6 +313,7 @@ class FakeNetwork:
     """In the place of a session: what ``rule`` makes of (n, 2, N) planes, and how often it was asked."""
 
     rule = staticmethod(lambda planes: planes)
+    normalisation = "joint_rms"
 
     def __init__(self, model, samples, threads, provider):
         self.metadata = dict(
@@ -313,7 +325,7 @@ class FakeNetwork:
                     "radalt_rate_hz",
                     "radalt_centered",
                 ),
-                (str(samples), "iq_channels_first", "joint_rms", "7.5e6", "1"),
+                (str(samples), "iq_channels_first", self.normalisation, "7.5e6", "1"),
                 strict=True,
             )
         )
@@ -355,6 +367,25 @@ def pulls_by_two_cells(planes):
     turn = W.beat_shifted(40.0) * W.reference.conj()
     out = (planes[:, 0] + 1j * planes[:, 1]) * turn
     return np.stack([out.real, out.imag], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("normalisation", "level"),
+    [
+        ("joint_rms", lambda rails: np.sqrt(2.0 * np.mean(rails**2))),
+        ("joint_peak", lambda rails: np.abs(rails).max()),
+        ("per_channel_peak", lambda rails: np.abs(rails).max(axis=1)),
+        ("none", lambda rails: rails[0, 1234] / 7.0),
+    ],
+)
+def test_a_network_sees_the_level_that_its_file_states(fake, monkeypatch, normalisation, level):
+    seen = []
+    monkeypatch.setattr(FakeNetwork, "normalisation", normalisation)
+    method = fake(lambda planes: seen.append(planes[0].copy()) or planes, shift_check=False, dither_db=None)
+    frame = scene(1, None, 6)[0]
+    frame[0, 1234] = 7.0 - 3.0j
+    np.testing.assert_allclose(method.process(frame), frame, atol=1e-5)
+    np.testing.assert_allclose(level(seen[-1]), 1.0, rtol=1e-5)
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1e-12, 1.0, 1e18, 1e30])
