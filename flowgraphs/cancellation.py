@@ -79,7 +79,8 @@ def _describe(rows: Sequence[dict]) -> str:
         available = sum(r["availability"] for r in last) / len(last)
         return f"{rows[0]['flight']}, tracked, {rows[-1]['method']}: available {available:.2f}"
     found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
-    name = f"mixture without {rows[0]['removed']}" if "removed" in rows[0] else rows[0]["case"]
+    row = rows[0]
+    name = f"mixture without {row['removed']}" if "removed" in row else row.get("kind") or row["case"]
     return f"{name}, {rows[-1]['method']}: Pd {' '.join(found)}"
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..receiver.altimeter import AltimeterSettings, Reason, shared_altimeter
+from ..receiver.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
 from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
 from .interference_detector import InterferenceDetector
@@ -23,6 +23,9 @@ _SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
 _SLOW_M_PER_S = 10.0  # what an aircraft does in almost every frame
 _PFA = 2e-3  # 20 times what an altimeter usually has, so that nothing is declared that is not looked at here
+_WEAK_PFA = (
+    5e-4  # at which a received frame has to show a weak peak: at 2e-3 there are five times as many inventions
+)
 
 
 class ShiftCheck:
@@ -47,10 +50,14 @@ class ShiftCheck:
         if waveform.vertical_speed_to_doppler_hz(_SLOW_M_PER_S) * waveform.sweep_s / 2.0 < 1.0:
             # with partners for Doppler a pair's threshold is higher: as high as this one's at a pfa of 1e-4
             searches.append((0.0, _PFA / 20.0))
-        self._altimeters = [
-            shared_altimeter(waveform, AltimeterSettings(max_vertical_speed_m_per_s=speed, pfa=pfa))
-            for speed, pfa in searches
-        ]
+
+        def altimeters(share: float) -> list[Altimeter]:
+            settings = (
+                AltimeterSettings(max_vertical_speed_m_per_s=v, pfa=share * pfa) for v, pfa in searches
+            )
+            return [shared_altimeter(waveform, each) for each in settings]
+
+        self._altimeters, self._strict = altimeters(1.0), altimeters(_WEAK_PFA / _PFA)
         self._detector = InterferenceDetector(waveform)
         top_m = self._altimeters[0].settings.max_altitude_m
         self.shift_m = min(_SHIFT_CELLS * waveform.range_resolution_m, 0.25 * top_m)
@@ -93,7 +100,7 @@ class ShiftCheck:
             before[shown] = self._moved_and_back(received[shown], cleaned[shown], clean)
         both = np.concatenate([cleaned, before])
         held, moving_m = np.ones(n, dtype=bool), None
-        for altimeter in self._altimeters:
+        for altimeter, strict in zip(self._altimeters, self._strict, strict=True):
             result = altimeter.process(both)
             found, again = result["altitude_m"][:n], result["altitude_m"][n:]  # NaN where nothing is found
             if moving_m is None:
@@ -103,7 +110,7 @@ class ShiftCheck:
             held &= ~result["valid"][:n] | (np.abs(again - found) <= self._tolerance_m)
             weak = held & shown & result["valid"][:n] & (result["snr_db"][:n] < _WEAK_DB)
             if weak.any():
-                plain_m = altimeter.process(received[weak])["altitude_m"]
+                plain_m = strict.process(received[weak])["altitude_m"]
                 held[weak] = np.abs(plain_m - found[weak]) <= self._tolerance_m
         return held
 
