@@ -78,7 +78,6 @@ RECIPES: dict[str, Recipe] = {
     # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch, from random weights
     "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
     "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),
-    "plateau_dropout_10": Recipe("paper_dropout_10", data="paper", stop=260, **_PAPER),
     "plateau_dropout_30": Recipe("paper_dropout_30", data="paper", stop=260, **_PAPER),
     "plateau_rate_1e-4": Recipe("paper", data="paper", stop=260, **(_PAPER | {"rate": 1e-4})),
     "plateau_warm_up": Recipe("paper", data="paper", stop=260, **(_PAPER | {"schedule": "cosine"})),

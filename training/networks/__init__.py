@@ -26,7 +26,6 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "residual": Residual,
     "paper": Paper,
     "paper_dropout_0": lambda w: Paper(w, 0.0),
-    "paper_dropout_10": lambda w: Paper(w, 0.1),
     "paper_dropout_30": lambda w: Paper(w, 0.3),
     "fc": FullyConnected,
     "cnn": Convolutional,
