@@ -8,7 +8,8 @@ import pytest
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.integrator import Entry, Integrator, Measurement
 from radalt.core.receiver.track import Evidence, Kalman, Track
-from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings, _exceeds
+from radalt.core.receiver.track_integrity import Integrity, _exceeds
+from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
 from radalt.core.returns.point import point_return
 from radalt.core.returns.terrain import AircraftState, FlatTerrain, TerrainReturn, reflectivity
 from radalt.core.waveform import Waveform
@@ -455,14 +456,15 @@ def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_lea
     """Four level altitudes 40 ms apart: a deviation of 0.5 m per altitude, and what an acceleration adds meanwhile."""
     found = Measurement(500.0, 0.0, 0.25, 0.01, 40.0, np.zeros(2), 9.0, 0)
     for acceleration in (1.0, 400.0):
-        tracker = AltitudeTracker(FAST, TrackerSettings(doppler=True, acceleration_m_per_s2=acceleration))
+        settings = TrackerSettings(doppler=True, acceleration_m_per_s2=acceleration)
+        integrity = Integrity(AltitudeTracker(FAST, settings).integrator, settings, FAST.waveform.sweep_s)
         track = Track(Kalman(np.array([500.0, 0.0]), np.eye(2)), Evidence(2.0))
         for k in range(4):
             track.take(found, 40.0 * k)
         slope_variance = 0.25 / np.sum((0.04 * (np.arange(4) - 1.5)) ** 2)
         sigma = np.sqrt(slope_variance + (acceleration * 0.04 * 2.0) ** 2 + 0.01)
-        cells = int(np.ceil(tracker._noise_sigmas * sigma / tracker.integrator.speed_per_cell))
-        assert tracker._open_cells(track) == (-cells, cells)
+        cells = int(np.ceil(integrity._noise_sigmas * sigma / integrity.integrator.speed_per_cell))
+        assert integrity.open_cells(track) == (-cells, cells)
 
 
 def test_a_filter_notices_innovations_beyond_what_it_expects():

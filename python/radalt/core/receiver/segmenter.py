@@ -17,61 +17,14 @@ import numpy as np
 from ..programme import Programme
 from ..waveform import Waveform, altitude_to_delay_s
 from .segmenter_settings import SegmenterSettings
+from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
 from .sweep_finder import ALONE, SweepFinder
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
-_MOST_LOST_FRAMES = 64  # whole frames that may have gone missing at once without a tag
-_DOUBT_FRAMES = 50  # for so long a contradicted frame is remembered, and timing counts as verified
-_TOLERANCE, _COARSE = (
-    0.4,
-    1.0,
-)  # samples between where a sweep is and where it is seen: matched filter, correlation
-
-
-@dataclass
-class _Doubt:
-    """A frame that was seen at another timing, and the slips that would explain it.
-
-    Attributes
-    ----------
-    index : int
-        The frame's, as it was counted.
-    frames : (h,) int array
-        Whole frames lost, by slip.
-    samples : (h,) float array
-        Samples by which timing is then off.
-    tolerance : float
-        How far, in samples, the delay may lie from where the sweep was seen.
-    """
-
-    index: int
-    frames: np.ndarray
-    samples: np.ndarray
-    tolerance: float
-
-    def keep(self, which: np.ndarray) -> bool:
-        """Drop all slips but some; whether any is left."""
-        self.frames, self.samples = self.frames[which], self.samples[which]
-        return bool(self.frames.size)
-
-    def possible(self) -> bool:
-        """Whether any slip explains it: samples are lost whole."""
-        whole = np.rint(self.samples)
-        return self.keep(
-            (np.abs(self.samples - whole) <= self.tolerance) & ((whole != 0) | (self.frames > 0))
-        )
-
-    @property
-    def in_time(self) -> bool:
-        """Whether a slip of whole frames alone explains it: timing is right, the index is not."""
-        return bool(np.any(self.whole_frames))
-
-    @property
-    def whole_frames(self) -> np.ndarray:
-        """(h,) bool: slips of no fraction of a frame."""
-        return (np.abs(self.samples) <= self.tolerance) & (self.frames > 0)
+# samples between where a sweep is and where it is seen: by the matched filter, by the correlation
+_TOLERANCE, _COARSE = 0.4, 1.0
 
 
 @dataclass
@@ -128,11 +81,9 @@ class FrameSegmenter:
 
     Notes
     -----
-    A loss of samples without a tag shifts timing by ``s`` samples and the index by ``q`` frames, and both shifts last.
-    A frame that is seen at another delay than it was sent with gives one ``s`` for every ``q``. Frames that give the
-    same pair end the lock, if no frame between them contradicts it. A slip by ``s`` alone shows in ``confirm_frames``
-    consecutive frames. A slip by whole frames shows only where the altitude steps; that frame is never released. With
-    altitudes set by hand, counting then goes on from the sweep that was seen.
+    A loss of samples without a tag is found by `slips.Slips`: frames that agree on one end the lock. A slip by less
+    than a frame shows in ``confirm_frames`` consecutive frames. A slip by whole frames shows only where the altitude
+    steps; that frame is never released. With altitudes set by hand, counting then goes on from the sweep that was seen.
     """
 
     def __init__(
@@ -180,7 +131,7 @@ class FrameSegmenter:
         self._offset_s = 0.0
         self._discard = 0  # samples of a torn frame still to come
         self._held: deque[tuple[Frame, str]] = deque()
-        self._doubts: list[_Doubt] = []
+        self._slips = Slips(self.settings.confirm_frames)
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
         """Altitude in metres and range rate in m/s of a sweep by its index, where a person sets it."""
@@ -194,7 +145,7 @@ class FrameSegmenter:
     def reacquire(self) -> None:
         """Take timing anew; the altitude has to be zero now."""
         self._held.clear()
-        self._doubts.clear()
+        self._slips.clear()
         self.state = ACQUIRING
 
     def push(self, samples: np.ndarray) -> list[Frame]:
@@ -337,8 +288,8 @@ class FrameSegmenter:
             return True
         if verdict == "verified":
             # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
-            self._rule_out(frame.index)
-            wrong = {doubt.index for doubt in self._doubts if doubt.in_time}
+            self._slips.rule_out(lambda: self._sent_delays(frame.index))
+            wrong = self._slips.in_time()
             held.pop()
             out.extend(f for f, _ in held if f.index not in wrong)
             self.counters["unlocked_frames"] += sum(f.index in wrong for f, _ in held)
@@ -359,7 +310,7 @@ class FrameSegmenter:
         self.counters["lock_losses"] += 1
         self.counters["unlocked_frames"] += frames
         self._held.clear()
-        self._doubts.clear()
+        self._slips.clear()
         self.state = LOST
 
     # -- slips ----------------------------------------------------------------------------------------------------
@@ -374,27 +325,18 @@ class FrameSegmenter:
 
     def _sent_delays(self, index: int) -> np.ndarray:
         """(q,) delays in samples of this frame and the following ones; 0 where the altitude is not known."""
-        sent = [self._sent(index + q) or (0.0, 0.0) for q in range(_MOST_LOST_FRAMES + 1)]
+        sent = [self._sent(index + q) or (0.0, 0.0) for q in range(MOST_LOST_FRAMES + 1)]
         return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
 
     def _slipped(self, index: int, seen: float, tolerance: float) -> bool:
         """Note a frame that was seen at another delay; whether enough frames agree on one slip."""
-        frames = np.arange(_MOST_LOST_FRAMES + 1)
-        doubt = _Doubt(index, frames, seen - self._sent_delays(index), tolerance)
-        if self._sent(index) is not None and not doubt.possible():
+        agreed, whole = self._slips.note(
+            index, seen - self._sent_delays(index), tolerance, known=self._sent(index) is not None
+        )
+        if self.programme is None and whole:
+            self._count_on(whole)
             return False
-        agreeing = np.ones(doubt.frames.size, dtype=int)
-        for other in self._doubts:
-            rest = np.full(frames.size, np.inf)
-            rest[other.frames] = other.samples
-            agreeing += np.abs(rest[doubt.frames] - doubt.samples) <= max(tolerance, other.tolerance)
-        self._doubts = [d for d in self._doubts if index - d.index < _DOUBT_FRAMES or d.keep(d.whole_frames)]
-        self._doubts.append(doubt)
-        agreed = agreeing >= self.settings.confirm_frames
-        if self.programme is None and np.any(agreed & doubt.whole_frames):
-            self._count_on(int(doubt.frames[agreed & doubt.whole_frames][0]))
-            return False
-        return bool(agreed.any())
+        return agreed
 
     def _count_on(self, frames: int) -> None:
         """Whole frames were lost: timing is right, and with altitudes set by hand no trial gets a wrong number."""
@@ -403,17 +345,7 @@ class FrameSegmenter:
         for frame, verdict in self._held:
             if verdict == "contradicted":
                 frame.index += frames
-        self._doubts.clear()
-
-    def _rule_out(self, index: int) -> None:
-        """Forget the slips under which a frame could not have been seen where it was sent."""
-        if self._doubts:
-            delays = self._sent_delays(index)
-            self._doubts = [
-                d
-                for d in self._doubts
-                if d.keep(np.abs(delays[d.frames] + d.samples - delays[0]) <= d.tolerance)
-            ]
+        self._slips.clear()
 
     def _check(self, frame: Frame) -> tuple[str, float, float]:
         """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
@@ -496,7 +428,7 @@ class FrameSegmenter:
     @property
     def timing_verified(self) -> bool:
         """Whether one of the last fifty frames showed the sweep where it was sent to be."""
-        return self.state == LOCKED and self.unverified_frames <= _DOUBT_FRAMES
+        return self.state == LOCKED and self.unverified_frames <= MEMORY_FRAMES
 
     def status(self) -> dict[str, object]:
         """State, lock quality in dB (correlation over mean), how well timing is known, and counters, for telemetry."""

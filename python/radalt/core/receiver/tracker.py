@@ -3,7 +3,8 @@
 These are its parts, in the order of processing. The *integrator* sums frames to a block (`integrator.py`). The
 *initiator* takes the best return of the whole span. The *gate* says which returns may continue a track. The *Kalman
 filter* updates altitude and vertical speed. *Evidence* remembers how well every rival altitude is ruled out. The
-*deleter* ends a track. A track's life: search, confirm, track, coast, lost.
+*deleter* ends a track. *Integrity* says whether something else could be the ground, and bounds the error
+(`track_integrity.py`). A track's life: search, confirm, track, coast, lost.
 
 A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So a block without a measurement
 gives no altitude, and neither does one with a rival that could as well be the ground.
@@ -14,40 +15,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
-from .integrator import Block, Entry, Integrator, Measurement
+from .integrator import Block, Integrator, Measurement
 from .track import Evidence, Kalman, Track
+from .track_integrity import SPARE_SIGMAS, Integrity, noise_threshold
 from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
 
-_SYSTEMATIC_M = (
-    1.0  # pull of what a method leaves of a peak; 5 MHz NR behind tcae keeps up 0.95 m for seconds
-)
 _GATE_SIGMAS = 4.0
-_SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grating lobe's speed pass
-_LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
 # least error of one measurement; interference keeps it up from block to block, so that a mean is no better
 _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
-# how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
-# ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
-_EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
-
-
-def _threshold(pfa: float, trials: float) -> float:
-    """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
-    return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
-
-
-def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
-    """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
-    return other.strength > found.strength + sigmas and other.power > found.power
 
 
 class AltitudeTracker:
@@ -66,24 +49,7 @@ class AltitudeTracker:
 
     Notes
     -----
-    **Protection level.** The sum of a systematic part of 1 m, of the extent, and of two bounds, each at half the stated
-    risk:
-
-    - *noise*: ``k sigma`` of the filtered altitude or of one measurement, whichever is greater (interference that goes
-      on pulls every measurement alike), widened by the filter's innovations where they exceed what it expects (track
-      consistency);
-    - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
-      deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
-      the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
-
-    The *extent* covers what ground off nadir pulls the peak up by. A return of some depth leans: more power stands
-    beyond its peak than before it. The extent grows with the root of that lean, up to 4.5 % of the altitude, the mean
-    over a beam of 40 degrees.
-
-    It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
-    own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
-    that drifts as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of
-    a block shows in the next.
+    What the protection level is made of, and what it does not bound, stands at `track_integrity.Integrity`.
 
     Examples
     --------
@@ -111,12 +77,9 @@ class AltitudeTracker:
         )
         t = self.integrator
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
-        self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
         self._reach = t.last - t.first
-        self._search_threshold = _threshold(settings.search_pfa, t.trials)
-        self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
-        self._rival_sigmas = _threshold(settings.risk / 2.0, self._reach / t.resolution_cells)
+        self._integrity = Integrity(t, settings, self.sweep_s)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
@@ -268,7 +231,7 @@ class AltitudeTracker:
         if self._track is not None:
             age = (last + 0.5 - self._track.measured_at) * self.sweep_s
             if status == Status.NORMAL:
-                level = self._protection_m(self._track)
+                level = self._integrity.protection_m(self._track)
                 altitude, speed = (float(v) for v in self._track.filter.mean)
                 lowest, highest = self._possible_m
                 nowhere = altitude + level < lowest or altitude - level > highest
@@ -302,7 +265,7 @@ class AltitudeTracker:
     def _possible(self, found: Measurement) -> bool:
         """Whether a measurement's speed is one that is allowed, as far as it is known."""
         t = self.integrator
-        spare = _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        spare = SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
         return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
 
     def _kept(self, track: Track, middle: float) -> Measurement | None:
@@ -327,17 +290,17 @@ class AltitudeTracker:
         found = self._calibrated(found)
         if cleaned:  # evidence is about what gives the altitude
             track.evidence.add(*block.differences(found, self._reach))
-        threshold = _threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
+        threshold = noise_threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
         track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found)):
             return None
         before = track.latest, track.measured_at
         track.take(found, middle)
-        lowest, highest = self._open_cells(track)
+        lowest, highest = self._integrity.open_cells(track)
         if lowest > highest:  # its Doppler is none that its altitudes allow: a lobe's
             track.latest, track.measured_at = before
             return None
-        _, open_speed = self._farthest(track)
+        _, open_speed = self._integrity.farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.hits, track.missed = track.hits + 1, 0
@@ -382,7 +345,7 @@ class AltitudeTracker:
             allowed = np.ones(block.table.shape, dtype=bool)
         if candidate is None:
             found = block.best(block.prominent(allowed))
-            strong = found is not None and found.strength >= self._search_threshold
+            strong = found is not None and found.strength >= self._integrity.search_threshold
             if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
                 self._candidate = self._start(block, self._calibrated(found), middle)
         elif candidate.confirmed and track is not None and not track.seen:
@@ -414,94 +377,16 @@ class AltitudeTracker:
 
     def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
-        t = self.integrator
-        if track.hits < 2 and found.strength < self._search_threshold:
+        if track.hits < 2 and found.strength < self._integrity.search_threshold:
             return False  # back from coasting: one weak return may be noise
-        away = block.away_from(found)
-        same_speed = block.strongest(away & self._speeds(track)[:, None])
-        any_speed = block.strongest(away)
-        outdone = same_speed is not None and _exceeds(same_speed, found, 0.0)
-        outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
-        if outdone or block.contradicted(found):
-            return False
-        here = found.altitude_m + self._shift_m
-        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
-        if block.second_return(found, round(near_m / t.cell_m), *self._shares):
-            return False
-        if self._rival(block, found.power, here, near_m):
-            return False
-        return not (self._beside and self._received_rival(found, here, near_m))
+        here_m = found.altitude_m + self._shift_m
+        received = self._received_block if self._beside else None
+        return self._integrity.undisputed(
+            block, found, here_m, self._speeds(track)[:, None], received=received
+        )
 
     def _received_block(self) -> Block:
         """The block's frames as they were received, summed once and only if asked for."""
         if self._before is None:
             self._before = self.integrator.integrate(self._received[self._at], self._at.astype(float))
         return self._before
-
-    def _received_rival(self, found: Measurement, here_m: float, near_m: float) -> bool:
-        """Whether the received frames show a rival, near by or far, that a method may have taken away.
-
-        Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
-        """
-        t = self.integrator
-        before = self._received_block()
-        found = replace(found, power=before.power_at(found))
-        beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self._search_threshold:
-            if before.second_return(found, round(near_m / t.cell_m), *self._shares):
-                return True
-        return self._rival(before, found.power, here_m, near_m)
-
-    def _rival(self, block: Block, power: float, here_m: float, near_m: float) -> bool:
-        """Whether a return beyond ``near_m`` of one of some power is strong enough to be the ground."""
-        apart = self.integrator.altitude_m - here_m
-        for mask, share in zip((apart > near_m, apart < -near_m), self._shares, strict=True):
-            rival = block.strongest(mask)
-            if (
-                rival is not None
-                and rival.strength >= self._search_threshold
-                and rival.power >= power * share
-            ):
-                return True
-        return False
-
-    def _open_cells(self, track: Track) -> tuple[int, int]:
-        """Least and most cells by which a rival's halves may differ more than the track's own.
-
-        They stand for the speeds that the track's altitudes leave open; an empty range where its own is not among them.
-        """
-        t, s = self.integrator, self.settings
-        if not t.doppler:
-            return -1, 1
-        slope, sigma = track.speed_by_altitudes(self.sweep_s)
-        found = track.latest
-        moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
-        variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
-        spread = self._noise_sigmas * np.sqrt(variance)
-        fastest = t.max_speed + _SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
-        own = found.speed_m_per_s
-        low = (max(slope - spread, -fastest) - own) / t.speed_per_cell
-        high = (min(slope + spread, fastest) - own) / t.speed_per_cell
-        if low > 0.0 or high < 0.0:
-            return 1, 0
-        return int(np.floor(low)), int(np.ceil(high))
-
-    def _farthest(self, track: Track) -> tuple[float, float]:
-        """`Evidence.farthest` over the altitudes and speeds that a track may have."""
-        t = self.integrator
-        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
-        return track.evidence.farthest(
-            self._rival_sigmas, self._open_cells(track), t.resolution_cells, tuple(span)
-        )
-
-    def _protection_m(self, track: Track) -> float:
-        """See the class: noise and ambiguity, each at half the risk, and the extent."""
-        t = self.integrator
-        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2)
-        variance *= max(1.0, track.filter.nis)
-        noise = self._noise_sigmas * float(np.sqrt(variance))
-        cells, _ = self._farthest(track)
-        lean = max(0.0, track.evidence.lean(t.resolution_cells))
-        extent = _EXTENT_CELLS * float(np.sqrt(lean)) * t.waveform.range_resolution_m
-        extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
-        return _SYSTEMATIC_M + noise + extent + cells * t.cell_m

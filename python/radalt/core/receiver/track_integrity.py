@@ -1,0 +1,179 @@
+"""What may be said of a track: whether something else could be the ground, and how far its altitude may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from .integrator import Block, Entry, Integrator, Measurement
+from .track import Track
+from .tracker_settings import TrackerSettings
+
+__all__ = ["SPARE_SIGMAS", "Integrity", "noise_threshold"]
+
+SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grating lobe's speed pass
+_LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
+# metres by which what a method leaves of a peak pulls it; 5 MHz NR behind tcae keeps up 0.95 m for seconds
+_SYSTEMATIC_M = 1.0
+# how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
+# ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
+_EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
+
+
+def noise_threshold(pfa: float, trials: float) -> float:
+    """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
+    return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
+
+
+def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
+    """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
+    return other.strength > found.strength + sigmas and other.power > found.power
+
+
+class Integrity:
+    """Rivals of a track, and its protection level.
+
+    Parameters
+    ----------
+    integrator : Integrator
+        The one whose blocks the track is measured in.
+    settings : TrackerSettings
+    sweep_s : float
+        Duration of a frame.
+
+    Notes
+    -----
+    **Protection level.** The sum of a systematic part of 1 m, of the extent, and of two bounds, each at half the stated
+    risk:
+
+    - *noise*: ``k sigma`` of the filtered altitude or of one measurement, whichever is greater (interference that goes
+      on pulls every measurement alike), widened by the filter's innovations where they exceed what it expects (track
+      consistency);
+    - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
+      deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
+      the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
+
+    The *extent* covers what ground off nadir pulls the peak up by. A return of some depth leans: more power stands
+    beyond its peak than before it. The extent grows with the root of that lean, up to 4.5 % of the altitude, the mean
+    over a beam of 40 degrees.
+
+    It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
+    own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
+    that drifts as slowly as an aircraft and keeps the Doppler of its drift. A step of the ground in the last quarter of
+    a block shows in the next.
+    """
+
+    def __init__(self, integrator: Integrator, settings: TrackerSettings, sweep_s: float) -> None:
+        t = self.integrator = integrator
+        self.settings, self.sweep_s = settings, sweep_s
+        self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
+        self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
+        self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
+        self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
+
+    # -- rivals ---------------------------------------------------------------------------------------------------
+
+    def undisputed(
+        self,
+        block: Block,
+        found: Measurement,
+        here_m: float,
+        same_speed: np.ndarray,
+        *,
+        received: Callable[[], Block] | None,
+    ) -> bool:
+        """Whether nothing else in a block could as well be the ground as what was measured of a track.
+
+        Parameters
+        ----------
+        block, found
+            The block, and the track's measurement in it.
+        here_m : float
+            Altitude at which the block shows it, the residual delay not subtracted.
+        same_speed : (rows, 1) bool
+            Rows of the block's table whose speed the track may have.
+        received : callable, optional
+            The block of the same frames before mitigation, made only if it is asked for.
+        """
+        t = self.integrator
+        away = block.away_from(found)
+        rival = block.strongest(away & same_speed)
+        any_speed = block.strongest(away)
+        outdone = rival is not None and _exceeds(rival, found, 0.0)
+        outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
+        if outdone or block.contradicted(found):
+            return False
+        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
+        if block.second_return(found, round(near_m / t.cell_m), *self._shares):
+            return False
+        if self._rival(block, found.power, here_m, near_m):
+            return False
+        return received is None or not self._received_rival(received(), found, here_m, near_m)
+
+    def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
+        """Whether the received frames show a rival, near by or far, that a method may have taken away.
+
+        Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
+        """
+        t = self.integrator
+        found = replace(found, power=before.power_at(found))
+        beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
+        if beside is not None and beside.strength >= self.search_threshold:
+            if before.second_return(found, round(near_m / t.cell_m), *self._shares):
+                return True
+        return self._rival(before, found.power, here_m, near_m)
+
+    def _rival(self, block: Block, power: float, here_m: float, near_m: float) -> bool:
+        """Whether a return beyond ``near_m`` of one of some power is strong enough to be the ground."""
+        apart = self.integrator.altitude_m - here_m
+        for mask, share in zip((apart > near_m, apart < -near_m), self._shares, strict=True):
+            rival = block.strongest(mask)
+            if rival is not None and rival.strength >= self.search_threshold and rival.power >= power * share:
+                return True
+        return False
+
+    # -- ambiguity and protection level ---------------------------------------------------------------------------
+
+    def open_cells(self, track: Track) -> tuple[int, int]:
+        """Least and most cells by which a rival's halves may differ more than the track's own.
+
+        They stand for the speeds that the track's altitudes leave open; an empty range where its own is not among them.
+        """
+        t, s = self.integrator, self.settings
+        if not t.doppler:
+            return -1, 1
+        slope, sigma = track.speed_by_altitudes(self.sweep_s)
+        found = track.latest
+        moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
+        variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
+        spread = self._noise_sigmas * np.sqrt(variance)
+        fastest = t.max_speed + SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        own = found.speed_m_per_s
+        low = (max(slope - spread, -fastest) - own) / t.speed_per_cell
+        high = (min(slope + spread, fastest) - own) / t.speed_per_cell
+        if low > 0.0 or high < 0.0:
+            return 1, 0
+        return int(np.floor(low)), int(np.ceil(high))
+
+    def farthest(self, track: Track) -> tuple[float, float]:
+        """`Evidence.farthest` over the altitudes and speeds that a track may have."""
+        t = self.integrator
+        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
+        return track.evidence.farthest(
+            self._rival_sigmas, self.open_cells(track), t.resolution_cells, tuple(span)
+        )
+
+    def protection_m(self, track: Track) -> float:
+        """See the class: noise and ambiguity, each at half the risk, and the extent."""
+        t = self.integrator
+        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2)
+        variance *= max(1.0, track.filter.nis)
+        noise = self._noise_sigmas * float(np.sqrt(variance))
+        cells, _ = self.farthest(track)
+        lean = max(0.0, track.evidence.lean(t.resolution_cells))
+        extent = _EXTENT_CELLS * float(np.sqrt(lean)) * t.waveform.range_resolution_m
+        extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
+        return _SYSTEMATIC_M + noise + extent + cells * t.cell_m
