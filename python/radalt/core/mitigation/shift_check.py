@@ -23,9 +23,8 @@ _SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
 _SLOW_M_PER_S = 10.0  # what an aircraft does in almost every frame
 _PFA = 2e-3  # 20 times what an altimeter usually has, so that nothing is declared that is not looked at here
-_WEAK_PFA = (
-    5e-4  # at which a received frame has to show a weak peak: at 2e-3 there are five times as many inventions
-)
+# at which a received frame has to show a weak peak: at 2e-3 there are five times as many inventions
+_WEAK_PFA = 5e-4
 
 
 class ShiftCheck:

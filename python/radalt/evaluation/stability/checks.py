@@ -31,9 +31,8 @@ _FAR = 100_000_000_000  # samples: 3.7 hours at 7.5 MS/s
 # a worker keeps to one core, on which BLAS would not make the threads that are asked for
 _CODE = "import os; hasattr(os, 'sched_setaffinity') and os.sched_setaffinity(0, range(os.cpu_count())); "
 _CODE += "from {module} import altitudes_of; print(altitudes_of({method!r}).tobytes().hex())"
-_NETWORK_BOUND_M = (
-    0.01  # ONNX Runtime takes other kernels for other batch sizes; the rest is equal bit for bit
-)
+# ONNX Runtime takes other kernels for other batch sizes; the rest is equal bit for bit
+_NETWORK_BOUND_M = 0.01
 
 
 def step_limit(spread: float) -> dict[str, Any]:
