@@ -44,16 +44,24 @@ class Whitening(Mitigation):
         self.smoothing_hz, self.exponent = smoothing_hz, exponent
         self._cells = max(1, round(smoothing_hz * waveform.samples_per_frame / waveform.rate_hz))
         self._seam = min(round(_SEAM_S * waveform.rate_hz), waveform.samples_per_frame // 50) or 1
+        # an array: with a number `maximum` is not vectorised and takes twice the time
+        self._floor = np.full(waveform.samples_per_frame, 1e-6, dtype=np.float32)
         super().__init__(waveform)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        spectrum = fft.fft(unit_peak(batch), axis=1, overwrite_x=True)
-        spectrum *= self._gains(spectrum)
-        out = fft.ifft(spectrum, axis=1, overwrite_x=True)
+        out = np.empty_like(batch)
+        self._clean_into(batch, out)
+        return out
+
+    def _clean_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        spectrum = fft.fft(unit_peak(frames, out), axis=1, overwrite_x=True)
+        np.multiply(spectrum, self._gains(spectrum), out=out)
+        cleaned = fft.ifft(out, axis=1, overwrite_x=True)
+        if not np.may_share_memory(cleaned, out):  # SciPy promises no transform in place
+            out[:] = cleaned
         # the frame's end is not its beginning: at the seam interference comes through, 40 dB above the rest
         out[:, : self._seam] = 0
         out[:, -self._seam :] = 0
-        return out
 
     def _gains(self, spectrum: np.ndarray) -> np.ndarray:
         """(n, N) float32 factors of spectra (n, N), made in two arrays."""
@@ -61,10 +69,11 @@ class Whitening(Mitigation):
         smooth = np.square(spectrum.imag)
         power += smooth
         ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap", output=smooth)
-        level = smooth.mean(axis=1, keepdims=True)
+        # half the time of `mean`, the same to the bit
+        level = np.add.reduce(smooth, axis=1, keepdims=True) / np.float32(smooth.shape[1])
         smooth /= np.where(level > 0, level, 1)
         # floor: cells 60 dB under the mean are not worth raising to it
-        np.maximum(smooth, np.float32(1e-6), out=smooth)
+        np.maximum(smooth, self._floor, out=smooth)
         # exp and log of float32 are vectorised, a power is not and costs as much as a transform
         np.log(smooth, out=smooth)
         smooth *= np.float32(-self.exponent)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -44,20 +43,34 @@ def save_figure(figure: Any, path: Path) -> None:
     with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6}):
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
-        FigureCanvasAgg(figure).print_png(path, metadata={"Software": "gr-radalt"})
+        # level 4 of zlib: half the time of the default, 2 % larger
+        FigureCanvasAgg(figure).print_png(
+            path, metadata={"Software": "gr-radalt"}, pil_kwargs={"compress_level": 4}
+        )
         metadata = {"Creator": "gr-radalt", "CreationDate": None}
         FigureCanvasPdf(figure).print_pdf(path.with_suffix(".pdf"), metadata=metadata)
-        texts = []
-        for axis, x, y, text in getattr(figure, "radalt_said", []):
-            if np.isfinite(x) and np.isfinite(y):
-                # seen by the mouse alone
-                axis.plot([x], [y], "o", ms=9, alpha=0.0, gid=f"say{len(texts)}", scalex=False, scaley=False)
-                texts.append(text)
         svg = io.StringIO()
         FigureCanvasSVG(figure).print_svg(svg, metadata={"Creator": "gr-radalt", "Date": None})
-    drawn = re.sub(
-        r'<g id="say(\d+)">',
-        lambda found: f"{found[0]}<title>{escape(texts[int(found[1])])}</title>",
-        svg.getvalue(),
-    )
+        said = _said(figure)
+    head, end, tail = svg.getvalue().rpartition("</svg>")
+    drawn = head + said + end + tail
     path.with_suffix(".svg").write_text(drawn, encoding="utf-8")
+
+
+def _said(figure: Any) -> str:
+    """SVG circles that nobody sees, one per point of `say`, with what it says when the mouse is over it.
+
+    As text: as markers of matplotlib they took a sixth of a report's figures.
+    """
+    points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
+    circles = []
+    for axis, x, y, text in getattr(figure, "radalt_said", []):
+        if np.isfinite(x) and np.isfinite(y):
+            across, up = points * axis.transData.transform((x, y))
+            if not np.isfinite((across, up)).all():  # zero on a logarithmic axis
+                continue
+            circles.append(
+                f'<circle cx="{across:.2f}" cy="{height - up:.2f}" r="4.5" opacity="0">'
+                f"<title>{escape(text)}</title></circle>\n"
+            )
+    return "".join(circles)
