@@ -27,7 +27,7 @@ from .ofdm.demodulator import (
 from .ofdm.echoes import grown
 from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
-from .ofdm.ridge import Ridge, expected_return
+from .ofdm.ridge import Ridge, expected_return, plausible
 from .ofdm.tones import without_tones
 
 __all__ = ["BLANKED", "OfdmCancel"]
@@ -265,7 +265,7 @@ class OfdmCancel(Mitigation):
         values = (symbols[:, some] / channel[some])[asked]
         usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
         if misfit(values, usual) > _PREDICTED and misfit(values) > _PREDICTED:
-            angle = self._angles(symbols, clear, lock)
+            angle = self._angles(symbols, starts, clear, lock)
             if angle is None:
                 return None
             own = np.exp(-1j * angle).astype(np.complex64)[:, None]
@@ -292,7 +292,7 @@ class OfdmCancel(Mitigation):
         return self._subtract(straight, turn, grid, clear, received, lock)
 
     @staticmethod
-    def _angles(symbols: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
+    def _angles(symbols: np.ndarray, starts: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
         """(L,) angles by which symbols are ahead of the prediction, modulo a quarter turn; None if they are others."""
         some = slice(None, None, _SOME)
         fourth = symbols[:, some] * (1 / lock.channel[some])
@@ -304,7 +304,7 @@ class OfdmCancel(Mitigation):
         if np.abs(agree).sum() <= _COHERENCE * np.abs(fourth).sum():
             return None
         # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-        return course(-agree) / 4
+        return course(-agree, lock.numerology.halves(starts, lock.first_long)) / 4
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
         """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
@@ -385,8 +385,11 @@ class OfdmCancel(Mitigation):
         ):
             return None
         self.busy = float(sending.mean())
-        rest = received.symbols - received.channel * received.points
-        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
+        rest = received.channel * received.points
+        rest[:, ~grid.used] = 0
+        np.subtract(received.symbols, rest, out=rest)
+        size = power(rest)
+        left = (size * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
         # the receiver's skirts stand out of what noise leaves in all subcarriers
         both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
         both &= readable[:, None]
@@ -401,7 +404,8 @@ class OfdmCancel(Mitigation):
             # where the return is larger than a cell, misread elements make little difference
             kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
-        rest *= asked
+        beside = ~clear & ~grid.used & readable[:, None]
+        rest *= plausible(size, asked, beside, clear & readable[:, None])
         if kept is not None:
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
