@@ -54,11 +54,11 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_MISREAD = (
+_MISREAD = np.float32(
     0.2  # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
 )
 _FEW_BESIDE = 3  # subcarriers
-_SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
+_SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
@@ -373,27 +373,29 @@ class OfdmCancel(Mitigation):
         trusted = clear & grid.used
         misread = received.misread
         # between bursts there is nothing to take away, and a return that is strong would be read as data
-        sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
+        sent = ((power(received.points) - _SILENT) * trusted).sum(axis=1) > 0
         own = power(received.symbols)
         loud = own.sum(axis=1)
-        sending = (sent > _SILENT) & (loud > _IDLE * loud.max())
+        sending = sent & (loud > _IDLE * loud.max())
         readable = sending & (misread <= _READABLE)
         if (
             not readable.any()
             or middle(misread[sending]) > _MOSTLY
-            or readable.sum() < _FEWEST * sending.sum()
+            or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
         ):
             return None
-        self.busy = float(sending.mean())
+        self.busy = np.count_nonzero(sending) / sending.size
         rest = received.channel * received.points
         rest[:, ~grid.used] = 0
         np.subtract(received.symbols, rest, out=rest)
         size = power(rest)
-        left = (size * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
+        noise = (size * clear).sum(axis=0)
+        left = noise / np.maximum((own * clear).sum(axis=0), FAINT)
+        ridge = ~clear
+        ridge &= readable[:, None]
         # the receiver's skirts stand out of what noise leaves in all subcarriers
-        both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
-        both &= readable[:, None]
-        partly = misread.mean() > _PARTLY
+        both = ridge & (grid.used & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+        partly = misread.sum() > _PARTLY * misread.size
         heard = trusted & readable[:, None]
         asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
         if partly:
@@ -404,8 +406,9 @@ class OfdmCancel(Mitigation):
             # where the return is larger than a cell, misread elements make little difference
             kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
-        beside = ~clear & ~grid.used & readable[:, None]
-        rest *= plausible(size, asked, beside, clear & readable[:, None])
+        ridge &= ~grid.used
+        noise /= np.maximum(np.ones(len(clear), dtype=np.float32) @ clear, 1)
+        rest *= plausible(size, asked, ridge, noise)
         if kept is not None:
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
@@ -424,8 +427,7 @@ class OfdmCancel(Mitigation):
         """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
         halves = numerology.halves(grid.starts, grid.first_long)
         members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
-        told = members @ heard
-        return (box(members @ (capped * heard), _FEW_BESIDE) > _MISREAD * box(told, _FEW_BESIDE))[halves]
+        return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
 
     def _samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology

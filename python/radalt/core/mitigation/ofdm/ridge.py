@@ -58,20 +58,21 @@ class Ridge:
         return mask
 
 
-def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, clear: np.ndarray) -> np.ndarray:
+def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Weights 0..1 of what is left in elements that hold the return: (L, K) float32, 0 in all others.
 
-    ``size`` (L, K) is its power, in elements that were ``asked`` (read), ``beside`` the band in use, or ``clear``
-    of a return (L, K, bool). A return has the same modulus in all elements, so one far beyond the median was misread.
-    A subcarrier with more noise than usual (the receiver's skirts, where the band ends) weighs less, as in a Wiener
-    filter; its ``clear`` elements tell.
+    ``size`` (L, K) is its power, in elements that were ``asked`` (read) or are ``beside`` the band in use (L, K, bool).
+    A return has the same modulus in all elements, so one far beyond the median was misread. A subcarrier with more
+    ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, as in a Wiener filter.
     """
     if not asked.any():
         return asked.astype(np.float32)
     usual = np.float32(middle(size[asked]))
-    noise = box((size * clear).sum(axis=0) / np.maximum(clear.sum(axis=0, dtype=np.float32), 1), _BESIDE)
+    noise = box(noise, _BESIDE)
     more = np.maximum(noise - np.float32(middle(noise)), 0)
-    return (asked | beside) * (size < _TOO_MUCH * usual) * (usual / np.maximum(usual + more, FAINT))
+    held = asked | beside
+    held &= size < _TOO_MUCH * usual
+    return held * (usual / np.maximum(usual + more, FAINT))
 
 
 def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
