@@ -9,7 +9,7 @@ from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
@@ -80,6 +80,26 @@ def test_altitudes_are_right_under_a_carrier_that_fills_the_band(sir_db, overlap
     assert right(single(frames), altitude_m) >= 11 / 12
     if sir_db < -29:
         assert right(frames, altitude_m) < 0.5  # the case is hard without
+
+
+@pytest.mark.parametrize("case", ["nr10_mixed", "nr10_offset", "nr5"])
+def test_errors_are_a_few_times_those_without_interference(case):
+    """A point that was misread is no return, and beside the band there is nothing to be misread.
+
+    A carrier that is whole subcarriers off turns its symbols at each long prefix.
+    """
+    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, len(case)]))
+    result = ALTIMETER.detect(ALTIMETER.spectra(single(frames)))
+    assert result["valid"].all()
+    assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 4 * 0.032
+
+
+def test_symbols_turn_at_each_long_prefix():
+    """A carrier 82 subcarriers off: evenly from symbol to symbol, and by the longer prefix once in seven."""
+    index, passed = np.arange(13), (np.arange(13) + 3) // 7
+    angles = 4 * 2 * np.pi * 82 / 500 * (index * (500 + 36 - 2 / 7) + passed * 3.90625)
+    found = course(np.exp(1j * angles), passed)
+    assert np.abs(np.angle(np.exp(1j * (found - angles)))).max() < 1e-3
 
 
 @pytest.mark.parametrize("sir_db", [-15.0, -45.0])

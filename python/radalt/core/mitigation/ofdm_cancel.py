@@ -27,7 +27,7 @@ from .ofdm.demodulator import (
 from .ofdm.echoes import grown
 from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
-from .ofdm.ridge import Ridge, expected_return
+from .ofdm.ridge import Ridge, expected_return, plausible
 from .ofdm.tones import without_tones
 
 __all__ = ["BLANKED", "OfdmCancel"]
@@ -54,11 +54,11 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_MISREAD = (
+_MISREAD = np.float32(
     0.2  # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
 )
 _FEW_BESIDE = 3  # subcarriers
-_SILENT = 0.03  # mean power of a symbol's points below which it sends nothing
+_SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
@@ -265,7 +265,7 @@ class OfdmCancel(Mitigation):
         values = (symbols[:, some] / channel[some])[asked]
         usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
         if misfit(values, usual) > _PREDICTED and misfit(values) > _PREDICTED:
-            angle = self._angles(symbols, clear, lock)
+            angle = self._angles(symbols, starts, clear, lock)
             if angle is None:
                 return None
             own = np.exp(-1j * angle).astype(np.complex64)[:, None]
@@ -292,7 +292,7 @@ class OfdmCancel(Mitigation):
         return self._subtract(straight, turn, grid, clear, received, lock)
 
     @staticmethod
-    def _angles(symbols: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
+    def _angles(symbols: np.ndarray, starts: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
         """(L,) angles by which symbols are ahead of the prediction, modulo a quarter turn; None if they are others."""
         some = slice(None, None, _SOME)
         fourth = symbols[:, some] * (1 / lock.channel[some])
@@ -304,7 +304,7 @@ class OfdmCancel(Mitigation):
         if np.abs(agree).sum() <= _COHERENCE * np.abs(fourth).sum():
             return None
         # points of QPSK and QAM stand on the diagonals: their fourth power is negative
-        return course(-agree) / 4
+        return course(-agree, lock.numerology.halves(starts, lock.first_long)) / 4
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
         """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
@@ -373,24 +373,29 @@ class OfdmCancel(Mitigation):
         trusted = clear & grid.used
         misread = received.misread
         # between bursts there is nothing to take away, and a return that is strong would be read as data
-        sent = (power(received.points) * trusted).sum(axis=1) / np.maximum(trusted.sum(axis=1), 1)
+        sent = ((power(received.points) - _SILENT) * trusted).sum(axis=1) > 0
         own = power(received.symbols)
         loud = own.sum(axis=1)
-        sending = (sent > _SILENT) & (loud > _IDLE * loud.max())
+        sending = sent & (loud > _IDLE * loud.max())
         readable = sending & (misread <= _READABLE)
         if (
             not readable.any()
             or middle(misread[sending]) > _MOSTLY
-            or readable.sum() < _FEWEST * sending.sum()
+            or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
         ):
             return None
-        self.busy = float(sending.mean())
-        rest = received.symbols - received.channel * received.points
-        left = (power(rest) * clear).sum(axis=0) / np.maximum((own * clear).sum(axis=0), FAINT)
+        self.busy = np.count_nonzero(sending) / sending.size
+        rest = received.channel * received.points
+        rest[:, ~grid.used] = 0
+        np.subtract(received.symbols, rest, out=rest)
+        size = power(rest)
+        noise = (size * clear).sum(axis=0)
+        left = noise / np.maximum((own * clear).sum(axis=0), FAINT)
+        ridge = ~clear
+        ridge &= readable[:, None]
         # the receiver's skirts stand out of what noise leaves in all subcarriers
-        both = ~clear & (grid.used & (left < np.clip(_STANDS_OUT * middle(left), *_SKIRT)))
-        both &= readable[:, None]
-        partly = misread.mean() > _PARTLY
+        both = ridge & (grid.used & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+        partly = misread.sum() > _PARTLY * misread.size
         heard = trusted & readable[:, None]
         asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
         if partly:
@@ -401,7 +406,9 @@ class OfdmCancel(Mitigation):
             # where the return is larger than a cell, misread elements make little difference
             kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
-        rest *= asked
+        ridge &= ~grid.used
+        noise /= np.maximum(np.ones(len(clear), dtype=np.float32) @ clear, 1)
+        rest *= plausible(size, asked, ridge, noise)
         if kept is not None:
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
@@ -420,8 +427,7 @@ class OfdmCancel(Mitigation):
         """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
         halves = numerology.halves(grid.starts, grid.first_long)
         members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
-        told = members @ heard
-        return (box(members @ (capped * heard), _FEW_BESIDE) > _MISREAD * box(told, _FEW_BESIDE))[halves]
+        return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
 
     def _samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology

@@ -30,6 +30,8 @@ _FAR = 41  # the same for a channel without long echoes
 _AS_LARGE = 0.8  # of the sum over fewer, for those to be averaged
 _COURSES = 512  # carriers tried
 _IN_STEP = 0.8  # of the sum without regard to phase
+_SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
+_LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
 _NO_SLOPE = 2.5  # times its own scatter, a slope may be none
 _IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
 
@@ -82,7 +84,7 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
 
 def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(L, subcarriers) complex64, lowest frequency first, of the windows at ``starts``; power is kept."""
-    windows = frame[starts[:, None] + np.arange(numerology.useful)]
+    windows = np.stack([frame[start : start + numerology.useful] for start in starts.tolist()])
     spectra = fft.fft(windows, axis=1, norm="ortho", overwrite_x=True)
     first = (numerology.useful + 1) // 2
     return np.concatenate([spectra[:, first:], spectra[:, :first]], axis=1)
@@ -181,7 +183,7 @@ def acquire(
     vector = np.linalg.eigh(gram[place])[1][:, -1]
     passed = passed[place]
     fourth *= turns[passed]
-    turned = course(vector)
+    turned = course(vector, passed)
     phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
     upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
     return Grid(
@@ -222,24 +224,35 @@ def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.
     return (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
 
 
-def course(agreement: np.ndarray) -> np.ndarray:
+def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
     """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
 
     A carrier offset turns them evenly, and this common course is known better than the angle of one symbol. That angle
     has the data's noise, or is an eighth of a turn off where the points stand on the axes (the primary synchronisation
-    signal). Where most symbols are out of step (the turns of TS 38.211 clause 5.4) each keeps its own angle.
+    signal). A carrier that is whole subcarriers off turns them once more at each long prefix, of which ``passed`` (L,)
+    came before. Where most symbols are out of step (the turns of TS 38.211 clause 5.4) each keeps its own angle.
     """
-    spectrum = np.fft.fft(agreement, _COURSES)
-    best = int(np.abs(spectrum).argmax())
     weight = np.abs(agreement)
+    leap, spectrum = 0.0, np.fft.fft(agreement, _COURSES)
+    if np.abs(spectrum).max() < _SURELY * weight.sum() and passed[-1] > 0:
+        spectra = np.fft.fft(agreement * np.exp(-1j * _LEAPS[:, None] * passed), _COURSES)
+        best = int(np.abs(spectra).max(axis=1).argmax())
+        if np.abs(spectra[best]).max() > _SURELY * weight.sum():
+            leap, spectrum = _LEAPS[best], spectra[best]
+    best = int(np.abs(spectrum).argmax())
     if np.abs(spectrum[best]) < _IN_STEP * weight.sum():
         return np.angle(agreement)
     index = np.arange(len(agreement), dtype=float)
     step = 2 * np.pi * (best - _COURSES * (best > _COURSES // 2)) / _COURSES
-    away = np.angle(agreement * np.exp(-1j * (np.angle(spectrum[best]) + step * index)))
+    rough = step * index + leap * passed
+    away = np.angle(agreement * np.exp(-1j * (np.angle(spectrum[best]) + rough)))
     weight = weight * (np.abs(away) < np.pi / 2)
     if np.count_nonzero(weight) < 3:
         return np.angle(agreement)
+    if leap:
+        basis = np.stack([np.ones(len(index)), index, passed], axis=1)
+        found = np.linalg.lstsq(basis * weight[:, None], away * weight, rcond=None)[0]
+        return np.angle(spectrum[best]) + rough + basis @ found
     weight /= weight.sum()
     index -= weight @ index
     away -= weight @ away

@@ -158,10 +158,11 @@ def _true_up(
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
     slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
-    if np.abs(slope).max() < _STRAIGHT:
+    steepest = np.abs(slope).max()
+    if steepest < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope
     turn = slope[:, None].astype(np.float32) * numerology.turn
-    if np.abs(slope).max() > _SLIGHT:
+    if steepest > _SLIGHT:
         return unit(-turn - angle[:, None].astype(np.float32)), angle, slope
     out = np.empty(turn.shape, dtype=np.complex64)
     np.negative(turn, out=out.imag)
@@ -235,7 +236,7 @@ def demodulate(
         likely = _likely(found.kinds, found.capped, trusted)
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
-    if first or np.abs(angle).max() > _FINER or np.abs(course - 1).mean() > _FINER:
+    if first or np.abs(angle).max() > _FINER or np.abs(course - 1).sum() > _FINER * course.size:
         _again(found, symbols, channel, ~clear & grid.used, kinds)
     return Received(
         symbols, phase, channel, _drift(channel, grid.used, noise), found.points, kinds, found.error, found.capped,

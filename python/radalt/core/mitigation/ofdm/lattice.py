@@ -36,6 +36,7 @@ CELL = {
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
+_RAIL = np.float32(np.sqrt(0.5))  # of QPSK; 3 dB up it is 1
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
 _BOOSTED = np.float32(
     (1 + np.sqrt(2)) ** 2 / 4
@@ -47,7 +48,7 @@ _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
-_EXPLAINED = 0.3  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
+_EXPLAINED = np.float32(0.3)  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
 _FEWEST = 8  # elements of a block that tell something; a user has a hundred
 _SYMBOLS_BESIDE = 2  # before and after, whose errors tell of an element
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
@@ -60,7 +61,9 @@ def power(values: np.ndarray) -> np.ndarray:
 
 def middle(values: np.ndarray) -> float:
     """Median of a few real numbers, the upper one of two."""
-    return float(np.partition(values, values.size // 2)[values.size // 2])
+    sorted_ = values.copy()
+    sorted_.partition(values.size // 2)
+    return float(sorted_[values.size // 2])
 
 
 def unit(angle: np.ndarray) -> np.ndarray:
@@ -107,7 +110,8 @@ def nearest(values: np.ndarray, points: int) -> np.ndarray:
     top = _TOP[points]
     rails = np.ascontiguousarray(values).view(np.float32) * (np.float32(0.5) / half)
     np.floor(rails, out=rails)
-    rails.clip(-top - 1, top, out=rails)
+    np.maximum(rails, -top - 1, out=rails)
+    np.minimum(rails, top, out=rails)
     rails += np.float32(0.5)
     rails *= 2 * half
     return rails.view(np.complex64)
@@ -115,10 +119,12 @@ def nearest(values: np.ndarray, points: int) -> np.ndarray:
 
 def sparse(values: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Nearest of `SPARSE_POINTS`; ``level`` is the power of ``values``."""
-    rails = np.copysign(np.float32(np.sqrt(0.5)), np.ascontiguousarray(values).view(np.float32))
-    scale = (level > _BOOSTED) * (_ROOT2 - np.float32(1)) + np.float32(1)
-    scale *= level > _EMPTY
-    return rails.view(np.complex64) * scale
+    rail = (level > _EMPTY) * _RAIL
+    rail += (level > _BOOSTED) * (1 - _RAIL)
+    out = np.empty(values.shape, dtype=np.complex64)
+    np.copysign(rail, values.real, out=out.real)
+    np.copysign(rail, values.imag, out=out.imag)
+    return out
 
 
 @dataclass
@@ -201,9 +207,10 @@ def _explained(
     """As `_judged`, if all elements may be of one kind; None if those of a block in a half slot are not."""
     points, error = _rounded(values, kind)
     blocks = np.arange(0, asked.shape[1], BLOCK)
-    wrong = np.add.reduceat(members @ (np.minimum(error, 1) * asked), blocks, axis=1)
-    told = np.add.reduceat(members @ asked, blocks, axis=1)
-    if (wrong > _EXPLAINED * (told + _FEWEST)).any():
+    wrong = np.minimum(error, 1)
+    wrong -= _EXPLAINED
+    wrong *= asked
+    if (np.add.reduceat(members @ wrong, blocks, axis=1) > _EXPLAINED * _FEWEST).any():
         return None
     return points, error, np.full((len(members), asked.shape[1]), kind, dtype=np.int8)
 

@@ -9,7 +9,7 @@ from .demodulator import Received
 from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
-__all__ = ["Ridge", "expected_return"]
+__all__ = ["Ridge", "expected_return", "plausible"]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 _FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
@@ -19,6 +19,8 @@ _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one dela
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # every so manieth element is asked for the SIR
+_TOO_MUCH = np.float32(4.0)  # times the median: more than return and noise, so the point was another one
+_BESIDE = 3  # subcarriers of which noise is alike
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
 
@@ -54,6 +56,23 @@ class Ridge:
                 self._known.clear()
             self._known[start, carrier] = mask
         return mask
+
+
+def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Weights 0..1 of what is left in elements that hold the return: (L, K) float32, 0 in all others.
+
+    ``size`` (L, K) is its power, in elements that were ``asked`` (read) or are ``beside`` the band in use (L, K, bool).
+    A return has the same modulus in all elements, so one far beyond the median was misread. A subcarrier with more
+    ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, as in a Wiener filter.
+    """
+    if not asked.any():
+        return asked.astype(np.float32)
+    usual = np.float32(middle(size[asked]))
+    noise = box(noise, _BESIDE)
+    more = np.maximum(noise - np.float32(middle(noise)), 0)
+    held = asked | beside
+    held &= size < _TOO_MUCH * usual
+    return held * (usual / np.maximum(usual + more, FAINT))
 
 
 def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
