@@ -13,12 +13,12 @@ from .ofdm.lattice import middle, power
 from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
-from .qpsk.follower import Follower
+from .qpsk.follower import FEWEST, Follower
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
 
-_CONTRAST = 18.0  # of the clock's line; one frame of noise in a hundred has more
+_CONTRAST = 28.0  # of the clock's line; one frame of noise in ten thousand has more, one of OFDM in a hundred
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _ALIKE = 0.3  # correlation of neighbouring points: more is no data
 _TONE = 0.8  # a tone, which an equaliser gives one modulus from any start
@@ -98,16 +98,9 @@ class QpskCancel(Mitigation):
 
         ``toneless`` says that its tones were taken away before.
         """
-        if self._lock is not None:
-            lock = self._lock
-            rest = without_tones(frame) if lock.tones and not toneless else None
-            found = lock.follower.follow((frame if rest is None else rest) * (1 / lock.scale))
-            out = found and self._worth(*found, busy=1.0)
-            if out is not None:
-                self.cancelled += 1
-                self.followed += 1
-                return out * lock.scale
-            self._lock = None
+        out = self.follow(frame, toneless=toneless)
+        if out is not None:
+            return out
         rest = None if toneless else without_tones(frame)
         tones = rest is not None
         frame = rest if tones else frame
@@ -127,12 +120,27 @@ class QpskCancel(Mitigation):
                     continue
                 self._known = clock.rate, symbols.weights
                 self.cancelled += 1
-                if symbols.busy == 1:
+                if symbols.busy == 1 and symbols.times.size >= FEWEST:
                     rest = left[train.known]
                     mean = float(np.vdot(rest, rest).real / rest.size)
                     self._lock = _Lock(Follower(frame, clock, symbols, pulses, train, mean), scale, tones)
                 return out * scale
         return None
+
+    def follow(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+        """The same if the emitter of the frame before goes on; None if it does not, or there was none."""
+        lock, self._lock = self._lock, None
+        if lock is None:
+            return None
+        rest = without_tones(frame) if lock.tones and not toneless else None
+        found = lock.follower.follow((frame if rest is None else rest) * (1 / lock.scale))
+        out = None if found is None else self._worth(*found, busy=1.0)
+        if out is None:
+            return None
+        self._lock = lock
+        self.cancelled += 1
+        self.followed += 1
+        return out * lock.scale
 
     def _symbols(self, equaliser: Equaliser, clock: Clock) -> Iterator[Symbols]:
         """Symbols that look safely decided, from one start of the equaliser after another."""

@@ -164,9 +164,7 @@ def _pairs(fine: np.ndarray, step: int) -> np.ndarray:
 
 def likeness(points: np.ndarray) -> float:
     """Largest correlation of one of (K,) unit points with one of the three before it."""
-    return float(
-        max(abs(np.vdot(points[:-lag], points[lag:])) / (points.size - lag) for lag in (1, 2, 3))
-    )
+    return float(max(abs(np.vdot(points[:-lag], points[lag:])) / (points.size - lag) for lag in (1, 2, 3)))
 
 
 def nearest(outputs: np.ndarray) -> np.ndarray:

@@ -13,7 +13,9 @@ from .clock import Clock, clock_line
 from .equaliser import TAPS, Symbols, likeness, nearest, turning
 from .pulse import Train, usual_inverse
 
-__all__ = ["Follower"]
+__all__ = ["FEWEST", "Follower"]
+
+FEWEST = 200  # symbols in a frame
 
 _BLOCK = 50  # symbols whose phase and error are averaged
 _COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or none
@@ -23,7 +25,7 @@ _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
 _ALIKE = 0.3
 _GAIN = 0.1  # of what is left: a pulse that would take away less is only kept for the next frame
 _ROUNDS = 5
-_CHANGE = 4.0  # of what is left, from frame to frame: more is something new
+_CHANGE = 8.0  # of the least that was left: more is something new
 _STEP = 0.5  # of the error in carrier and clock, per frame
 
 
@@ -70,7 +72,6 @@ class Follower:
         np.add.at(taps, places % count, symbols.weights)
         whole = fft.fft(taps)
         self._response = np.stack([whole, whole * exp_cycles(0.5 * fft.fftfreq(count))])
-        self._inverse = usual_inverse(symbols.times.size, self._period)
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude, self._left = symbols.error, None, left
         self._instant = 0.0
@@ -94,14 +95,16 @@ class Follower:
         pulses = np.zeros((2, train.length), dtype=np.complex64)
         pulses[0] = self._pulse * np.float32(known.amplitude / self._amplitude)
         moments = np.stack([np.ones_like(places), places]).astype(np.complex64)
-        scale = np.array([[1], [3]]) * (known.times.size * self._period / max(1, span.stop - span.start))
+        # of the ramp's square the mean is a third; only symbols in the span are correlated
+        scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
+        inverse = usual_inverse(train.length)
         own = source.conj()
         for _ in range(_ROUNDS):
             model = train.made(source * (moments.T @ train.short(pulses)))
             left = frame - model
             power = np.vdot(left[span], left[span]).real
             lags = train.lags(moments @ (own * train.alike(left, span)))
-            step = (scale * lags) @ self._inverse.T
+            step = (scale * lags) @ inverse
             pulses += step
             if np.vdot(step, lags).real < _GAIN * power:
                 break
@@ -110,7 +113,7 @@ class Follower:
         power = float(power) / (span.stop - span.start)
         if not power < _CHANGE * self._left:
             return None
-        self._left, self._amplitude = power, known.amplitude
+        self._left, self._amplitude = min(self._left, power), known.amplitude
         self._pulse = pulses[0].astype(np.complex64)
         self._move(train, known.times, pulses[1], _STEP)
         return left, model, span
@@ -146,7 +149,8 @@ class Follower:
         points = nearest(straight)
         amplitude = np.vdot(points, straight).real / points.size
         wrong = straight * np.float32(1 / amplitude) - points
-        error = np.square(np.abs(wrong[:used])).reshape(-1, _BLOCK).mean(axis=1)
+        rails = wrong[:used].view(np.float32).reshape(-1, 2 * _BLOCK)
+        error = np.einsum("bk,bk->b", rails, rails) / _BLOCK
         limit = min(_ERROR, max(_WORSE * self._error, _LEAST))
         if not (error.mean() < limit and error.max() < _WORST) or likeness(points) > _ALIKE:
             return None
@@ -158,11 +162,13 @@ class Follower:
         A carrier turns the pulse, a clock delays it, both in proportion to time. What else drifts is left to the next
         frame's steps.
         """
-        pulse = self._pulse.astype(np.complex128)
-        derivative = fft.ifft(2j * np.pi * fft.fftfreq(pulse.size) * fft.fft(pulse))
-        basis = np.stack([1j * pulse, -derivative])
-        gram = (basis.conj() @ basis.T).real
-        angle, delay = share * np.linalg.solve(gram, (basis.conj() @ drift).real)
+        pulse = self._pulse
+        turned = 1j * pulse
+        late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
+        both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
+        first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
+        angle = share * (its * first - both * second) / (own * its - both * both)
+        delay = share * (own * second - both * first) / (own * its - both * both)
         self._carrier += angle * self._period / (2 * np.pi * train.half)
         centre = float(times[times.size // 2])
         self._period *= 1 + delay / train.half

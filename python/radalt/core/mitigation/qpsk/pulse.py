@@ -26,8 +26,8 @@ _SETTLED = 0.8  # of the residual power before, at which another round gains not
 
 @lru_cache(maxsize=1)
 def _window() -> np.ndarray:
-    """Kaiser-Bessel window, (_TABLE + 1, _WIDTH) float32, read-only: the points around each place between two."""
-    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1) - np.arange(_TABLE + 1)[:, None] / _TABLE
+    """Kaiser-Bessel window, (_WIDTH, _TABLE + 1) float32, read-only: the points around each place between two."""
+    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1)[:, None] - np.arange(_TABLE + 1) / _TABLE
     inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
     window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
     window.setflags(write=False)
@@ -43,11 +43,11 @@ def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     grid = np.zeros(2 * count, dtype=np.complex64)
     place = 2 * times
     whole = place.astype(np.intp)
-    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=0) * values[:, None]
-    points = whole[:, None] + np.arange(1 - _WIDTH // 2, 1 + _WIDTH // 2)
-    # every other symbol is eight and more points from the next, so no point is written to twice
-    grid[points[::2]] = spread[::2]
-    grid[points[1::2]] += spread[1::2]
+    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
+    whole += 1 - _WIDTH // 2
+    for offset in range(_WIDTH):
+        # symbols are two and more points apart, so no point is written to twice
+        grid[offset:][whole] += spread[offset]
     spectrum = fft.fft(grid, overwrite_x=True)
     return np.concatenate([spectrum[: count - count // 2], spectrum[-(count // 2) :]])
 
@@ -126,17 +126,19 @@ def pulse_length(apart: float) -> int:
     return min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
 
 
-def usual_inverse(symbols: int, apart: float) -> np.ndarray:
-    """(length, length) complex64 inverse of the mean Toeplitz matrix of trains of so many random ``symbols``.
+@lru_cache(maxsize=4)
+def usual_inverse(length: int) -> np.ndarray:
+    """(length, length) complex64, read-only: inverse of the mean Toeplitz matrix of a random symbol.
 
-    That of one frame differs from it by a tenth or two, so a step with it leaves some -15 dB of an error.
+    That of a frame, per symbol, differs from it by a tenth or two, so a step with it leaves some -15 dB of an error.
     """
-    length = pulse_length(apart)
     count = 8 * length
-    one = _spectrum(np.array([count / 2, count / 2 + _WIDTH]), np.array([1, 0], dtype=np.complex64), count)
-    lags = symbols * fft.ifft(np.square(np.abs(one.astype(np.complex128))))[:length].real
+    one = _spectrum(count / 2 + np.arange(1), np.ones(1, dtype=np.complex64), count)
+    lags = fft.ifft(np.square(np.abs(one.astype(np.complex128))))[:length].real
     lags[0] *= 1 + _LOADING
-    return np.linalg.inv(linalg.toeplitz(lags)).astype(np.complex64)
+    inverse = np.linalg.inv(linalg.toeplitz(lags)).astype(np.complex64)
+    inverse.setflags(write=False)
+    return inverse
 
 
 def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.ndarray]:
