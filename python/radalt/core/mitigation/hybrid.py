@@ -73,6 +73,7 @@ class Hybrid(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.cancelled = 0
+        self._last: OfdmCancel | QpskCancel | None = None  # that had the frame before, if that had no tones
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()
@@ -91,15 +92,34 @@ class Hybrid(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
-            heard = without_tones(frame)
-            heard = frame if heard is None else heard
-            cancelled = self._cancelled(heard)
-            if cancelled is None:
-                row[:] = self._elsewhere(frame, heard)
-            else:
-                row[:] = cancelled
-                self.cancelled += 1
+            row[:] = self._one(frame)
         return out
+
+    def _one(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) frame cleaned by the method that knows what fills it, the one that had the frame before first."""
+        last, self._last = self._last, None
+        out = None
+        if last is not None:
+            out = last.follow(frame) if last is self._qpsk else last.cancel(frame, toneless=True)
+            if out is not None and last.busy >= _BURST:
+                self._last = last
+                self.cancelled += 1
+                return out
+        if not self._detector.present(frame[None])[0]:
+            return self._other.process(frame)  # nothing is there to look for
+        toneless = without_tones(frame)
+        toneless = frame if toneless is None else toneless
+        for method in (self._ofdm, self._qpsk):
+            if method is last is self._ofdm and (out is not None or toneless is frame):
+                continue  # it has had this frame
+            if method is self._qpsk and self._knows_paper and _spread(toneless) < _SPREAD:
+                continue
+            out = method.cancel(toneless, toneless=True)
+            if out is not None and method.busy >= _BURST:
+                self._last = method if toneless is frame else None
+                self.cancelled += 1
+                return out
+        return self._elsewhere(frame, toneless)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that holds nothing to cancel behind the other method; ``heard`` is it without its tones."""
@@ -113,16 +133,6 @@ class Hybrid(Mitigation):
         white = self._beside.process(heard)
         level, white_level = np.linalg.norm(out), np.linalg.norm(white)
         return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
-
-    def _cancelled(self, frame: np.ndarray) -> np.ndarray | None:
-        """A toneless frame without the OFDM or QPSK that fills it; None where neither does."""
-        out = self._ofdm.cancel(frame, toneless=True)
-        if out is not None and self._ofdm.busy >= _BURST:
-            return out
-        out = self._qpsk.cancel(frame, toneless=True)
-        if out is None or self._qpsk.busy < _BURST or (self._knows_paper and _spread(frame) < _SPREAD):
-            return None
-        return out
 
 
 def _lasts(frame: np.ndarray) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from .ofdm.lattice import middle, power
 from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
+from .qpsk.follower import FEWEST, Follower
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
 
-_CONTRAST = 18.0  # of the clock's line; one frame of noise in a hundred has more
+_CONTRAST = 28.0  # of the clock's line; one frame of noise in ten thousand has more, one of OFDM in a hundred
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _ALIKE = 0.3  # correlation of neighbouring points: more is no data
 _TONE = 0.8  # a tone, which an equaliser gives one modulus from any start
@@ -27,6 +29,15 @@ _SENDS = 0.1  # of the mean power of what was sent
 _LIMIT = 6.0  # times the median power: what is left where a burst begins
 _FEW = 5  # every so manieth sample tells the median
 _SHORTEST = 1024  # samples in a frame
+
+
+@dataclass(frozen=True)
+class _Lock:
+    """An emitter that is followed: what frames are divided by, and whether they had tones on top."""
+
+    follower: Follower
+    scale: np.float32
+    tones: bool
 
 
 class QpskCancel(Mitigation):
@@ -73,9 +84,10 @@ class QpskCancel(Mitigation):
     def reset(self) -> None:
         """See `Mitigation.reset`."""
         super().reset()
-        self.cancelled = 0
+        self.cancelled = self.followed = 0
         self.depth_db = self.busy = 0.0
         self._known: tuple[float, np.ndarray] | None = None  # rate and weights of the frame before
+        self._lock: _Lock | None = None
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that were cancelled."""
@@ -86,8 +98,12 @@ class QpskCancel(Mitigation):
 
         ``toneless`` says that its tones were taken away before.
         """
-        heard = None if toneless else without_tones(frame)
-        frame = frame if heard is None else heard
+        out = self.follow(frame, toneless=toneless)
+        if out is not None:
+            return out
+        rest = None if toneless else without_tones(frame)
+        tones = rest is not None
+        frame = rest if tones else frame
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not scale > 0:
             return None
@@ -97,12 +113,34 @@ class QpskCancel(Mitigation):
             clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
         for clock in clocks:
             for symbols in self._symbols(Equaliser(frame, clock), clock):
-                out = self._subtracted(frame, symbols)
-                if out is not None:
-                    self._known = clock.rate, symbols.weights
-                    self.cancelled += 1
-                    return out * scale
+                model, train, pulses = heard(frame, symbols)
+                left = frame - model
+                out = self._worth(left, model, train.known, busy=symbols.busy)
+                if out is None:
+                    continue
+                self._known = clock.rate, symbols.weights
+                self.cancelled += 1
+                if symbols.busy == 1 and symbols.times.size >= FEWEST:
+                    rest = left[train.known]
+                    mean = float(np.vdot(rest, rest).real / rest.size)
+                    self._lock = _Lock(Follower(frame, clock, symbols, pulses, train, mean), scale, tones)
+                return out * scale
         return None
+
+    def follow(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+        """The same if the emitter of the frame before goes on; None if it does not, or there was none."""
+        lock, self._lock = self._lock, None
+        if lock is None:
+            return None
+        rest = without_tones(frame) if lock.tones and not toneless else None
+        found = lock.follower.follow((frame if rest is None else rest) * (1 / lock.scale))
+        out = None if found is None else self._worth(*found, busy=1.0)
+        if out is None:
+            return None
+        self._lock = lock
+        self.cancelled += 1
+        self.followed += 1
+        return out * lock.scale
 
     def _symbols(self, equaliser: Equaliser, clock: Clock) -> Iterator[Symbols]:
         """Symbols that look safely decided, from one start of the equaliser after another."""
@@ -119,18 +157,17 @@ class QpskCancel(Mitigation):
             if symbols.error < _ERROR and symbols.alike < _ALIKE:
                 yield symbols
 
-    def _subtracted(self, frame: np.ndarray, symbols: Symbols) -> np.ndarray | None:
-        """The frame less what the symbols explain; None if that is little."""
-        model, known = heard(frame, symbols)
-        out = np.zeros_like(frame)
-        out[known] = frame[known] - model[known]
+    def _worth(self, left: np.ndarray, model: np.ndarray, known: slice, *, busy: float) -> np.ndarray | None:
+        """What is left of a frame, blanked where symbols are cut; None if little was taken away."""
+        out = np.zeros_like(left)
+        out[known] = left[known]
         level = power(out)
         sent = power(model[known])
         gain = float(sent.sum() / max(level[known] @ (sent > _SENDS * sent.mean()), 1e-30))
-        if gain < _WORTH:
+        if not gain >= _WORTH:
             return None
         out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0
-        self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), symbols.busy
+        self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), busy
         return out
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:

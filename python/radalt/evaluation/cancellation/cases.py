@@ -160,6 +160,9 @@ CASES = {
     "nr10_noise5": Case("10 MHz, 64QAM, heard with noise 5 dB below it", own_snr_db=5.0),
     "nr10_antennas": Case("10 MHz, 64QAM, two antennas' streams on the same elements", antennas=2),
     "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=QpskReceivedEmitter()),
+    "qpsk_stream": Case(
+        "QPSK, rectangular, goes on from frame to frame", stream=True, qpsk=QpskReceivedEmitter()
+    ),
     "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=QpskReceivedEmitter(pulse="rrc")),
     "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=QpskReceivedEmitter()),
     "qpsk_burst": Case("QPSK, rectangular, 0.3 of the frame", overlap=0.3, qpsk=QpskReceivedEmitter()),

@@ -32,11 +32,12 @@ _KINDS = (
     ),
     ("ofdm_cancel", "looking for an emitter, SIR -45 dB", "nr10_stream", -45.0, True),
     ("qpsk_cancel", "no QPSK", "qpsk", None, False),
-    ("qpsk_cancel", "following, SIR -45 dB", "qpsk", -45.0, False),
+    ("qpsk_cancel", "following, SIR -45 dB", "qpsk_stream", -45.0, False),
+    ("qpsk_cancel", "following one that begins anew in every frame", "qpsk", -45.0, False),
     ("qpsk_cancel", "looking for an emitter, SIR -45 dB", "qpsk", -45.0, True),
     ("hybrid", "no interference", "nr10_stream", None, False),
     ("hybrid", "following OFDM, SIR -45 dB", "nr10_stream", -45.0, False),
-    ("hybrid", "following QPSK, SIR -45 dB", "qpsk", -45.0, False),
+    ("hybrid", "following QPSK, SIR -45 dB", "qpsk_stream", -45.0, False),
     ("hybrid", "OFDM that cannot be read (noise 10 dB below it), SIR -45 dB", "nr10_noise10", -45.0, False),
 )
 _SYMBOLS = np.arange(13)[:, None] * 535 + np.arange(500)  # 13 whole symbols of 15 kHz

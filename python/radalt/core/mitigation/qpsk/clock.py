@@ -8,7 +8,9 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
-__all__ = ["Clock", "find_clocks"]
+from ...waveform import exp_cycles
+
+__all__ = ["Clock", "clock_line", "find_clocks"]
 
 _SLOWEST = 0.02  # symbols per sample
 _FASTEST = 0.47
@@ -16,6 +18,7 @@ _BLOCK = 125  # bins with one floor
 _HARMONIC = 0.3  # of the strongest line's power: the lowest line of so much is tried first
 _MOST = 3  # lines tried
 _WIDE = 4  # bins that a line takes
+_PER_SYMBOL = 2.2  # taps of an equaliser at least
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,11 @@ class Clock:
 
     rate: float
     instant: float
+
+    @property
+    def tap_step(self) -> int:
+        """Samples from tap to tap of an equaliser."""
+        return max(1, int(1 / (_PER_SYMBOL * self.rate)))
 
 
 @lru_cache(maxsize=4)
@@ -51,13 +59,7 @@ def find_clocks(frame: np.ndarray, least: float) -> list[Clock]:
     ``least`` is the power of a line that counts, over the median of its surroundings.
     """
     count = frame.size
-    product = frame[1:] * frame[:-1].conj()
-    mean = complex(product.mean())
-    turn = np.conj(mean) / max(abs(mean), 1e-30)  # a carrier turns every product alike
-    real = np.zeros(count, dtype=np.float32)
-    real[1:] = (product * np.complex64(turn)).real
-    real[1:] -= real[1:].mean()
-    spectrum = fft.rfft(real * _window(count))
+    spectrum = fft.rfft(_windowed(frame))
     power = spectrum.real**2 + spectrum.imag**2
     used = power[: power.size - power.size % _BLOCK].reshape(-1, _BLOCK)
     floor = np.sort(used, axis=1)[:, _BLOCK // 2]
@@ -70,6 +72,36 @@ def find_clocks(frame: np.ndarray, least: float) -> list[Clock]:
         contrast[max(0, lines[-1] - _WIDE) : lines[-1] + _WIDE + 1] = 0
         lines.append(int(contrast.argmax()))
     return [_clock(spectrum, line, count) for line in lines[:-1]]
+
+
+def clock_line(frame: np.ndarray, rate: float) -> float:
+    """Sample near the middle of an (n,) complex64 frame at which the line of a clock of known ``rate`` peaks."""
+    count = frame.size
+    # even about the frame's middle
+    phase = float(np.angle(_windowed(frame) @ _turns(rate, count)))
+    instant = count / 2 - 0.5 - phase / (2 * np.pi * rate)
+    return instant + round((count / 2 - instant) * rate) / rate
+
+
+def _windowed(frame: np.ndarray) -> np.ndarray:
+    """(n,) float32, the windowed products of neighbouring samples without their mean."""
+    count = frame.size
+    product = frame[1:] * frame[:-1].conj()
+    mean = complex(product.mean())
+    turn = np.conj(mean) / max(abs(mean), 1e-30)  # a carrier turns every product alike
+    real = np.zeros(count, dtype=np.float32)
+    real[1:] = (product * np.complex64(turn)).real
+    real[1:] -= real[1:].mean()
+    real *= _window(count)
+    return real
+
+
+def _turns(rate: float, count: int) -> np.ndarray:
+    """(count,) complex64 that a tone of ``rate`` cycles per sample is multiplied by for its phase in the middle."""
+    short = int(np.sqrt(count)) + 1
+    long, steps = exp_cycles(-rate * np.array([[short], [1]]) * np.arange(short))
+    middle = np.complex64(np.exp(1j * np.pi * rate * count))
+    return (long[:, None] * (steps * middle)).ravel()[:count]
 
 
 def _clock(spectrum: np.ndarray, line: int, count: int) -> Clock:

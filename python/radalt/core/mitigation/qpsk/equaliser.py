@@ -12,10 +12,9 @@ from ...waveform import exp_cycles
 from ..ofdm.lattice import box, power, unit
 from .clock import Clock
 
-__all__ = ["TAPS", "Equaliser", "Symbols", "decide"]
+__all__ = ["TAPS", "Equaliser", "Symbols", "decide", "likeness", "nearest", "turning"]
 
 TAPS = 32
-_PER_SYMBOL = 2.2  # taps at least
 _UP = 4  # points per sample, between which is interpolated
 _LOADING = 1e-6  # of the mean power: a tone makes the equations nearly singular
 _ASKED = 800  # symbols that are enough for 32 weights
@@ -67,7 +66,7 @@ class Equaliser:
     """
 
     def __init__(self, frame: np.ndarray, clock: Clock) -> None:
-        self._step = max(1, int(1 / (_PER_SYMBOL * clock.rate)))
+        self._step = clock.tap_step
         self._half = max(1, round(0.5 / (clock.rate * self._step)))
         self.times, self._rows = self._taken(frame, clock)
         rails = np.ascontiguousarray(self._rows[:, ::4]).view(np.float32)
@@ -130,13 +129,12 @@ class Equaliser:
             points, turn = decide(self._rows @ weights, active)
             weights = self._fitted((points * turn)[self._asked])
         outputs = (self._rows @ weights) * turn.conj()
-        points = _nearest(outputs) * active
+        points = nearest(outputs) * active
         sent = np.count_nonzero(active)
         wrong = (outputs - points)[active]
         error = float(np.vdot(wrong, wrong).real / sent)
-        alike = max(abs(np.vdot(points[:-lag], points[lag:])) / (points.size - lag) for lag in (1, 2, 3))
         busy = sent / active.size
-        return Symbols(self.times, points * turn, points, error, float(alike / busy), busy, weights)
+        return Symbols(self.times, points * turn, points, error, likeness(points) / busy, busy, weights)
 
 
 @lru_cache(maxsize=4)
@@ -164,13 +162,18 @@ def _pairs(fine: np.ndarray, step: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(points, (2, TAPS))
 
 
-def _nearest(outputs: np.ndarray) -> np.ndarray:
+def likeness(points: np.ndarray) -> float:
+    """Largest correlation of one of (K,) unit points with one of the three before it."""
+    return float(max(abs(np.vdot(points[:-lag], points[lag:])) / (points.size - lag) for lag in (1, 2, 3)))
+
+
+def nearest(outputs: np.ndarray) -> np.ndarray:
     """Nearest points of unit QPSK."""
     rails = np.ascontiguousarray(outputs).view(np.float32)
     return np.copysign(np.float32(np.sqrt(0.5)), rails).view(np.complex64)
 
 
-def _carrier(cycles: float, count: int) -> np.ndarray:
+def turning(cycles: float, count: int) -> np.ndarray:
     """(count,) complex64 of ``cycles`` per symbol: products of few long and few short steps."""
     short = int(np.sqrt(count)) + 1
     long, steps = exp_cycles(cycles * np.array([[short], [1]]) * np.arange(short))
@@ -192,7 +195,7 @@ def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndar
     spectrum = fft.fft(fourth, size)
     line = int(np.abs(spectrum).argmax())
     index = np.arange(outputs.size)
-    turn = _carrier(line / size / 4, outputs.size)
+    turn = turning(line / size / 4, outputs.size)
     carrier = turn * turn
     carrier *= carrier
     rest = box(fourth * carrier.conj(), _COURSE)
@@ -205,4 +208,4 @@ def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndar
     slope = (weight @ (distance * course)) / (weight @ (distance * distance))
     offset = (weight @ course) / weight.sum()
     turn *= unit((0.25 * (mean + offset + slope * distance)).astype(np.float32))
-    return _nearest(outputs * turn.conj()) * active, turn
+    return nearest(outputs * turn.conj()) * active, turn

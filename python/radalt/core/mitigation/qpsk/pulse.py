@@ -10,7 +10,7 @@ from scipy import fft, linalg
 
 from .equaliser import Symbols
 
-__all__ = ["heard"]
+__all__ = ["Train", "heard", "pulse_length", "usual_inverse"]
 
 _WIDTH = 6  # points per symbol on the grid of twice the rate
 _BETA = 2.3 * _WIDTH  # Kaiser-Bessel window: images are 100 dB down
@@ -26,43 +26,131 @@ _SETTLED = 0.8  # of the residual power before, at which another round gains not
 
 @lru_cache(maxsize=1)
 def _window() -> np.ndarray:
-    """Kaiser-Bessel window, (_TABLE + 1, _WIDTH) float32, read-only: the points around each place between two."""
-    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1) - np.arange(_TABLE + 1)[:, None] / _TABLE
+    """Kaiser-Bessel window, (_WIDTH, _TABLE + 1) float32, read-only: the points around each place between two."""
+    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1)[:, None] - np.arange(_TABLE + 1) / _TABLE
     inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
     window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
     window.setflags(write=False)
     return window
 
 
-def _spectrum(symbols: Symbols, count: int) -> np.ndarray:
+def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """(count,) complex64 transform of an impulse per symbol at its exact time, below half the sample rate.
 
     Impulses are spread over a grid of twice the rate (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993). The
     window's own transform stays in: the pulse that is fitted takes it up.
     """
     grid = np.zeros(2 * count, dtype=np.complex64)
-    place = 2 * symbols.times
+    place = 2 * times
     whole = place.astype(np.intp)
-    spread = _window()[np.rint((place - whole) * _TABLE).astype(np.intp)] * symbols.values[:, None]
+    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
     whole += 1 - _WIDTH // 2
     for offset in range(_WIDTH):
         # symbols are two and more points apart, so no point is written to twice
-        grid[whole + offset] += spread[:, offset]
+        grid[offset:][whole] += spread[offset]
     spectrum = fft.fft(grid, overwrite_x=True)
     return np.concatenate([spectrum[: count - count // 2], spectrum[-(count // 2) :]])
 
 
-def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
-    """(n,) complex64, the part of a frame that the symbols explain, and the samples in which all symbols are known.
+class Train:
+    """Impulses at the symbols' times, and what lies between them and a frame: a pulse, or two.
+
+    By overlap-save: a pulse is short, and transforms of many short pieces at once cost less than one of the frame.
+
+    Parameters
+    ----------
+    times : (K,) float
+        In samples of the frame.
+    values : (K,) complex64
+    count : int
+        Samples of the frame.
+
+    Attributes
+    ----------
+    spectrum : (count,) complex64
+    length : int
+        Samples of a pulse.
+    known : slice
+        Samples in which all symbols are known.
+    middle, half : float
+        Of the ramp that rises from -1 to 1 over the frame, in samples.
+    """
+
+    def __init__(self, times: np.ndarray, values: np.ndarray, count: int) -> None:
+        self.length = pulse_length(float(times[1] - times[0]))
+        self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
+        self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
+        self.spectrum = _spectrum(times, values, count)
+        self._count = count
+        self._pieces = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
+        self._hop = -(-count // self._pieces)
+        self._size = fft.next_fast_len(self._hop + self.length - 1, real=True)
+        self._late = np.zeros((self._pieces, self._size), dtype=np.complex64)
+        self._left = np.zeros(self._pieces * self._hop, dtype=np.complex64)
+        self.steady = fft.ifft(self.spectrum)
+
+    def pieces(self, steady: np.ndarray) -> np.ndarray:
+        """(pieces, size) complex64 transforms of a (count,) train in pieces that overlap by a pulse."""
+        padded = np.zeros(self._pieces * self._hop + self._size, dtype=np.complex64)
+        before = self.length // 2 - 1
+        padded[before : before + self._count] = steady
+        return fft.fft(sliding_window_view(padded, self._size)[: self._pieces * self._hop : self._hop])
+
+    def places(self) -> np.ndarray:
+        """(pieces,) float32: where between -1 and 1 the middle of each piece is."""
+        middle = (np.arange(self._pieces) + 0.5) * self._hop
+        return ((middle - self.middle) / self.half).astype(np.float32)
+
+    def short(self, pulses: np.ndarray) -> np.ndarray:
+        """(..., size) complex64 transforms of (..., length) pulses."""
+        return fft.fft(pulses.astype(np.complex64, copy=False), self._size)
+
+    def alike(self, left: np.ndarray, span: slice) -> np.ndarray:
+        """(pieces, size) complex64 transforms of the samples of a (count,) frame in ``span``, to be correlated."""
+        self._left[span] = left[span]
+        self._late[:, self.length - 1 : self.length - 1 + self._hop] = self._left.reshape(-1, self._hop)
+        return fft.fft(self._late)
+
+    def lags(self, products: np.ndarray) -> np.ndarray:
+        """(..., length) of a correlation whose transform is (..., size)."""
+        return fft.ifft(products)[..., : self.length]
+
+    def made(self, products: np.ndarray) -> np.ndarray:
+        """(count,) complex64 samples from the transforms (pieces, size) of trains times pulses."""
+        made = fft.ifft(products, overwrite_x=True)
+        return made[:, self.length - 1 : self.length - 1 + self._hop].ravel()[: self._count]
+
+
+def pulse_length(apart: float) -> int:
+    """Samples that a pulse lasts, of symbols so many samples ``apart``."""
+    return min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
+
+
+@lru_cache(maxsize=4)
+def usual_inverse(length: int) -> np.ndarray:
+    """(length, length) complex64, read-only: inverse of the mean Toeplitz matrix of a random symbol.
+
+    That of a frame, per symbol, differs from it by a tenth or two, so a step with it leaves some -15 dB of an error.
+    """
+    count = 8 * length
+    one = _spectrum(count / 2 + np.arange(1), np.ones(1, dtype=np.complex64), count)
+    lags = fft.ifft(np.square(np.abs(one.astype(np.complex128))))[:length].real
+    lags[0] *= 1 + _LOADING
+    inverse = np.linalg.inv(linalg.toeplitz(lags)).astype(np.complex64)
+    inverse.setflags(write=False)
+    return inverse
+
+
+def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.ndarray]:
+    """(n,) complex64, the part of a frame that the symbols explain; their train, and the (2, length) pulses.
 
     ``sum_k b_k (g_0 + u g_1)(n - t_k)``, where u rises from -1 to 1 over the frame: a carrier, a clock or a path that
     drifts changes the pulse in proportion to time, for as long as the change is small. Both pulses are fitted in turns,
     with the Toeplitz matrix of a long frame, to what is left of the frame.
     """
     count = frame.size
-    apart = float(symbols.times[1] - symbols.times[0])
-    length = min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
-    spectrum = _spectrum(symbols, count)
+    train = Train(symbols.times, symbols.values, count)
+    length, spectrum, known = train.length, train.spectrum, train.known
     # the transform of a real sequence: half of it says all
     lag_zero_first = (
         fft.rfft(spectrum.real**2 + spectrum.imag**2)[:length].conj().astype(np.complex128) / count
@@ -70,39 +158,24 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, slice]:
     lag_zero_first[0] *= 1 + _LOADING
     solved = linalg.lapack.zpotrf(linalg.toeplitz(lag_zero_first))[0]
     sent = symbols.times[symbols.points != 0]
-    middle, half = (sent[-1] + sent[0]) / 2, (sent[-1] - sent[0]) / 2
-    ramp = ((np.arange(count) - middle) / half).astype(np.float32)
-    known = slice(int(symbols.times[0]) + length // 2, int(symbols.times[-1]) - length // 2)
+    train.middle, train.half = (sent[-1] + sent[0]) / 2, (sent[-1] - sent[0]) / 2
+    ramp = ((np.arange(count) - train.middle) / train.half).astype(np.float32)
     # at a burst's edge symbols are cut, and cut symbols are not known
     begin, end = max(known.start, int(sent[0]) + length // 2), min(known.stop, int(sent[-1]) - length // 2)
-    scale = sent.size / np.count_nonzero((sent > begin) & (sent < end))
+    span = slice(begin, max(begin, end))
+    scale = sent.size / max(1, np.count_nonzero((sent > begin) & (sent < end)))
     weights = scale * np.array([[1], [3]])
-
-    # overlap-save: a pulse is short, and transforms of many short pieces at once cost less than one of the frame
-    pieces = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
-    hop = -(-count // pieces)
-    size = fft.next_fast_len(hop + length - 1)
-    steady = fft.ifft(spectrum, overwrite_x=True)
-    padded = np.zeros((2, pieces * hop + size), dtype=np.complex64)
-    before = length // 2 - 1
-    padded[0, before : before + count] = steady
-    np.multiply(steady, ramp, out=padded[1, before : before + count])
-    sources = fft.fft(sliding_window_view(padded, size, axis=1)[:, : pieces * hop : hop])
-    left = np.zeros(pieces * hop, dtype=np.complex64)
-    left[begin:end] = frame[begin:end]
-    late = np.zeros((pieces, size), dtype=np.complex64)
-    model = np.zeros(pieces * hop, dtype=np.complex64)
+    sources = np.stack([train.pieces(train.steady), train.pieces(train.steady * ramp)])
     pulses = np.zeros((2, length), dtype=np.complex128)
+    left, model = frame, np.zeros_like(frame)
     rest = np.inf
     for _ in range(_ROUNDS):
-        last, rest = rest, np.vdot(left, left).real
+        last, rest = rest, np.vdot(left[span], left[span]).real
         if rest > _SETTLED * last:
             break
-        late[:, length - 1 : length - 1 + hop] = left.reshape(pieces, hop)
-        alike = (sources * fft.fft(late).conj()).sum(axis=1).conj()
-        pulses += linalg.lapack.zpotrs(solved, (weights * fft.ifft(alike)[:, :length]).T)[0].T
-        short = fft.fft(pulses.astype(np.complex64), size)
-        made = fft.ifft(sources[0] * short[0] + sources[1] * short[1], overwrite_x=True)
-        model = made[:, length - 1 : length - 1 + hop].ravel()
-        left[begin:end] = frame[begin:end] - model[begin:end]
-    return model[:count], known
+        lags = train.lags((sources * train.alike(left, span).conj()).sum(axis=1).conj())
+        pulses += linalg.lapack.zpotrs(solved, (weights * lags).T)[0].T
+        short = train.short(pulses)
+        model = train.made(sources[0] * short[0] + sources[1] * short[1])
+        left = frame - model
+    return model, train, pulses

@@ -1,0 +1,183 @@
+"""QPSK whose clock, carrier, equaliser and pulse are known from the frame before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from ...waveform import exp_cycles
+from ..ofdm.lattice import unit
+from .clock import Clock, clock_line
+from .equaliser import TAPS, Symbols, likeness, nearest, turning
+from .pulse import Train, usual_inverse
+
+__all__ = ["FEWEST", "Follower"]
+
+FEWEST = 200  # symbols in a frame
+
+_BLOCK = 50  # symbols whose phase and error are averaged
+_COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or none
+_ERROR = 0.08  # of the points' power; symbols at random have 0.3
+_WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
+_WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
+_ALIKE = 0.3
+_GAIN = 0.1  # of what is left: a pulse that would take away less is only kept for the next frame
+_ROUNDS = 5
+_CHANGE = 8.0  # of the least that was left: more is something new
+_STEP = 0.5  # of the error in carrier and clock, per frame
+
+
+@dataclass
+class _Known:
+    """What was heard of the symbols at their times."""
+
+    times: np.ndarray
+    values: np.ndarray
+    amplitude: float
+
+
+class Follower:
+    """One emitter that sends all the time, from the frame in which it was found on.
+
+    Per frame: the old equaliser at the times predicted, decisions, the old pulse, and a step of least squares towards
+    the new one with the mean Toeplitz matrix of random symbols. Where the times do not fit, they are
+    taken from the clock's line at the known rate.
+
+    Parameters
+    ----------
+    frame : (n,) complex64
+        In which the emitter was found, of unit power.
+    clock : Clock
+    symbols : Symbols
+        Of the whole frame.
+    pulses : (2, length)
+        Of `heard`.
+    train : Train
+    left : float
+        Power that was left.
+    """
+
+    def __init__(
+        self, frame: np.ndarray, clock: Clock, symbols: Symbols, pulses: np.ndarray, train: Train, left: float
+    ) -> None:
+        self._count = count = frame.size
+        self._period = 1 / clock.rate
+        self._side = clock.tap_step * TAPS // 2 + 1
+        turn = symbols.values * symbols.points.conj()
+        self._carrier = _cycles(turn)
+        places = (TAPS // 2 - np.arange(TAPS)) * clock.tap_step
+        taps = np.zeros(count, dtype=np.complex64)
+        np.add.at(taps, places % count, symbols.weights)
+        whole = fft.fft(taps)
+        self._response = np.stack([whole, whole * exp_cycles(0.5 * fft.fftfreq(count))])
+        self._pulse = pulses[0].astype(np.complex64)
+        self._error, self._amplitude, self._left = symbols.error, None, left
+        self._instant = 0.0
+        self._move(train, symbols.times, pulses[1], 1.0)
+
+    def follow(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
+        """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
+        symbols are known; None if the emitter is not as it was.
+        """
+        outputs = fft.ifft(fft.fft(frame) * self._response, overwrite_x=True).ravel()
+        known = self._decided(outputs, self._instant)
+        if known is None:
+            known = self._decided(outputs, clock_line(frame, 1 / self._period))
+            if known is None:
+                return None
+        train = Train(known.times, known.values, self._count)
+        span = train.known
+        source, places = train.pieces(train.steady), train.places()
+        if self._amplitude is None:
+            self._amplitude = known.amplitude
+        pulses = np.zeros((2, train.length), dtype=np.complex64)
+        pulses[0] = self._pulse * np.float32(known.amplitude / self._amplitude)
+        moments = np.stack([np.ones_like(places), places]).astype(np.complex64)
+        # of the ramp's square the mean is a third; only symbols in the span are correlated
+        scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
+        inverse = usual_inverse(train.length)
+        own = source.conj()
+        for _ in range(_ROUNDS):
+            model = train.made(source * (moments.T @ train.short(pulses)))
+            left = frame - model
+            power = np.vdot(left[span], left[span]).real
+            lags = train.lags(moments @ (own * train.alike(left, span)))
+            step = (scale * lags) @ inverse
+            pulses += step
+            if np.vdot(step, lags).real < _GAIN * power:
+                break
+        else:
+            return None
+        power = float(power) / (span.stop - span.start)
+        if not power < _CHANGE * self._left:
+            return None
+        self._left, self._amplitude = min(self._left, power), known.amplitude
+        self._pulse = pulses[0].astype(np.complex64)
+        self._move(train, known.times, pulses[1], _STEP)
+        return left, model, span
+
+    def _decided(self, outputs: np.ndarray, instant: float) -> _Known | None:
+        """Symbols at the times around ``instant``; None if they are not those of this emitter."""
+        count = self._count
+        first = instant - np.floor((instant - self._side) / self._period) * self._period
+        times = np.arange(first, count - self._side - 1, self._period)
+        place = 2 * times
+        whole = place.astype(np.intp)
+        part = (place - whole).astype(np.float32)
+        before = outputs.take((whole & 1) * count + (whole >> 1))
+        whole += 1
+        after = outputs.take((whole & 1) * count + (whole >> 1))
+        before += part * (after - before)
+        turn = turning(self._carrier, times.size)
+        straight = before * turn.conj()
+        used = times.size - times.size % _BLOCK
+        fourth = straight[:used] * straight[:used]
+        fourth *= -fourth  # the points stand on the diagonals
+        blocks = fourth.reshape(-1, _BLOCK).sum(axis=1)
+        mean = blocks.sum()
+        if not abs(mean) > _COHERENT * np.abs(blocks).sum():
+            return None
+        course = np.angle(blocks * mean.conj())
+        index = np.arange(blocks.size) - (blocks.size - 1) / 2
+        slope = float(index @ course / (index @ index)) / _BLOCK
+        late = np.arange(times.size) - (used - 1) / 2
+        correction = unit((0.25 * (np.angle(mean) + slope * late)).astype(np.float32))
+        turn *= correction
+        straight *= correction.conj()
+        points = nearest(straight)
+        amplitude = np.vdot(points, straight).real / points.size
+        wrong = straight * np.float32(1 / amplitude) - points
+        rails = wrong[:used].view(np.float32).reshape(-1, 2 * _BLOCK)
+        error = np.einsum("bk,bk->b", rails, rails) / _BLOCK
+        limit = min(_ERROR, max(_WORSE * self._error, _LEAST))
+        if not (error.mean() < limit and error.max() < _WORST) or likeness(points) > _ALIKE:
+            return None
+        return _Known(times, points * turn, amplitude)
+
+    def _move(self, train: Train, times: np.ndarray, drift: np.ndarray, share: float) -> None:
+        """Carrier and clock from how the pulse drifts over half the frame; times and angles of the next frame.
+
+        A carrier turns the pulse, a clock delays it, both in proportion to time. What else drifts is left to the next
+        frame's steps.
+        """
+        pulse = self._pulse
+        turned = 1j * pulse
+        late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
+        both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
+        first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
+        angle = share * (its * first - both * second) / (own * its - both * both)
+        delay = share * (own * second - both * first) / (own * its - both * both)
+        self._carrier += angle * self._period / (2 * np.pi * train.half)
+        centre = float(times[times.size // 2])
+        self._period *= 1 + delay / train.half
+        self._instant = centre + round(self._count / self._period) * self._period - self._count
+
+
+def _cycles(turn: np.ndarray) -> float:
+    """Cycles per symbol of (K,) numbers that turn evenly."""
+    step = np.angle(np.vdot(turn[:-1], turn[1:])) / (2 * np.pi)
+    steps = turn.size - 1
+    rest = np.angle(turn[-1] * np.conj(turn[0]) * np.exp(-2j * np.pi * step * steps)) / (2 * np.pi)
+    return float(step + rest / steps)
