@@ -12,6 +12,7 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.detection import study
 from radalt.evaluation.detection.report import null_table, return_table
 from radalt.evaluation.detection.textbook import textbook_altitudes
+from radalt.evaluation.results.proportion import clopper_pearson, mcnemar
 
 W = Waveform()
 FRAMES = 160
@@ -30,7 +31,7 @@ def frames_of(scene_name: str, sir_db: float, snr_db: float = 10.0) -> tuple[np.
     return frames.astype(np.complex64), altitudes
 
 
-def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
+def textbook(frames: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
     return textbook_altitudes(
         frames,
         bandwidth_hz=7.5e6,
@@ -38,7 +39,7 @@ def textbook(frames: np.ndarray, speed: float) -> np.ndarray:
         carrier_hz=4.3e9,
         speed_m_per_s=speed,
         max_altitude_m=1500.0,
-    )[0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,7 @@ def test_forced_decisions_are_not_behind_the_textbook(method, scene, sir_db):
     for speed in (0.0, 20.0, 150.0):
         altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed))
         error = np.abs(altimeter.process(cleaned)["forced_altitude_m"] - altitudes)
-        reference = np.abs(textbook(cleaned, speed) - altitudes)
+        reference = np.abs(textbook(cleaned, speed)[0] - altitudes)
         ours, theirs = error < 5.0, reference < 5.0
         only_theirs, only_ours = np.sum(theirs & ~ours), np.sum(ours & ~theirs)
         assert only_theirs - only_ours <= 2.5 * np.sqrt(only_theirs + only_ours + 1.0)
@@ -68,10 +69,35 @@ def test_forced_decisions_are_not_behind_the_textbook(method, scene, sir_db):
         assert excess.mean() <= 2.5 * excess.std() / np.sqrt(both.sum())
 
 
+@pytest.mark.parametrize(
+    ("method", "scene", "sir_db"), [("none", "qpsk_shaped", -28.0), ("whitening", "mixture", -35.0)]
+)
+def test_what_a_textbook_cfar_declares_ours_declares(method, scene, sir_db):
+    """Paired, at one bound of false alarms; a return that whitening leaves in pieces colours the band by itself."""
+    frames, altitudes = frames_of(scene, sir_db)
+    cleaned = create(method, W).process(frames)
+    for speed, threshold in study.TEXTBOOK_THRESHOLD.items():
+        result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed)).process(cleaned)
+        reference, ratio = textbook(cleaned, speed)
+        ours = result["valid"] & (np.abs(result["forced_altitude_m"] - altitudes) < 5.0)
+        theirs = (ratio > threshold) & (np.abs(reference - altitudes) < 5.0)
+        only_ours, only_theirs = int(np.sum(ours & ~theirs)), int(np.sum(theirs & ~ours))
+        assert only_ours >= only_theirs or mcnemar(only_ours, only_theirs) > 0.02
+
+
+def test_the_textbooks_threshold_is_our_bound_in_white_noise():
+    rng = np.random.default_rng(23)
+    noise = (rng.standard_normal((2400, 15000)) * np.sqrt(0.5)).astype(np.float32).view(np.complex64)
+    ratio = np.concatenate([textbook(some, 0.0)[1] for some in np.split(noise, 150)])
+    still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
+    low, high = clopper_pearson(int(np.sum(ratio > study.TEXTBOOK_THRESHOLD[0.0])), 2400)
+    assert low <= still.false_alarms_per_frame <= high
+
+
 def test_without_noise_both_measure_the_same():
     altitudes = np.linspace(20.0, 1450.0, 40)
     frames = point_return(W, altitudes)
-    assert np.abs(textbook(frames, 0.0) - altitudes).max() < 0.5
+    assert np.abs(textbook(frames, 0.0)[0] - altitudes).max() < 0.5
     still = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
     assert np.abs(still.process(frames)["forced_altitude_m"] - altitudes).max() < 0.5
 

@@ -76,6 +76,7 @@ def _detection(path):
         "overlap": 1.0,
     }
     found = {name: 0.5 for name in ("declared", "forced", "rmse_m", "wrong", "rate", "low", "high", "bound")}
+    found |= {"declared_alone": 3, "forced_alone": 2}
     row = where | {"frames": 20, "false": 10} | found | {f"textbook_{k}": v for k, v in found.items()}
     rows = [row | {"allowed_m_per_s": speed} for speed in (150.0, 0.0, 20.0)]
     study = DetectionStudy(("none",), 20, 20, 20)

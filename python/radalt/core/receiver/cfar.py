@@ -17,9 +17,13 @@ _WHITE, _COLOURED = (
     1.5,
     3.5,
 )  # spread of block levels over that of white noise: up to here white, from here coloured
+_FEWEST_BLOCKS = 4  # that colour is told from
 _LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
 _FEWEST = 4.0  # looks that a noise level has at least
 _NEAR = 8.0  # resolution cells to either side of a return that do not count where the span is held against the rest
+_LOBES = (
+    12.0  # resolution cells to either side of a block within which a return's own side lobes count as colour
+)
 _QUIETER = 2.0  # standard deviations by which cells beyond the span have to be quieter
 _NARROWEST = 0.05  # least support of a half sweep
 _ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding
@@ -111,7 +115,7 @@ class Cfar:
     1 dB, and more in correlated noise. A network that passes part of the band leaves noise of another level in every
     part, and the mean of the band is below most peaks. So the quartiles of blocks of 8 resolution cells are compared;
     where they are farther apart than in white noise of that support, the level comes from the cells around. A return
-    fills one or two blocks and does not move the quartiles.
+    fills one or two blocks and does not move the quartiles. One of a sweep in pieces fills more: `colour_beyond`.
 
     A network that knows the span of altitudes leaves little beyond it, so that the band's mean is below the level
     within. Blocks do not tell that where support is narrow: each has too few independent cells. `declared_level` asks
@@ -137,7 +141,9 @@ class Cfar:
         """Cells needed on each side of a cell under test."""
         return (self.train + self.guard) * self.group
 
-    def significance(self, power: np.ndarray, support: np.ndarray) -> Significance:
+    def significance(
+        self, power: np.ndarray, support: np.ndarray, colour: np.ndarray | None = None
+    ) -> Significance:
         """Significance of the cells that have all their training cells: element 0 belongs to cell ``margin``.
 
         Parameters
@@ -145,6 +151,8 @@ class Cfar:
         power : (n, 2, J) float32
         support : (n, 2) float
             See `support_of`.
+        colour : (n, 2) float, optional
+            See `Significance`; without it the band's blocks are asked.
         """
         t, g, q = self.train, self.guard, self.group
         m = t + g
@@ -158,7 +166,7 @@ class Cfar:
         noise = (whole - np.float32(self.energy) * cells) * np.float32(1.0 / (q * groups - self.energy))
         level = whole * np.float32(1.0 / (q * groups))
         least = level * np.float32(_ROUNDING) + np.float32(_TINY)
-        colour = self._colour(sums, support)
+        colour = self._colour(sums, support) if colour is None else colour
         if colour.any():
             around = np.repeat(self._around(sums), q, axis=-1)
             local = colour.astype(np.float32)[..., None]
@@ -241,15 +249,51 @@ class Cfar:
         around = total[..., 2 * m + 1 :] - total[..., :inner] - near
         return (around * (0.5 / (self.group * t))).astype(np.float32)
 
+    def colour_beyond(self, power: np.ndarray, support: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """(n, 2) colour of half sweeps without the surroundings of a cell; 1 where too little is left.
+
+        Where a method leaves pieces of the sweep, a return has side lobes over a quarter of the band. Its blocks then
+        differ as those of coloured noise do, and the level around the return is its own.
+
+        Parameters
+        ----------
+        power : (n, 2, J) float32
+        support : (n, 2) float
+        at : (n, 2) int
+            Cells found, of all J.
+        """
+        size = self._block * self.group
+        count = power.shape[-1] // size
+        levels = power[..., : count * size].reshape(*support.shape, count, size).sum(axis=-1)
+        middle = size * (np.arange(count) + 0.5)
+        far = np.abs(middle - at[..., None]) > 0.5 * size + _LOBES * self.per_resolution
+        left = far.sum(axis=-1, keepdims=True)
+        levels = np.sort(np.where(far, levels, np.inf), axis=-1)
+        low, high = (
+            np.take_along_axis(levels, np.maximum(k, 0), axis=-1)[..., 0]
+            for k in (left // 4, left - 1 - left // 4)
+        )
+        with np.errstate(invalid="ignore"):  # nothing left
+            return np.where(left[..., 0] < _FEWEST_BLOCKS, 1.0, self._spread(low, high, support))
+
+    @property
+    def _block(self) -> int:
+        """Groups in a block of the test for colour."""
+        return max(1, round(_BLOCK * self.per_resolution / self.group))
+
     def _colour(self, sums: np.ndarray, support: np.ndarray) -> np.ndarray:
         """(n, 2) in 0..1: how far block levels are apart, over what white noise of that support makes of them."""
-        block = max(1, round(_BLOCK * self.per_resolution / self.group))
+        block = self._block
         count = sums.shape[-1] // block
-        if count < 4:
+        if count < _FEWEST_BLOCKS:
             return np.zeros(support.shape)
         levels = sums[..., : count * block].reshape(*support.shape, count, block).sum(axis=-1)
         levels.sort(axis=-1)
-        low, high = levels[..., count // 4], levels[..., count - 1 - count // 4]
+        return self._spread(levels[..., count // 4], levels[..., count - 1 - count // 4], support)
+
+    @staticmethod
+    def _spread(low: np.ndarray, high: np.ndarray, support: np.ndarray) -> np.ndarray:
+        """(n, 2) in 0..1 colour of bands from the quartiles of their blocks' levels."""
         spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
         colour = (_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE)
         return np.minimum(np.maximum(colour, 0.0), 1.0)

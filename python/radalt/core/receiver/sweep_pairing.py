@@ -22,6 +22,10 @@ _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 # Points per cell where pairs compete: a return between two cells loses up to 0.4 dB of a peak that holes in the sweep
 # narrow, and a grating lobe that lies on a cell then wins.
 _FINER = 2
+# Above the threshold on a pair that is asked again without its own side lobes. With 2 the shipped network made up to 10
+# false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in a mixture
+# at -40 dB.
+_SECOND_LOOK = 5.0
 
 
 class Found(NamedTuple):
@@ -117,6 +121,11 @@ class PairSearch:
             found[doubtful] = self._stands_out(
                 power[doubtful], cells.frames(doubtful), pair[doubtful], peak[doubtful]
             )
+        missed = np.nonzero(~found & cells.colour.any(axis=1))[0]
+        if missed.size:
+            found[missed] = self._beyond_its_lobes(
+                power[missed], cells.frames(missed), pair[missed], peak[missed]
+            )
         reason = np.full(len(found), Reason.OK)
         if not found.all():
             single = self._single(cells)
@@ -175,16 +184,39 @@ class PairSearch:
         self, power: np.ndarray, cells: Significance, pair: np.ndarray, peak: np.ndarray
     ) -> np.ndarray:
         """(n,) bool: whether pairs of peak powers (n, 2) exceed the threshold over `Cfar.declared_level`."""
-        margin = self.cfar.margin
-        at = pair + margin
-        span = slice(margin + self.first, margin + self.last)
-        noise, own = self.cfar.declared_level(power, cells, at, span)
-        each = cells.of(peak[..., None], noise[..., None])[..., 0]
+        at = pair + self.cfar.margin
+        each, own = self._against_span(power, cells, at, peak)
         # support alone spares once; more is for noise that is known to last without a gap
         shared = 0.5 * ((1.0 - cells.colour) * self.cfar.shared(power, at)).sum(axis=1)
         fall = cells.spared + (self.spare - 1.0) * np.clip(shared, 0.0, cells.spared)
         threshold = self.pair_threshold - np.where(own, 0.0, fall)
         return (each.sum(axis=1) > threshold) & (each >= FLOOR).all(axis=1)
+
+    def _beyond_its_lobes(
+        self, power: np.ndarray, cells: Significance, pair: np.ndarray, peak: np.ndarray
+    ) -> np.ndarray:
+        """(n,) bool: whether a band is coloured by a return's side lobes alone, and the return stands out of all of it.
+
+        The level of the whole band holds the lobes too, so it is not too low.
+        """
+        at = pair + self.cfar.margin
+        beyond = np.minimum(self.cfar.colour_beyond(power, cells.support, at), cells.colour)
+        out = (beyond < cells.colour).any(axis=1)
+        k = np.nonzero(out)[0]
+        if k.size:
+            again = self.cfar.significance(power[k], cells.support[k], beyond[k])
+            each, _ = self._against_span(power[k], again, at[k], peak[k])
+            out[k] = (each.sum(axis=1) > self.pair_threshold + _SECOND_LOOK) & (each >= FLOOR).all(axis=1)
+        return out
+
+    def _against_span(
+        self, power: np.ndarray, cells: Significance, at: np.ndarray, peak: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) significance of peaks over `Cfar.declared_level`, and (n,) whether that is the span's own."""
+        margin = self.cfar.margin
+        span = slice(margin + self.first, margin + self.last)
+        noise, own = self.cfar.declared_level(power, cells, at, span)
+        return cells.of(peak[..., None], noise[..., None])[..., 0], own
 
     def _best_pair(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, 2) points of the greatest sum of (n, 2, points), the sum, and that of the best rival.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.study import Run
 from ..results.folder import RunFolder
 from ..results.page import write_pages
+from ..results.proportion import mcnemar
 from ..results.table import number, table
 
 if TYPE_CHECKING:
@@ -29,9 +30,10 @@ def write_report(
 
 
 def return_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Declared / forced Pd and error, wrong and valid; the textbook's beside them."""
+    """Declared / forced Pd and error, wrong and valid; the textbook's beside them, and frames that one has alone."""
     found = ("declared / forced", "RMSE, m", "wrong")
     header = ["method, interference", "allowed, m/s", *found, *(f"textbook: {word}" for word in found)]
+    header += ["declared by one alone", "forced by one alone"]
     return table(header, [_line(row) for row in rows])
 
 
@@ -41,6 +43,9 @@ def _line(row: dict[str, Any]) -> list[str]:
     for of in ("", "textbook_"):
         cells.append(f"{number(row[of + 'declared'], 3)} / {number(row[of + 'forced'], 3)}")
         cells += [number(row[of + "rmse_m"]), number(row[of + "wrong"], 3)]
+    for of in ("declared_alone", "forced_alone"):
+        ours, theirs = row[of], row["textbook_" + of]
+        cells.append(f"{ours} : {theirs}, p {number(mcnemar(ours, theirs), 2)}")
     return [f"{row['method']}, {level} dB", f"{row['allowed_m_per_s']:g}", *cells]
 
 

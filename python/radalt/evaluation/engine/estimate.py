@@ -30,7 +30,7 @@ def estimate(
     if not here:
         return alone
     jobs = max(1, min(jobs, study.max_jobs or jobs, _cores(), len(points)))
-    return (alone / jobs + study.seconds_once() + around_s) * slowdown(jobs)
+    return (alone / jobs + around_s) * slowdown(jobs)
 
 
 @lru_cache(maxsize=4)

@@ -115,10 +115,6 @@ class Study:
         """Rough CPU seconds of one batch of a point, for the estimate before the first is measured."""
         raise NotImplementedError
 
-    def seconds_once(self) -> float:
-        """CPU seconds of what every worker makes once, before its first point."""
-        return 0.0
-
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
         """Short points whose CPU time, over `seconds` of them, scales the estimate; none where it needs no scale."""
         return ()

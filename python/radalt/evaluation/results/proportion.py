@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import betaincinv, ndtri
+from scipy.special import bdtr, betaincinv, ndtri
 
-__all__ = ["clopper_pearson", "clopper_pearson_bound", "wilson_interval"]
+__all__ = ["clopper_pearson", "clopper_pearson_bound", "mcnemar", "wilson_interval"]
 
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -91,6 +91,20 @@ def clopper_pearson_bound(events: int, trials: int, confidence: float = 0.95) ->
     """
     _check_counts(events, trials, confidence)
     return 1.0 if events >= trials else float(betaincinv(events + 1, trials - events, confidence))
+
+
+def mcnemar(ours_alone: int, theirs_alone: int) -> float:
+    """Probability that two methods of equal merit differ so much on the same trials, exact and two-sided.
+
+    Only trials that one alone has right count: as likely the one's as the other's. Q. McNemar, Psychometrika 12, 1947.
+
+    Examples
+    --------
+    >>> mcnemar(0, 0), round(mcnemar(1, 9), 4)
+    (1.0, 0.0215)
+    """
+    few, trials = min(ours_alone, theirs_alone), ours_alone + theirs_alone
+    return min(1.0, 2.0 * float(bdtr(few, trials, 0.5))) if trials else 1.0
 
 
 def _check_counts(successes: int, trials: int, confidence: float) -> None:
