@@ -126,7 +126,7 @@ def interference_frames(
     """
     if len(interferers) == 1 and transform is None and total_sir_db is None:  # nothing to sum
         alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
-        alone[:] = 0
+        alone.view(alone.real.dtype)[:] = 0  # a quarter of the time of complex zeros
         for row in alone:
             _place(row, interferers[0], rate_hz, rng, return_power)
         return alone

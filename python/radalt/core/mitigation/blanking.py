@@ -59,8 +59,12 @@ class Blanking(Mitigation):
         self._norm = (1.0 / norm[lead : lead + n]).astype(np.float32)
         self._hops = hops
         super().__init__(waveform)
-        self._ridge = self._ridge_mask()
-        self._elsewhere = np.flatnonzero(~self._ridge)
+        ridge = self._ridge_mask()
+        self._on_ridge, self._elsewhere = np.flatnonzero(ridge), np.flatnonzero(~ridge)
+        # the ridge's cells by hop; at the ends a hop may have none
+        count = ridge.sum(axis=1)
+        self._ridge_hops = np.flatnonzero(count)
+        self._ridge_firsts = (np.cumsum(count) - count)[self._ridge_hops]
 
     def _ridge_mask(self) -> np.ndarray:
         """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
@@ -69,47 +73,59 @@ class Blanking(Mitigation):
         for delay in delays:
             t = self.waveform.sample_times_s - delay
             phase = self.waveform.phase_cycles(t)
-            power = np.abs(self._stft(np.exp(2j * np.pi * phase).astype(np.complex64)[None])[0]) ** 2
+            power = np.abs(self._stft(np.exp(2j * np.pi * phase).astype(np.complex64))) ** 2
             mask |= power > 1e-3 * np.median(power.max(axis=1))
         return mask
 
-    def _stft(self, batch: np.ndarray) -> np.ndarray:
-        """(n, N) -> (n, hops, window) complex64."""
+    def _stft(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) -> (hops, window) complex64."""
         lead = self.window - self._hop
-        padded = np.zeros((batch.shape[0], self._padded), dtype=np.complex64)
-        padded[:, lead : lead + batch.shape[1]] = batch
-        views = np.lib.stride_tricks.sliding_window_view(padded, self.window, axis=1)[:, :: self._hop]
-        return fft.fft(views * self._taper, axis=-1)
+        padded = np.zeros(self._padded, dtype=np.complex64)
+        padded[lead : lead + frame.size] = frame
+        views = np.lib.stride_tricks.sliding_window_view(padded, self.window)[:: self._hop]
+        return fft.fft(views * self._taper, axis=-1, overwrite_x=True)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        scale = peak_scale(batch)
-        plane = self._stft(unit_peak(batch))
-        power = plane.real**2 + plane.imag**2
+        # frame by frame: the planes of more leave the cache
+        out = np.empty_like(batch)
+        for frame, cleaned in zip(unit_peak(batch), out, strict=True):
+            cleaned[:] = self._blanked(frame)
+        out *= peak_scale(batch)
+        return out
+
+    def _blanked(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) frame of unit peak without what stands out."""
+        plane = self._stft(frame)
+        power = plane.real**2
+        power += plane.imag**2
         factor = np.float32(10.0 ** (self.threshold_db / 10.0))
         # off the ridge: the lower quartile stays with undisturbed cells up to three quarters of occupancy; the median
         # of an exponential population is 2.41 times its lower quartile
-        cells = power.reshape(len(power), -1)
-        off = _lower_quartile(cells.take(self._elsewhere, axis=1)) * np.float32(2.41)
+        off = _lower_quartile(power.take(self._elsewhere)) * np.float32(2.41)
         # on it: the return is as strong as the strongest ridge cell of an undisturbed instant
-        on = _lower_quartile(np.where(self._ridge, power, 0).max(axis=2))
-        excised = power > (off * factor)[:, None, None]
-        excised &= ~self._ridge | (power > (on * factor)[:, None, None])
+        ridge = power.take(self._on_ridge)
+        strongest = np.zeros(self._hops, dtype=np.float32)
+        strongest[self._ridge_hops] = np.maximum.reduceat(ridge, self._ridge_firsts)
+        excised = power > off * factor
+        excised.reshape(-1)[self._on_ridge] &= ridge > _lower_quartile(strongest) * factor
         np.copyto(plane, 0, where=excised)
-        return self._overlap_add(fft.ifft(plane, axis=-1)) * scale
+        return self._overlap_add(fft.ifft(plane, axis=-1, overwrite_x=True))
 
     def _overlap_add(self, pieces: np.ndarray) -> np.ndarray:
-        """(n, hops, window) -> (n, N), weighted so that an untouched plane gives the frame back."""
-        n, hops = pieces.shape[0], self._hops
-        pieces = (pieces * self._taper).reshape(n, hops, 4, self._hop)
-        out = np.zeros((n, hops + 3, self._hop), dtype=np.complex64)
+        """(hops, window) -> (N,), weighted so that an untouched plane gives the frame back; ``pieces`` is used up."""
+        hops = self._hops
+        pieces *= self._taper
+        quarters = pieces.reshape(hops, 4, self._hop)
+        out = np.zeros((hops + 3, self._hop), dtype=np.complex64)
         for quarter in range(4):
-            out[:, quarter : quarter + hops] += pieces[:, :, quarter]
+            out[quarter : quarter + hops] += quarters[:, quarter]
         lead = self.window - self._hop
         samples = self.waveform.samples_per_frame
-        return out.reshape(n, -1)[:, lead : lead + samples] * self._norm
+        return out.reshape(-1)[lead : lead + samples] * self._norm
 
 
-def _lower_quartile(cells: np.ndarray) -> np.ndarray:
-    """(n, m) -> (n,) lower quartiles."""
-    rank = cells.shape[1] // 4
-    return np.partition(cells, rank, axis=1)[:, rank]
+def _lower_quartile(cells: np.ndarray) -> np.float32:
+    """Lower quartile of (m,) cells, which it puts into another order."""
+    rank = cells.size // 4
+    cells.partition(rank)
+    return cells[rank]

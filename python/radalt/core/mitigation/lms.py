@@ -122,24 +122,29 @@ class BlockLms(Mitigation):
         """Adapt over frames (n or 1, N), each with weights of its own; ``out`` (n, N) receives the filters' output."""
         past, count, samples = self.length - 1, *out.shape
         line = np.zeros((len(source), past + samples), dtype=np.complex64)
-        weights = np.zeros((count, self.length, 1), dtype=np.complex64)
+        weights = np.zeros((count, self.length), dtype=np.complex64)
         if not self.restart:
-            line[:, :past], weights[:, :, 0] = self._past, self.weights
+            line[:, :past], weights[:] = self._past, self.weights
         line[:, past:] = source
         taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
         gains = self._gains(line)
         firsts = range(0, samples, self.block)
-        peaks = np.empty((len(firsts), count), dtype=np.float32)
+        # after every block: looked through at once, since a look costs as much as a product
+        history = np.empty((len(firsts), *weights.shape), dtype=np.complex64)
         with np.errstate(over="ignore", invalid="ignore"):
-            for gain, peak, first in zip(gains.T[..., None, None], peaks, firsts, strict=True):
+            for gain, after, first in zip(gains.T[..., None], history, firsts, strict=True):
                 span = slice(first, first + self.block)
                 x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
-                out[:, span] = (x @ weights)[..., 0]
-                error = desired[:, span] - out[:, span]
-                weights = weights + gain * (error.conj()[:, None] @ x).conj().transpose(0, 2, 1)
-                np.abs(weights[..., 0]).max(axis=1, out=peak)
+                filtered = (x @ weights[..., None])[..., 0]
+                out[:, span] = filtered
+                error = desired[:, span] - filtered
+                change = (np.conjugate(error, out=error)[:, None] @ x)[:, 0]
+                np.conjugate(change, out=change)
+                change *= gain
+                weights = np.add(weights, change, out=after)
+            peaks = np.abs(history).max(axis=2)
             diverged = ~(peaks < _WEIGHT_LIMIT)
-        self._past, self.weights = line[-1, samples:], weights[-1, :, 0]
+        self._past, self.weights = line[-1, samples:], weights[-1].copy()
         for row in np.flatnonzero(diverged.any(axis=0)):
             out[row, firsts[int(diverged[:, row].argmax())] :] = 0
             self.diverged_frames += 1

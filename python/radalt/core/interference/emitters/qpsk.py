@@ -107,7 +107,8 @@ class QpskEmitter(NamedEmitter):
         offset, phase = rng.random(2)
         turn = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
-            symbols, index = self._held(count, rate, offset, rng)
+            drawn, index = self._held(count, rate, offset, rng)
+            symbols = _CONSTELLATION[drawn]
             if not self.carrier_hz:  # there are fewer symbols to turn than samples
                 return np.take(symbols * turn, index)
             baseband = symbols[index]
@@ -127,21 +128,19 @@ class QpskEmitter(NamedEmitter):
         if self.pulse != "rectangular" or self.carrier_hz or rate > 1:
             return False
         offset, phase = rng.random(2)
-        symbols, index = self._held(span.size, rate, offset, rng)
-        symbols = symbols * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)
-        np.take(
-            symbols.astype(span.dtype), index, out=span, mode="clip"
-        )  # the default mode buffers the output
+        drawn, index = self._held(span.size, rate, offset, rng)
+        points = (_CONSTELLATION * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)).astype(span.dtype)
+        np.take(points[drawn], index, out=span, mode="clip")  # the default mode buffers the output
         return True
 
     @staticmethod
     def _held(
         count: int, rate: float, offset: float, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols, ``rate`` per sample, and which of them each of ``count`` samples holds."""
+        """Symbols, ``rate`` per sample, as points of the constellation; and which each of ``count`` samples holds."""
         # times are not negative: the conversion is the floor
         index = (_ramp(count, rate) + offset).astype(np.intp)
-        return qpsk_symbols(int(index[-1]) + 1 if count else 1, rng), index
+        return rng.integers(0, 4, int(index[-1]) + 1 if count else 1), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
         """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
