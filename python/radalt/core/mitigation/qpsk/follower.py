@@ -23,10 +23,12 @@ _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
 _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
 _ALIKE = 0.3
-_GAIN = 0.1  # of what is left: a pulse that would take away less is only kept for the next frame
+_GAIN = 0.05  # of what is left: a pulse that would take away less is only kept for the next frame
 _ROUNDS = 5
 _CHANGE = 8.0  # of the least that was left: more is something new
-_STEP = 0.5  # of the error in carrier and clock, per frame
+_DRIFT = (
+    0.25  # of what is left, that a drift within the pieces of a frame may leave: carrier or clock are wrong
+)
 
 
 @dataclass
@@ -75,7 +77,7 @@ class Follower:
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude, self._left = symbols.error, None, left
         self._instant = 0.0
-        self._move(train, symbols.times, pulses[1], 1.0)
+        self._move(train, symbols.times, pulses[1])
 
     def follow(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
         """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
@@ -110,12 +112,18 @@ class Follower:
                 break
         else:
             return None
+        # one pulse serves a whole piece, so the ramp is a stair; and a carrier or a clock is no straight line for long
+        steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
+        ratio = drift / steady
+        lost = ratio * (places[1] - places[0]) ** 2 / 12 + ratio**2 / 45
+        if not lost * np.vdot(model[span], model[span]).real < _DRIFT * power:
+            return None
         power = float(power) / (span.stop - span.start)
         if not power < _CHANGE * self._left:
             return None
         self._left, self._amplitude = min(self._left, power), known.amplitude
         self._pulse = pulses[0].astype(np.complex64)
-        self._move(train, known.times, pulses[1], _STEP)
+        self._move(train, known.times, pulses[1])
         return left, model, span
 
     def _decided(self, outputs: np.ndarray, instant: float) -> _Known | None:
@@ -156,7 +164,7 @@ class Follower:
             return None
         return _Known(times, points * turn, amplitude)
 
-    def _move(self, train: Train, times: np.ndarray, drift: np.ndarray, share: float) -> None:
+    def _move(self, train: Train, times: np.ndarray, drift: np.ndarray) -> None:
         """Carrier and clock from how the pulse drifts over half the frame; times and angles of the next frame.
 
         A carrier turns the pulse, a clock delays it, both in proportion to time. What else drifts is left to the next
@@ -167,8 +175,8 @@ class Follower:
         late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
         both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
         first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
-        angle = share * (its * first - both * second) / (own * its - both * both)
-        delay = share * (own * second - both * first) / (own * its - both * both)
+        angle = (its * first - both * second) / (own * its - both * both)
+        delay = (own * second - both * first) / (own * its - both * both)
         self._carrier += angle * self._period / (2 * np.pi * train.half)
         centre = float(times[times.size // 2])
         self._period *= 1 + delay / train.half
