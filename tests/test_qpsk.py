@@ -194,6 +194,141 @@ def test_level_changes_nothing_and_batches_change_nothing():
     assert np.isnan(create("qpsk_cancel", W).process(frames)[1]).all()
 
 
+# -- an emitter that goes on ------------------------------------------------------------------------------------------
+
+
+def going_on(*windows, sir_db=-40.0, seed=21):
+    """Frames of what goes on from frame to frame, ``windows`` of (emitter or None, samples), and the same without."""
+    rng = np.random.default_rng(seed)
+    jam = np.concatenate(
+        [
+            np.zeros(size) if emitter is None else emitter.samples(size, RATE_HZ, rng)
+            for emitter, size in windows
+        ]
+    ).reshape(-1, N)
+    count = len(jam)
+    clean = point_return(W, rng.uniform(3.0, 1500.0, count), phase_cycles=rng.random(count))
+    clean = clean + np.sqrt(0.05) * rng.standard_normal((count, N, 2)).view(np.complex128)[..., 0]
+    return (clean + 10 ** (-sir_db / 20) * jam).astype(np.complex64), clean
+
+
+@pytest.mark.parametrize("sir_db", [-15.0, -45.0, -55.0])
+@pytest.mark.parametrize(
+    "emitter",
+    [
+        QpskReceivedEmitter(clock_ppm=20.0, carrier_hz=40e3),
+        QpskReceivedEmitter(pulse="rrc", bandwidth_hz=1e6, carrier_hz=-1.3e6),
+        QpskReceivedEmitter(pulse="rrc", bandwidth_hz=3.3e6, clock_ppm=-300.0),
+        FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA")),
+    ],
+    ids=["rectangular", "narrow, off centre", "fast, clock far off", "echoes"],
+)
+def test_an_emitter_that_goes_on_is_followed_and_no_more_is_left_than_of_one_frame(emitter, sir_db):
+    frames, clean = going_on((emitter, 12 * N), sir_db=sir_db)
+    method = create("qpsk_cancel", W)
+    followed = left(method.process(frames), clean)
+    assert method.cancelled == 12 and method.followed == 11
+    alone = []
+    for frame in frames:
+        method.reset()
+        alone.append(method.process(frame))
+    assert np.median(followed[1:]) < 1.1 * np.median(left(alone, clean)) + 0.01
+
+
+PLAIN = QpskReceivedEmitter()
+
+
+@pytest.mark.parametrize(
+    ("later", "place"),
+    [
+        (PLAIN, 0),
+        (PLAIN, N // 3),
+        (QpskReceivedEmitter(bandwidth_hz=1.7e6), N // 2),
+        (QpskReceivedEmitter(carrier_hz=90e3), N // 2),
+        (QpskReceivedEmitter(pulse="rrc"), N // 2),
+    ],
+    ids=["jumps between frames", "jumps", "rate", "carrier", "pulse"],
+)
+def test_an_emitter_that_changes_is_read_again_in_the_next_frame(later, place):
+    frames, clean = going_on((PLAIN, 4 * N + place), (later, 6 * N - place))
+    method = create("qpsk_cancel", W)
+    rest = left(method.process(frames), clean)
+    changed = 4 + (place > 0)
+    assert rest[:4].max() < 0.3 and rest[changed:].max() < 0.3
+    assert method.followed >= 3 + len(frames) - changed - 1
+
+
+def test_an_emitter_that_ends_leaves_frames_as_they_were_and_is_found_when_it_begins_again():
+    frames, clean = going_on((PLAIN, 3 * N + 2500), (None, 3 * N), (PLAIN, 4 * N - 2500))
+    method = create("qpsk_cancel", W)
+    cleaned = method.process(frames)
+    rest = left(cleaned, clean)
+    assert rest[:3].max() < 0.3 and rest[7:].max() < 0.3
+    # its last 2,500 samples are a burst; so are its first 5,000
+    assert rest[[3, 6]].max() < 1.0
+    np.testing.assert_array_equal(cleaned[4:6], frames[4:6])
+
+
+@pytest.mark.parametrize("sir_db", [-30.0, -40.0])
+def test_tones_that_begin_later_are_taken_away_too(sir_db):
+    frames, clean = going_on((PLAIN, 10 * N))
+    tones = interference_frames(
+        [Interferer(ToneEmitter(2), sir_db)], 6, N, RATE_HZ, np.random.default_rng(22)
+    )
+    frames[4:] += tones.astype(np.complex64)
+    method = create("qpsk_cancel", W)
+    rest = left(method.process(frames), clean)
+    assert method.cancelled == 10
+    assert rest[:4].max() < 0.3 and np.median(rest[4:]) < 0.02 * 10 ** (-sir_db / 10)
+
+
+def test_a_tone_in_the_place_of_the_emitter_is_no_data():
+    time = np.arange(4 * N)
+    frames, clean = going_on((PLAIN, 8 * N))
+    frames[4:] = clean[4:] + 100 * np.exp(2j * np.pi * 1_200.0 / RATE_HZ * time).reshape(4, N)
+    cleaned = create("qpsk_cancel", W).process(frames)
+    assert left(cleaned[:4], clean[:4]).max() < 0.3
+    np.testing.assert_array_equal(cleaned[4:], frames[4:])
+
+
+def test_a_gap_in_the_stream_of_frames_costs_nothing():
+    frames, clean = going_on((PLAIN, 12 * N))
+    heard = [0, 1, 2, 6, 7, 11]  # what is between was dropped
+    method = create("qpsk_cancel", W)
+    assert left(method.process(frames[heard]), clean[heard]).max() < 0.3
+    assert method.cancelled == 6
+
+
+def test_hybrid_asks_the_method_that_had_the_last_frame_and_nothing_else(monkeypatch):
+    frames, _ = going_on((PLAIN, 6 * N))
+    method = create("hybrid", W)
+    method.process(frames[:2])
+
+    def never(*args, **kwargs):
+        raise AssertionError("another method was asked")
+
+    for part in ("_ofdm", "_other", "_beside"):
+        for name in ("cancel", "process"):
+            monkeypatch.setattr(getattr(method, part), name, never, raising=False)
+    monkeypatch.setattr(method._detector, "present", never)
+    read = create("qpsk_cancel", W)
+    read.process(frames[:2])
+    np.testing.assert_array_equal(method.process(frames[2:]), read.process(frames[2:]))
+    assert method.cancelled == 6
+
+
+def test_hybrid_goes_on_when_the_emitter_does_not():
+    frames, clean = going_on((PLAIN, 3 * N), (None, 2 * N), (NrEmitter(channel_bandwidth_hz=10e6), 3 * N))
+    method = create("hybrid", W)
+    cleaned = method.process(frames)
+    network = create("tcae", W)
+    np.testing.assert_array_equal(
+        cleaned[3:5], np.concatenate([network.process(f[None]) for f in frames[3:5]])
+    )
+    assert left(cleaned[:3], clean[:3]).max() < 0.3
+    assert method.cancelled == 6
+
+
 def test_a_frame_that_is_too_short_is_refused():
     with pytest.raises(MitigationError, match="a frame has 750 samples; it takes 1024 or more"):
         create("qpsk_cancel", Waveform(sweep_s=0.1e-3))

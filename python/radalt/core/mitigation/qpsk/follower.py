@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -23,10 +24,16 @@ _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
 _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
 _ALIKE = 0.3
-_GAIN = 0.1  # of what is left: a pulse that would take away less is only kept for the next frame
+_GAIN = (
+    0.02  # of what is left, beside what noise gives: a pulse that takes away less waits for the next frame
+)
+_SHARE = 0.3  # of such a step that is kept: the mean over frames has less noise
+_STEPS = 512  # of the table between two points
 _ROUNDS = 5
 _CHANGE = 8.0  # of the least that was left: more is something new
-_STEP = 0.5  # of the error in carrier and clock, per frame
+_DRIFT = (
+    0.25  # of what is left, that a drift within the pieces of a frame may leave: carrier or clock are wrong
+)
 
 
 @dataclass
@@ -75,13 +82,14 @@ class Follower:
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude, self._left = symbols.error, None, left
         self._instant = 0.0
-        self._move(train, symbols.times, pulses[1], 1.0)
+        self._move(train, symbols.times, pulses[1])
 
     def follow(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, slice] | None:
         """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
         symbols are known; None if the emitter is not as it was.
         """
-        outputs = fft.ifft(fft.fft(frame) * self._response, overwrite_x=True).ravel()
+        points = fft.ifft(fft.fft(frame) * self._response, overwrite_x=True)
+        outputs = points.T.ravel()  # two per sample
         known = self._decided(outputs, self._instant)
         if known is None:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
@@ -99,23 +107,36 @@ class Follower:
         scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
         inverse = usual_inverse(train.length)
         own = source.conj()
-        for _ in range(_ROUNDS):
-            model = train.made(source * (moments.T @ train.short(pulses)))
+        made = train.made(source * (moments.T @ train.short(pulses)))
+        model, direction, last = made, np.complex64(0), np.inf
+        for _ in range(_ROUNDS):  # conjugate gradients
             left = frame - model
             power = np.vdot(left[span], left[span]).real
             lags = train.lags(moments @ (own * train.alike(left, span)))
             step = (scale * lags) @ inverse
-            pulses += step
-            if np.vdot(step, lags).real < _GAIN * power:
+            gain = np.vdot(step, lags).real
+            if gain < (_GAIN + 2 * train.length / self._count) * power:
                 break
+            direction, last = step + gain / last * direction, gain
+            made = train.made(source * (moments.T @ train.short(direction)))
+            size = np.float32(gain / np.vdot(made[span], made[span]).real)
+            pulses += size * direction
+            model = model + size * made
         else:
+            return None
+        pulses += step * np.array([[_SHARE], [1]])
+        # one pulse serves a whole piece, so the ramp is a stair; and a carrier or a clock is no straight line for long
+        steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
+        ratio = drift / steady
+        lost = ratio * (places[1] - places[0]) ** 2 / 12 + ratio**2 / 45
+        if not lost * np.vdot(model[span], model[span]).real < _DRIFT * power:
             return None
         power = float(power) / (span.stop - span.start)
         if not power < _CHANGE * self._left:
             return None
         self._left, self._amplitude = min(self._left, power), known.amplitude
         self._pulse = pulses[0].astype(np.complex64)
-        self._move(train, known.times, pulses[1], _STEP)
+        self._move(train, known.times, pulses[1])
         return left, model, span
 
     def _decided(self, outputs: np.ndarray, instant: float) -> _Known | None:
@@ -125,11 +146,9 @@ class Follower:
         times = np.arange(first, count - self._side - 1, self._period)
         place = 2 * times
         whole = place.astype(np.intp)
-        part = (place - whole).astype(np.float32)
-        before = outputs.take((whole & 1) * count + (whole >> 1))
-        whole += 1
-        after = outputs.take((whole & 1) * count + (whole >> 1))
-        before += part * (after - before)
+        weights = _between().take(np.rint((place - whole) * _STEPS).astype(np.intp), axis=1)
+        whole -= 1
+        before = sum(weight * outputs[offset:].take(whole) for offset, weight in enumerate(weights))
         turn = turning(self._carrier, times.size)
         straight = before * turn.conj()
         used = times.size - times.size % _BLOCK
@@ -156,7 +175,7 @@ class Follower:
             return None
         return _Known(times, points * turn, amplitude)
 
-    def _move(self, train: Train, times: np.ndarray, drift: np.ndarray, share: float) -> None:
+    def _move(self, train: Train, times: np.ndarray, drift: np.ndarray) -> None:
         """Carrier and clock from how the pulse drifts over half the frame; times and angles of the next frame.
 
         A carrier turns the pulse, a clock delays it, both in proportion to time. What else drifts is left to the next
@@ -167,12 +186,24 @@ class Follower:
         late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
         both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
         first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
-        angle = share * (its * first - both * second) / (own * its - both * both)
-        delay = share * (own * second - both * first) / (own * its - both * both)
+        angle = (its * first - both * second) / (own * its - both * both)
+        delay = (own * second - both * first) / (own * its - both * both)
         self._carrier += angle * self._period / (2 * np.pi * train.half)
         centre = float(times[times.size // 2])
         self._period *= 1 + delay / train.half
         self._instant = centre + round(self._count / self._period) * self._period - self._count
+
+
+@lru_cache(maxsize=1)
+def _between() -> np.ndarray:
+    """(4, _STEPS + 1) float32, read-only: Lagrange's weights of four points for each place between the inner two."""
+    place = np.arange(_STEPS + 1) / _STEPS
+    points = np.arange(-1, 3)
+    weights = np.stack(
+        [np.prod([(place - q) / (p - q) for q in points if q != p], axis=0) for p in points]
+    ).astype(np.float32)
+    weights.setflags(write=False)
+    return weights
 
 
 def _cycles(turn: np.ndarray) -> float:
