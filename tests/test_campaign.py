@@ -9,11 +9,11 @@ import pytest
 from gnuradio.radalt.core.interference import QpskEmitter
 from gnuradio.radalt.core.interference.stream import Continued
 from gnuradio.radalt.core.radio.recording import open_capture
-from gnuradio.radalt.core.receiver.tracker import Status
+from gnuradio.radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
 from gnuradio.radalt.evaluation.integrity.cases import KINDS, Case, case_of, cases, fly, received
 from gnuradio.radalt.evaluation.integrity.report import summarise
-from gnuradio.radalt.evaluation.integrity.study import IntegrityPoint, IntegrityStudy
-from gnuradio.radalt.evaluation.results.integrity import alert_limit_m
+from gnuradio.radalt.evaluation.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
+from gnuradio.radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
 
 SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
 
@@ -34,6 +34,19 @@ def test_alert_limit_is_do_155_or_half_a_range_cell():
     np.testing.assert_allclose(
         alert_limit_m(np.array([np.nan, 5.0, 150.0, 1000.0])), [10.0, 10.0, 10.0, 50.0]
     )
+
+
+def test_without_a_return_the_alert_limit_is_that_of_the_altitude_given():
+    """1,210 m within 14 m is what DO-155 lets an aircraft use, and nothing is there; within 70 m it is not."""
+    outputs = np.zeros(2, OUTPUT_DTYPE)
+    outputs["status"], outputs["altitude_m"], outputs["protection_level_m"] = (
+        Status.NORMAL,
+        1210.0,
+        [14.0, 70.0],
+    )
+    nothing = np.full(2, np.nan)
+    limit = _limit_m(outputs, nothing)
+    assert is_hazardous(outputs, nothing, limit).tolist() == [True, False]
 
 
 def test_noise_alone_gives_no_altitude_and_false_alarms_per_frame_are_wrong():

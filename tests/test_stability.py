@@ -6,10 +6,12 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from gnuradio.radalt.core.interference.placement import interference_frames
 from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.mitigation.base import Mitigation
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from gnuradio.radalt.core.returns.point import point_return
+from gnuradio.radalt.core.scene import load_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.engine.options import Options
 from gnuradio.radalt.evaluation.engine.run import run
@@ -80,6 +82,19 @@ def test_shipped_network_keeps_altitudes_without_noise_and_makes_nothing_of_noth
     )
     assert np.abs(result["altitude_m"] - altitudes).max() < 5.0
     assert not network.process(np.zeros((2, W.samples_per_frame), np.complex64)).any()
+
+
+def test_what_the_network_leaves_of_nothing_is_no_line_that_stays():
+    """Interference 70 dB above the noise, no return: a dither that every frame shared stood at 56 m for seconds."""
+    rng, network = np.random.default_rng(70), create("tcae", W)
+    altimeter = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=0.0))
+    nr5 = load_scene("nr5").at(overlap=1.0, sir_db=-70.0)
+    frames = rng.standard_normal((96, 2 * W.samples_per_frame)).view(complex) * np.sqrt(0.5)
+    frames += interference_frames(nr5.interference, 96, W.samples_per_frame, W.rate_hz, rng)
+    spectra = altimeter.spectra(network.process(frames.astype(np.complex64)))
+    cells = altimeter.significance(spectra)
+    together = (cells.power / cells.level).mean(axis=0).sum(axis=0)  # 2 where all is alike
+    assert together.max() < 5.0
 
 
 def test_lms_steps_are_stable_to_two_over_lambda_max():

@@ -34,6 +34,9 @@ ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
+# What a frame's dither is drawn by: its first samples, so fine that noise 70 dB below the frame changes them.
+_FINE = 2.0**14
+_DRAW = np.array([[1, 31, 1021, 7919], [4099, 127, 257, 2053]])
 _LOUD = 1e15  # scale from which a network's output may leave float32
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
@@ -89,7 +92,7 @@ class Tcae(Mitigation):
         Frames that show no interference pass unchanged, without the network; see `InterferenceDetector` for what it
         misses.
     dither_db : float or None
-        White noise added before the network, relative to the frame's power, the same in every frame. Networks see
+        White noise added before the network, relative to the frame's power, a function of the frame. Networks see
         noise in training; on a frame almost without any (SNR above 50 dB) the shipped one lost the altitude or made
         one up, and with -50 dB it does not.
 
@@ -289,13 +292,22 @@ class Tcae(Mitigation):
             return level, 0.0 * self._scale(rails, 1.0)
         scale = self._scale(rails, level)
         rails /= scale
-        if self._dither is None:
-            pass
-        elif self.normalisation == "joint_rms":  # the frame has unit power now
-            rails += self._dither
-        else:
-            rails += self._dither * np.sqrt(2.0 * np.mean(rails**2))
+        if self._dither is not None:
+            dither = self._dither_of(rails)
+            if self.normalisation != "joint_rms":  # the frame has no unit power
+                dither = dither * np.sqrt(2.0 * np.mean(rails**2))
+            rails += dither
         return level, scale
+
+    def _dither_of(self, rails: np.ndarray) -> np.ndarray:
+        """(2, N) dither that a normalised frame begins anywhere in, by its own noise: a function of the frame.
+
+        Were it the same in every frame, its spectrum would be too, and its highest cells lines that stay for seconds.
+        """
+        with np.errstate(invalid="ignore"):  # not finite
+            seen = np.rint(rails[:, : _DRAW.shape[1]] * _FINE).astype(np.int64)
+        start = int(np.sum(seen * _DRAW)) % self._samples
+        return self._dither[:, start : start + self._samples]
 
     def _scale(self, rails: np.ndarray, level: float) -> float | np.ndarray:
         """Scalar, (1, 1), or (2, 1) where I and Q differ: what a frame (2, N) is divided by before the network."""
@@ -355,6 +367,6 @@ def _level(rails: np.ndarray) -> float:
 
 
 def _dither(samples: int, level_db: float) -> np.ndarray:
-    """(2, samples) float32 white noise of a fixed seed, complex power ``level_db``."""
+    """(2, 2 samples) float32 white noise of a fixed seed, complex power ``level_db``, twice the same."""
     noise = np.random.default_rng(0x7CAE).standard_normal((2, samples))
-    return (noise * 10.0 ** (level_db / 20.0) / np.sqrt(2.0)).astype(np.float32)
+    return np.tile((noise * 10.0 ** (level_db / 20.0) / np.sqrt(2.0)).astype(np.float32), 2)

@@ -240,7 +240,7 @@ class IntegrityStudy(Study):
 def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
     outputs, results = judged.outputs, judged.results
     truth = flight.end_m[outputs["frame_index"]]
-    limit, sweep_s = alert_limit_m(truth), WAVEFORM.sweep_s
+    limit, sweep_s = _limit_m(outputs, truth), WAVEFORM.sweep_s
     alert = (
         np.nan
         if flight.fault_frame is None
@@ -260,6 +260,11 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
     }
 
 
+def _limit_m(outputs: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(n,) alert limits; without a return that of the altitude given, since who uses it has no other."""
+    return alert_limit_m(np.where(np.isfinite(truth), truth, outputs["altitude_m"]))
+
+
 def _events(outputs: np.ndarray, truth: np.ndarray, limit: np.ndarray) -> str:
     """Hazardous outputs as words: numbers of `_EVENT` joined by commas, an empty truth where there is no return."""
     said = []
@@ -276,7 +281,7 @@ def replay_lines(study: IntegrityStudy, case: Case, batch: int) -> list[str]:
     lines = []
     for method, j in judged.items():
         truth = flight.end_m[j.outputs["frame_index"]]
-        hazardous = is_hazardous(j.outputs, truth, alert_limit_m(truth))
+        hazardous = is_hazardous(j.outputs, truth, _limit_m(j.outputs, truth))
         error = error_m(j.outputs, truth)
         for k, o in enumerate(j.outputs):
             lines.append(

@@ -134,7 +134,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     outputs : (n,) structured array of `tracker.OUTPUT_DTYPE`
     truth_m : (n,) float
         True altitude at each output's time. NaN where there is no return at all: whatever is computed there is
-        misleading, hazardous and wrong by every limit. An output without a meaning (a frame of synchronisation) has to
+        wrong by every limit, and hazardous where its protection level is within the alert limit. An output without a meaning (a frame of synchronisation) has to
         be left out by the caller.
     alert_limit_m : (n,) or scalar, > 0
         Error that must not go unnoticed.
