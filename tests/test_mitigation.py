@@ -5,6 +5,7 @@ import pytest
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import METHODS, MitigationError, create
+from radalt.core.mitigation.blanking import _lower_quartile
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -83,6 +84,16 @@ def test_blanking_excises_the_burst_and_passes_the_rest_of_the_frame():
     assert np.mean(np.abs(cleaned[:, burst]) ** 2) < 0.02 * np.mean(np.abs(frames[:, burst]) ** 2)
     difference = np.mean(np.abs(cleaned[:, quiet] - frames[:, quiet]) ** 2)
     assert difference < 0.1  # of a return of power 1
+
+
+@pytest.mark.parametrize("size", [1, 7, 472, 4_000, 27_161])
+def test_quartile_of_blanking_is_that_of_all_cells(size):
+    """Whatever its sample says: of cells in order, all the same, mostly zero, and in step with the sample."""
+    rng = np.random.default_rng(size)
+    noise = rng.exponential(size=size).astype(np.float32)
+    period = np.where(np.arange(size) % 17, noise, 100 + noise)
+    for cells in (noise, np.sort(noise), np.ones_like(noise), np.where(noise > 2, noise, 0), period):
+        assert _lower_quartile(cells.copy()) == np.sort(cells)[size // 4]
 
 
 @pytest.mark.parametrize("threshold_db", [2.0, 3.0, 4.0])

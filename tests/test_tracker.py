@@ -467,6 +467,18 @@ def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_lea
         assert integrity.open_cells(track) == (-cells, cells)
 
 
+@pytest.mark.parametrize("doppler_m_per_s", [15.0, -15.0])
+def test_a_doppler_that_the_altitudes_contradict_leaves_no_speed_open(doppler_m_per_s):
+    """Thirty level altitudes of 0.1 m each: 15 m/s either way is no speed of theirs."""
+    found = Measurement(500.0, doppler_m_per_s, 0.01, 0.0, 40.0, np.zeros(2), 9.0, 0)
+    tracker = AltitudeTracker(FAST, TrackerSettings(doppler=True, acceleration_m_per_s2=0.01))
+    track = Track(Kalman(np.array([500.0, 0.0]), np.eye(2)), Evidence(2.0))
+    for k in range(30):
+        track.take(found, 40.0 * k)
+    least, most = tracker._open_cells(track)
+    assert least > most
+
+
 def test_a_filter_notices_innovations_beyond_what_it_expects():
     """Innovations of three standard deviations each make their mean square nine; those of one keep it at one."""
     found = Measurement(0.0, 0.0, 0.25, 1.0, 10.0, np.zeros(2), 1.0, 0)

@@ -10,10 +10,13 @@ from gnuradio import gr
 
 from ..core.channel.simulated import SimulatedChannel, TerrainPlayer
 from ..core.scene import Scene
-from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
+from ._frames import GATHER, RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
 
 __all__ = ["simulated_channel"]
+
+
+_HELD_FRAMES = 12  # per call
 
 
 class simulated_channel(gr.basic_block):
@@ -65,7 +68,8 @@ class simulated_channel(gr.basic_block):
         self._start_s: float | None = None  # of sample 0, by the monotonic clock
         self.held_up_s = self.longest_hold_up_s = 0.0  # for which a radio's samples would have had to wait
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        gather_frames(self, self._n)
+        # held to real time, frames of one call arrive together: twelve instead of sixteen take 4 ms off the latency
+        gather_frames(self, self._n, _HELD_FRAMES if realtime else GATHER)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         """A whole frame of each input, unless finished samples wait."""

@@ -18,6 +18,7 @@ __all__ = ["BlockLms", "BlockLmsReferenceInput", "Nlms"]
 # Weights of a filter that maps a signal onto a unit-power one never need to be this large; beyond it the recursion
 # has left the region of convergence and the next blocks only overflow.
 _WEIGHT_LIMIT = 1e6
+_LOOK = 8  # blocks
 
 
 class BlockLms(Mitigation):
@@ -129,10 +130,11 @@ class BlockLms(Mitigation):
         taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
         gains = self._gains(line)
         firsts = range(0, samples, self.block)
-        # after every block: looked through at once, since a look costs as much as a product
-        history = np.empty((len(firsts), *weights.shape), dtype=np.complex64)
+        peaks = np.empty((len(firsts), count), dtype=np.float32)
+        # weights after the last blocks: looked through together, since a look costs as much as a product
+        history = np.empty((_LOOK, *weights.shape), dtype=np.complex64)
         with np.errstate(over="ignore", invalid="ignore"):
-            for gain, after, first in zip(gains.T[..., None], history, firsts, strict=True):
+            for k, (gain, first) in enumerate(zip(gains.T[..., None], firsts, strict=True)):
                 span = slice(first, first + self.block)
                 x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
                 filtered = (x @ weights[..., None])[..., 0]
@@ -141,8 +143,9 @@ class BlockLms(Mitigation):
                 change = (np.conjugate(error, out=error)[:, None] @ x)[:, 0]
                 np.conjugate(change, out=change)
                 change *= gain
-                weights = np.add(weights, change, out=after)
-            peaks = np.abs(history).max(axis=2)
+                weights = np.add(weights, change, out=history[k % _LOOK])
+                if (k + 1) % _LOOK == 0 or k + 1 == len(firsts):
+                    peaks[k - k % _LOOK : k + 1] = np.abs(history[: k % _LOOK + 1]).max(axis=2)
             diverged = ~(peaks < _WEIGHT_LIMIT)
         self._past, self.weights = line[-1, samples:], weights[-1].copy()
         for row in np.flatnonzero(diverged.any(axis=0)):

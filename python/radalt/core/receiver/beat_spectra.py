@@ -179,11 +179,11 @@ class BeatSpectra:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
             low = self._beats(frames)
-            rails = low.view(np.float32)
-            scale = np.abs(rails).max(axis=(1, 2))
+            rails = low.view(np.float32).reshape(len(low), -1)
+            scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
-            rails /= safe[:, None, None]
+            rails /= safe[:, None]
             support = support_of(low, self.waveform.samples_per_half / self.decimation)
             rails = self._cells(low).view(np.float32)
             rails *= rails

