@@ -29,6 +29,7 @@ from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return, plausible
 from .ofdm.tones import without_tones
+from .ofdm.under_noise import mean_model
 
 __all__ = ["BLANKED", "OfdmCancel"]
 
@@ -43,6 +44,8 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
+_AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 4  # every so manieth frame is looked at from then on
@@ -102,6 +105,7 @@ class OfdmCancel(Mitigation):
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
     could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
+    Of QPSK that such noise hides the mean is subtracted, given what was received.
 
     Parameters
     ----------
@@ -198,7 +202,8 @@ class OfdmCancel(Mitigation):
             return None
         self.found += 1
         self._vain = 0
-        self._lock.level, self._lock.tones = level, tones
+        if self._lock:
+            self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
@@ -236,8 +241,15 @@ class OfdmCancel(Mitigation):
         if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
-        if received.misread.min() > _HOPELESS:
-            return None
+        best = received.misread.min()
+        if best > _UNSURE:
+            least = 0.0
+            if best <= _HOPELESS:
+                rest = received.symbols - received.channel * received.points
+                least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
+            out = self._faintly(straight, turn, grid, clear, numerology, least)
+            if out is not None or best > _HOPELESS:
+                return out
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
             quarter = len(grid.starts) // 4
@@ -413,13 +425,49 @@ class OfdmCancel(Mitigation):
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
-        out = frame - self._samples(model, readable, grid.starts, lock.numerology)
+        out = self._less(frame, turn, model, readable, grid, lock.numerology)
+        lock.before = received.as_before(trusted)
+        self._keep(lock, grid, received, middle(misread))
+        return out
+
+    def _faintly(
+        self,
+        frame: np.ndarray,
+        turn: np.ndarray | None,
+        grid: Grid,
+        clear: np.ndarray,
+        numerology: Numerology,
+        least: float,
+    ) -> np.ndarray | None:
+        """The frame less the mean of QPSK that noise of its own hides, None where that does not help; not followed."""
+        found = mean_model(grid, clear, numerology, least)
+        if found is None:
+            return None
+        symbols, phase, model = found
+        rest = symbols - model
+        size = power(rest)
+        noise = (size * clear).sum(axis=0) / np.maximum(np.count_nonzero(clear, axis=0), 1)
+        rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
+        self.busy = 1.0
+        every = np.ones(len(symbols), dtype=bool)
+        return self._less(frame, turn, (symbols - rest) * phase.conj(), every, grid, numerology)
+
+    def _less(
+        self,
+        frame: np.ndarray,
+        turn: np.ndarray | None,
+        model: np.ndarray,
+        readable: np.ndarray,
+        grid: Grid,
+        numerology: Numerology,
+    ) -> np.ndarray:
+        """(N,) complex64: the frame less the ``model`` (L, K) of its readable symbols, with its carrier again, and
+        blanked where symbols meet."""
+        out = frame - self._samples(model, readable, grid.starts, numerology)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
         out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
-        lock.before = received.as_before(trusted)
-        self._keep(lock, grid, received, middle(misread))
         return out
 
     @staticmethod
