@@ -63,6 +63,7 @@ _MISREAD = np.float32(
 _FEW_BESIDE = 3  # subcarriers
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
+_NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
@@ -397,18 +398,25 @@ class OfdmCancel(Mitigation):
         ):
             return None
         self.busy = np.count_nonzero(sending) / sending.size
-        rest = received.channel * received.points
-        rest[:, ~grid.used] = 0
-        np.subtract(received.symbols, rest, out=rest)
+        rest = received.symbols - received.channel * received.points
         size = power(rest)
-        noise = (size * clear).sum(axis=0)
-        left = noise / np.maximum((own * clear).sum(axis=0), FAINT)
+        told = clear & readable[:, None]
+        noise, level = (size * told).sum(axis=0), (own * told).sum(axis=0)
+        left = noise / np.maximum(level, FAINT)
+        empty = left > _NOTHING
+        empty |= ~grid.used
+        if empty.any():
+            rest[:, empty], size[:, empty], noise[empty] = (
+                received.symbols[:, empty],
+                own[:, empty],
+                level[empty],
+            )
         ridge = ~clear
         ridge &= readable[:, None]
         # the receiver's skirts stand out of what noise leaves in all subcarriers
-        both = ridge & (grid.used & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+        both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
         partly = misread.sum() > _PARTLY * misread.size
-        heard = trusted & readable[:, None]
+        heard = told & grid.used
         asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
         if partly:
             asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
@@ -418,8 +426,8 @@ class OfdmCancel(Mitigation):
             # where the return is larger than a cell, misread elements make little difference
             kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
-        ridge &= ~grid.used
-        noise /= np.maximum(np.ones(len(clear), dtype=np.float32) @ clear, 1)
+        ridge &= empty
+        noise /= np.maximum(readable.astype(np.float32) @ clear, 1)
         rest *= plausible(size, asked, ridge, noise)
         if kept is not None:
             rest[where], lock.sir_db = kept
