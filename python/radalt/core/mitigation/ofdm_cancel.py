@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
 
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
@@ -26,12 +25,13 @@ from .ofdm.demodulator import (
 )
 from .ofdm.echoes import grown
 from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
+from .ofdm.modulator import Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return, plausible
 from .ofdm.tones import without_tones
 from .ofdm.under_noise import mean_model
 
-__all__ = ["BLANKED", "OfdmCancel"]
+__all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _CERTAIN = 8.0  # no other spacing has so much
@@ -72,8 +72,6 @@ _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 
 _ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
-_FEW = 5  # every so manieth sample tells the median
-BLANKED = 6.0  # times the median power: what is left where symbols meet
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -163,7 +161,7 @@ class OfdmCancel(Mitigation):
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
-        self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
+        self._modulator = Modulator(self.waveform.samples_per_frame)
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that held an emitter."""
@@ -364,8 +362,8 @@ class OfdmCancel(Mitigation):
         if received.drift is None:
             return frame, received
         moving = received.drift * received.points * received.phase.conj() * grid.used
-        _, _, offsets = self._gather(grid.starts, numerology)
-        frame = frame - self._samples(moving, received.weight > 0, grid.starts, numerology) * offsets
+        spread = self._modulator.samples(moving, received.weight > 0, grid.starts, numerology)
+        frame = frame - spread * self._modulator.offsets(grid.starts, numerology)
         symbols = transforms(frame, grid.starts, numerology) * received.phase
         received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
         # what that change hid can be read now
@@ -433,7 +431,7 @@ class OfdmCancel(Mitigation):
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
-        out = self._less(frame, turn, model, readable, grid, lock.numerology)
+        out = self._modulator.subtract(frame, turn, model, readable, grid.starts, lock.numerology)
         lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
@@ -458,25 +456,8 @@ class OfdmCancel(Mitigation):
         rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
         self.busy = 1.0
         every = np.ones(len(symbols), dtype=bool)
-        return self._less(frame, turn, (symbols - rest) * phase.conj(), every, grid, numerology)
-
-    def _less(
-        self,
-        frame: np.ndarray,
-        turn: np.ndarray | None,
-        model: np.ndarray,
-        readable: np.ndarray,
-        grid: Grid,
-        numerology: Numerology,
-    ) -> np.ndarray:
-        """(N,) complex64: the frame less the ``model`` (L, K) of its readable symbols, with its carrier again, and
-        blanked where symbols meet."""
-        out = frame - self._samples(model, readable, grid.starts, numerology)
-        if turn is not None:
-            out *= turn.conj()
-        level = power(out)
-        out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
-        return out
+        model = (symbols - rest) * phase.conj()
+        return self._modulator.subtract(frame, turn, model, every, grid.starts, numerology)
 
     @staticmethod
     def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
@@ -484,37 +465,6 @@ class OfdmCancel(Mitigation):
         halves = numerology.halves(grid.starts, grid.first_long)
         members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
         return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
-
-    def _samples(
-        self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology
-    ) -> np.ndarray:
-        """(N,) complex64 samples of a frame's symbols with their prefixes; 0 for those not readable, and outside."""
-        useful = numerology.useful
-        lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
-        symbols = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
-        if not readable.all():
-            symbols[~readable] = 0
-        places, inside, _ = self._gather(starts, numerology)
-        out = symbols.ravel().take(places)
-        out[: inside.start] = out[inside.stop :] = 0
-        return out
-
-    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice, np.ndarray]:
-        """For each sample of a frame, which one of the symbols without prefixes it is, (N,) int; which of them are in
-        symbols at all; and their distance in symbols from the middle of theirs, (N,) float32."""
-        key = starts.tobytes()
-        if self._places is None or self._places[0] != key:
-            count = self.waveform.samples_per_frame
-            half = numerology.prefix / 2
-            edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
-            sample = np.arange(count)
-            symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
-            since = sample - starts[symbol]
-            places = symbol * numerology.useful + since % numerology.useful
-            inside = slice(max(0, edges[0]), edges[-1])
-            offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
-            self._places = key, places, inside, offsets
-        return self._places[1:]
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
         """Keep what the next frame needs."""

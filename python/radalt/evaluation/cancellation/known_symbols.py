@@ -11,7 +11,8 @@ from scipy.special import erfc
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix, transforms
 from ...core.mitigation.ofdm.channel_fit import fit, sums
 from ...core.mitigation.ofdm.lattice import middle, power
-from ...core.mitigation.ofdm_cancel import BLANKED, OfdmCancel
+from ...core.mitigation.ofdm.modulator import BLANKED
+from ...core.mitigation.ofdm_cancel import OfdmCancel
 from ..results.chain import Chain
 from ..results.rows import Columns
 from ..results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
@@ -62,7 +63,7 @@ class KnownSymbols(OfdmCancel):
         channel = fit(*sums(agreement, weight, times, 0), 0, 1)[0]
         rest = (symbols - channel * points) * ~clear
         every = np.ones(len(starts), dtype=bool)
-        out = frame - self._samples(symbols - rest, every, starts, numerology)
+        out = frame - self._modulator.samples(symbols - rest, every, starts, numerology)
         level = power(out)
         return out * (level <= np.float32(BLANKED) * middle(level))
 
