@@ -10,7 +10,12 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.genie import REMOVED, mixture_without
-from gnuradio.radalt.evaluation.cancellation.known_symbols import KNOWN, misread_share, with_known_symbols
+from gnuradio.radalt.evaluation.cancellation.known_symbols import (
+    KNOWN,
+    misread_share,
+    weak_return_gain_db,
+    with_known_symbols,
+)
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
@@ -142,6 +147,13 @@ def test_with_all_symbols_known_the_emitters_own_noise_is_what_stays():
     assert errors[0] < 0.1 < errors[1]
     study = CancellationStudy()
     assert [point.case for point in study.points() if point.table == "known"] == list(KNOWN)
+
+
+@pytest.mark.parametrize(("points", "snr_db"), [(4, 20.0), (64, 35.0)])
+def test_points_that_can_be_read_are_as_good_as_known(points, snr_db):
+    known_db = 10 * np.log10(1 + 10 ** (snr_db / 10))
+    assert weak_return_gain_db(points, snr_db) == pytest.approx(known_db, abs=0.02)
+    assert weak_return_gain_db(points, 0.0) < 1.5  # and points that cannot be are noise
 
 
 @pytest.mark.parametrize("points", [4, 16, 64, 256])

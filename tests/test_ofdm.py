@@ -14,10 +14,11 @@ from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
 from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
+from gnuradio.radalt.core.mitigation.ofdm.under_noise import mean_points
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, received
+from gnuradio.radalt.evaluation.cancellation.cases import CASES, Case, received
 
 W = Waveform()
 ALTIMETER = Altimeter(W, AltimeterSettings())
@@ -92,6 +93,43 @@ def test_errors_are_a_few_times_those_without_interference(case):
     result = ALTIMETER.detect(ALTIMETER.spectra(single(frames)))
     assert result["valid"].all()
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 4 * 0.032
+
+
+def under_noise(modulation, own_snr_db, sir_db, count, seed):
+    """Frames and altitudes under a carrier with noise of its own."""
+    case = Case("", {**NR10, "modulation": modulation}, own_snr_db=own_snr_db)
+    return received(case, sir_db, count, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize(("own_snr_db", "sir_db"), [(8.0, -29.0), (14.0, -30.0)])
+def test_qpsk_is_taken_away_although_noise_hides_it(own_snr_db, sir_db):
+    frames, altitude_m = under_noise("qpsk", own_snr_db, sir_db, 16, 44)
+    assert right(frames, altitude_m) < 0.5
+    assert right(single(frames), altitude_m) >= 14 / 16
+
+
+@pytest.mark.parametrize(("modulation", "own_snr_db"), [("16qam", 8.0), ("64qam", 8.0), ("64qam", 12.0)])
+def test_qam_that_noise_hides_is_not_taken_for_qpsk(modulation, own_snr_db):
+    frames, _ = under_noise(modulation, own_snr_db, -28.0, 12, 45)
+    np.testing.assert_array_equal(single(frames), frames)
+
+
+@pytest.mark.parametrize("own_snr_db", [5.0, 12.0])
+def test_mean_of_qpsk_is_that_of_its_points(own_snr_db):
+    """By Bayes' rule, point by point."""
+    rng = np.random.default_rng(46)
+    spread = np.full(50, 10 ** (-own_snr_db / 10), dtype=np.float32)
+    values = (noise(1, rng)[0, :50] + np.exp(0.25j * np.pi)).astype(np.complex64)[None]
+    qpsk = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
+    points = np.concatenate([[0], qpsk, np.sqrt(2) * qpsk])
+    shares = np.array([0.2, 0.5, 0.3])
+    prior = np.repeat(shares / [1, 4, 4], [1, 4, 4])
+    weight = prior[:, None] * np.exp(-(np.abs(values - points[:, None]) ** 2) / spread)
+    weight /= weight.sum(axis=0)
+    mean, scatter, found = mean_points(values, spread, shares[:, None, None])
+    np.testing.assert_allclose(mean[0], points @ weight, atol=1e-5)
+    np.testing.assert_allclose(scatter[0], np.abs(points) ** 2 @ weight - np.abs(mean[0]) ** 2, atol=1e-5)
+    np.testing.assert_allclose(found[0, 0], weight[0], atol=1e-5)
 
 
 def test_symbols_turn_at_each_long_prefix():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
 
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
@@ -26,11 +25,13 @@ from .ofdm.demodulator import (
 )
 from .ofdm.echoes import grown
 from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
+from .ofdm.modulator import Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge, expected_return, plausible
 from .ofdm.tones import without_tones
+from .ofdm.under_noise import mean_model
 
-__all__ = ["BLANKED", "OfdmCancel"]
+__all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _CERTAIN = 8.0  # no other spacing has so much
@@ -43,6 +44,8 @@ _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
+_AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 4  # every so manieth frame is looked at from then on
@@ -60,6 +63,7 @@ _MISREAD = np.float32(
 _FEW_BESIDE = 3  # subcarriers
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
+_NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
@@ -68,8 +72,6 @@ _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 
 _ASKED = 7  # every so manieth subcarrier is asked for the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
-_FEW = 5  # every so manieth sample tells the median
-BLANKED = 6.0  # times the median power: what is left where symbols meet
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 
@@ -102,6 +104,7 @@ class OfdmCancel(Mitigation):
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
     could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
+    Of QPSK that such noise hides the mean is subtracted, given what was received.
 
     Parameters
     ----------
@@ -158,7 +161,7 @@ class OfdmCancel(Mitigation):
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
-        self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
+        self._modulator = Modulator(self.waveform.samples_per_frame)
 
     def status(self) -> dict[str, object]:
         """See `Mitigation.status`; with the frames that held an emitter."""
@@ -198,7 +201,8 @@ class OfdmCancel(Mitigation):
             return None
         self.found += 1
         self._vain = 0
-        self._lock.level, self._lock.tones = level, tones
+        if self._lock:
+            self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
@@ -236,8 +240,15 @@ class OfdmCancel(Mitigation):
         if next(shares) < _BESIDE * next(shares):
             return None
         received = demodulate(grid, clear, numerology, FIRST)
-        if received.misread.min() > _HOPELESS:
-            return None
+        best = received.misread.min()
+        if best > _UNSURE:
+            least = 0.0
+            if best <= _HOPELESS:
+                rest = received.symbols - received.channel * received.points
+                least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
+            out = self._faintly(straight, turn, grid, clear, numerology, least)
+            if out is not None or best > _HOPELESS:
+                return out
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
             quarter = len(grid.starts) // 4
@@ -351,8 +362,8 @@ class OfdmCancel(Mitigation):
         if received.drift is None:
             return frame, received
         moving = received.drift * received.points * received.phase.conj() * grid.used
-        _, _, offsets = self._gather(grid.starts, numerology)
-        frame = frame - self._samples(moving, received.weight > 0, grid.starts, numerology) * offsets
+        spread = self._modulator.samples(moving, received.weight > 0, grid.starts, numerology)
+        frame = frame - spread * self._modulator.offsets(grid.starts, numerology)
         symbols = transforms(frame, grid.starts, numerology) * received.phase
         received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
         # what that change hid can be read now
@@ -385,18 +396,25 @@ class OfdmCancel(Mitigation):
         ):
             return None
         self.busy = np.count_nonzero(sending) / sending.size
-        rest = received.channel * received.points
-        rest[:, ~grid.used] = 0
-        np.subtract(received.symbols, rest, out=rest)
+        rest = received.symbols - received.channel * received.points
         size = power(rest)
-        noise = (size * clear).sum(axis=0)
-        left = noise / np.maximum((own * clear).sum(axis=0), FAINT)
+        told = clear & readable[:, None]
+        noise, level = (size * told).sum(axis=0), (own * told).sum(axis=0)
+        left = noise / np.maximum(level, FAINT)
+        empty = left > _NOTHING
+        empty |= ~grid.used
+        if empty.any():
+            rest[:, empty], size[:, empty], noise[empty] = (
+                received.symbols[:, empty],
+                own[:, empty],
+                level[empty],
+            )
         ridge = ~clear
         ridge &= readable[:, None]
         # the receiver's skirts stand out of what noise leaves in all subcarriers
-        both = ridge & (grid.used & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+        both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
         partly = misread.sum() > _PARTLY * misread.size
-        heard = trusted & readable[:, None]
+        heard = told & grid.used
         asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
         if partly:
             asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
@@ -406,21 +424,40 @@ class OfdmCancel(Mitigation):
             # where the return is larger than a cell, misread elements make little difference
             kept, where = expected_return(received, both, heard, kept[1]), both
         # where no return can be, and where it was misread, all of an element goes
-        ridge &= ~grid.used
-        noise /= np.maximum(np.ones(len(clear), dtype=np.float32) @ clear, 1)
+        ridge &= empty
+        noise /= np.maximum(readable.astype(np.float32) @ clear, 1)
         rest *= plausible(size, asked, ridge, noise)
         if kept is not None:
             rest[where], lock.sir_db = kept
         model = np.subtract(received.symbols, rest, out=rest)
         model *= received.phase.conj()
-        out = frame - self._samples(model, readable, grid.starts, lock.numerology)
-        if turn is not None:
-            out *= turn.conj()
-        level = power(out)
-        out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
+        out = self._modulator.subtract(frame, turn, model, readable, grid.starts, lock.numerology)
         lock.before = received.as_before(trusted)
         self._keep(lock, grid, received, middle(misread))
         return out
+
+    def _faintly(
+        self,
+        frame: np.ndarray,
+        turn: np.ndarray | None,
+        grid: Grid,
+        clear: np.ndarray,
+        numerology: Numerology,
+        least: float,
+    ) -> np.ndarray | None:
+        """The frame less the mean of QPSK that noise of its own hides, None where that does not help; not followed."""
+        found = mean_model(grid, clear, numerology, least)
+        if found is None:
+            return None
+        symbols, phase, model = found
+        rest = symbols - model
+        size = power(rest)
+        noise = (size * clear).sum(axis=0) / np.maximum(np.count_nonzero(clear, axis=0), 1)
+        rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
+        self.busy = 1.0
+        every = np.ones(len(symbols), dtype=bool)
+        model = (symbols - rest) * phase.conj()
+        return self._modulator.subtract(frame, turn, model, every, grid.starts, numerology)
 
     @staticmethod
     def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
@@ -428,37 +465,6 @@ class OfdmCancel(Mitigation):
         halves = numerology.halves(grid.starts, grid.first_long)
         members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
         return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
-
-    def _samples(
-        self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology
-    ) -> np.ndarray:
-        """(N,) complex64 samples of a frame's symbols with their prefixes; 0 for those not readable, and outside."""
-        useful = numerology.useful
-        lowest_last = np.concatenate([elements[:, useful // 2 :], elements[:, : useful // 2]], axis=1)
-        symbols = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
-        if not readable.all():
-            symbols[~readable] = 0
-        places, inside, _ = self._gather(starts, numerology)
-        out = symbols.ravel().take(places)
-        out[: inside.start] = out[inside.stop :] = 0
-        return out
-
-    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice, np.ndarray]:
-        """For each sample of a frame, which one of the symbols without prefixes it is, (N,) int; which of them are in
-        symbols at all; and their distance in symbols from the middle of theirs, (N,) float32."""
-        key = starts.tobytes()
-        if self._places is None or self._places[0] != key:
-            count = self.waveform.samples_per_frame
-            half = numerology.prefix / 2
-            edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
-            sample = np.arange(count)
-            symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
-            since = sample - starts[symbol]
-            places = symbol * numerology.useful + since % numerology.useful
-            inside = slice(max(0, edges[0]), edges[-1])
-            offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
-            self._places = key, places, inside, offsets
-        return self._places[1:]
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
         """Keep what the next frame needs."""

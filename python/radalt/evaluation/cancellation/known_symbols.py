@@ -11,7 +11,8 @@ from scipy.special import erfc
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix, transforms
 from ...core.mitigation.ofdm.channel_fit import fit, sums
 from ...core.mitigation.ofdm.lattice import middle, power
-from ...core.mitigation.ofdm_cancel import BLANKED, OfdmCancel
+from ...core.mitigation.ofdm.modulator import BLANKED
+from ...core.mitigation.ofdm_cancel import OfdmCancel
 from ..results.chain import Chain
 from ..results.rows import Columns
 from ..results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
@@ -25,6 +26,7 @@ __all__ = [
     "KnownSymbols",
     "misread_share",
     "rmse_correct_m",
+    "weak_return_gain_db",
     "with_known_symbols",
 ]
 
@@ -61,7 +63,7 @@ class KnownSymbols(OfdmCancel):
         channel = fit(*sums(agreement, weight, times, 0), 0, 1)[0]
         rest = (symbols - channel * points) * ~clear
         every = np.ones(len(starts), dtype=bool)
-        out = frame - self._samples(symbols - rest, every, starts, numerology)
+        out = frame - self._modulator.samples(symbols - rest, every, starts, numerology)
         level = power(out)
         return out * (level <= np.float32(BLANKED) * middle(level))
 
@@ -98,3 +100,20 @@ def misread_share(points: int, snr_db: float) -> float:
     """Share of wrong nearest points of square QAM in white noise (Proakis, Digital Communications, eq. 4.3-30)."""
     rail = (1 - 1 / np.sqrt(points)) * erfc(np.sqrt(1.5 * 10.0 ** (snr_db / 10.0) / (points - 1)))
     return float(1 - (1 - rail) ** 2)
+
+
+def weak_return_gain_db(points: int, snr_db: float) -> float:
+    """Most that a weak return's signal to noise ratio can rise under square QAM with white noise ``snr_db`` below it.
+
+    It is the received power times the Fisher information of its density (Kassam, Signal Detection in Non-Gaussian
+    Noise, 1988), rail by rail; nothing else of the carrier is known than its channel and alphabet.
+    """
+    side = round(np.sqrt(points))
+    levels = np.sqrt(1.5 / (points - 1)) * (2 * np.arange(side) - side + 1)
+    variance = 0.5 * 10.0 ** (-snr_db / 10.0)
+    value = np.linspace(-4.0, 4.0, 20_001)
+    away = value[:, None] - levels
+    parts = np.exp(-(away**2) / (2 * variance)) / np.sqrt(2 * np.pi * variance) / side
+    slope = (away * parts).sum(axis=1) / variance
+    information = np.sum(slope**2 / np.maximum(parts.sum(axis=1), 1e-300)) * (value[1] - value[0])
+    return float(10 * np.log10(information * (0.5 + variance)))

@@ -29,7 +29,7 @@ from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
 from .costs import costs
 from .genie import GENIE_METHOD
-from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m
+from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m, weak_return_gain_db
 from .tracked import FLIGHTS
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def write_report(
         "genie": _genie(rows["genie"]),
         "known": _known(rows["known"]),
         "misread": _misread(),
+        "gains": _gains(),
         "tracked": _tracked(rows["tracked"]),
         "sir_db": f"{_ERROR_SIR_DB:g}",
         "costs": costs(study.seed),
@@ -180,6 +181,20 @@ def _misread() -> str:
         for snr_db in (20.0, 15.0, 10.0, 8.0, 5.0)
     ]
     return table(["emitter over its noise, dB", "QPSK", *(f"{points}QAM" for points in DENSE)], lines)
+
+
+def _gains() -> str:
+    """Most that a weak return can gain, by alphabet and noise; a known signal leaves the noise alone."""
+    lines = [
+        [
+            f"{snr_db:g}",
+            *(number(weak_return_gain_db(points, snr_db), 1) for points in (4, *DENSE)),
+            number(10 * np.log10(1 + 10 ** (snr_db / 10)), 1),
+        ]
+        for snr_db in (20.0, 15.0, 10.0, 8.0, 5.0)
+    ]
+    heads = ["emitter over its noise, dB", "QPSK", *(f"{points}QAM" for points in DENSE), "known"]
+    return table(heads, lines)
 
 
 def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:

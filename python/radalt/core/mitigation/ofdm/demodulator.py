@@ -12,7 +12,7 @@ from .channel_fit import fit, mended, sums
 from .lattice import CELL, DENSE, FEW_CELL, Decisions, box, decide, middle, nearest, power, sparse, unit
 from .numerology import Numerology
 
-__all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit"]
+__all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit", "true_up"]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
 # turn; in the end each subcarrier for itself
@@ -150,10 +150,11 @@ def gain(values: np.ndarray, before: float) -> tuple[np.float32, float]:
     return min(((factor, misfit(values * factor)) for factor in _GAINS), key=lambda tried: tried[1])
 
 
-def _true_up(
-    grid: Grid, agreement: np.ndarray, numerology: Numerology
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples."""
+def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples.
+
+    ``agreement`` (L, K) complex64 is received times conjugate model; zero where not to be used.
+    """
     mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
@@ -218,7 +219,7 @@ def demodulate(
         agreement = symbols * model.conj()
         agreement *= sure
         if order >= 0 or not number:
-            turn, angle, slope = _true_up(grid, agreement, numerology)
+            turn, angle, slope = true_up(agreement, numerology)
             late = late if rough else middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle

@@ -19,7 +19,9 @@ _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one dela
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # every so manieth element is asked for the SIR
-_TOO_MUCH = np.float32(4.0)  # times the median: more than return and noise, so the point was another one
+_MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
+_TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
+_HALF = np.float32(0.5)  # of the noise counts, since the usual power is high
 _BESIDE = 3  # subcarriers of which noise is alike
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
@@ -62,14 +64,17 @@ def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np
     """Weights 0..1 of what is left in elements that hold the return: (L, K) float32, 0 in all others.
 
     ``size`` (L, K) is its power, in elements that were ``asked`` (read) or are ``beside`` the band in use (L, K, bool).
-    A return has the same modulus in all elements, so one far beyond the median was misread. A subcarrier with more
+    A return has the same modulus in all elements, so one far beyond the usual power was misread. A subcarrier with more
     ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, as in a Wiener filter.
     """
     if not asked.any():
         return asked.astype(np.float32)
-    usual = np.float32(middle(size[asked]))
+    sizes = size[asked]
+    at = int(_MOSTLY * sizes.size)
+    sizes.partition(at)
+    usual = sizes[at]
     noise = box(noise, _BESIDE)
-    more = np.maximum(noise - np.float32(middle(noise)), 0)
+    more = np.maximum(noise - np.float32(middle(noise)), 0) * _HALF
     held = asked | beside
     held &= size < _TOO_MUCH * usual
     return held * (usual / np.maximum(usual + more, FAINT))
