@@ -12,7 +12,7 @@ from ...waveform import exp_cycles
 from ..ofdm.lattice import unit
 from .clock import Clock, clock_line
 from .equaliser import TAPS, Symbols, likeness, nearest, turning
-from .pulse import Train, usual_inverse
+from .pulse import Train
 
 __all__ = ["FEWEST", "Follower"]
 
@@ -105,7 +105,6 @@ class Follower:
         moments = np.stack([np.ones_like(places), places]).astype(np.complex64)
         # of the ramp's square the mean is a third; only symbols in the span are correlated
         scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
-        inverse = usual_inverse(train.length)
         own = source.conj()
         made = train.made(source * (moments.T @ train.short(pulses)))
         model, direction, last = made, np.complex64(0), np.inf
@@ -113,7 +112,7 @@ class Follower:
             left = frame - model
             power = np.vdot(left[span], left[span]).real
             lags = train.lags(moments @ (own * train.alike(left, span)))
-            step = (scale * lags) @ inverse
+            step = scale * lags
             gain = np.vdot(step, lags).real
             if gain < (_GAIN + 2 * train.length / self._count) * power:
                 break

@@ -10,11 +10,12 @@ from scipy import fft, linalg
 
 from .equaliser import Symbols
 
-__all__ = ["Train", "heard", "pulse_length", "usual_inverse"]
+__all__ = ["Train", "heard", "pulse_length"]
 
-_WIDTH = 6  # points per symbol on the grid of twice the rate
-_BETA = 2.3 * _WIDTH  # Kaiser-Bessel window: images are 100 dB down
-_TABLE = 512  # steps of that window per point
+_WIDTH = 6  # points per symbol on the grid of impulses
+_RATE = 1.5  # points per sample of that grid, at least
+_BETA = np.pi * _WIDTH * (1 - 0.5 / _RATE)  # Kaiser-Bessel window: images are 90 dB down
+_TABLE = 2048  # steps of that window per point
 _SYMBOLS = 14  # that a pulse lasts
 _FEWEST, _MOST = 64, 192  # samples that a pulse lasts
 _LOADING = 1e-4  # of the symbols' power: outside their band there is nothing to be fitted to
@@ -34,14 +35,25 @@ def _window() -> np.ndarray:
     return window
 
 
+@lru_cache(maxsize=4)
+def _flat(count: int) -> np.ndarray:
+    """(count,) float32, read-only: one over the transform of that window."""
+    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
+    turns = np.pi * _WIDTH * fft.fftfreq(count) * count / points
+    argument = np.sqrt(_BETA**2 - turns**2)
+    flat = (np.i0(_BETA) / _WIDTH * argument / np.sinh(argument)).astype(np.float32)
+    flat.setflags(write=False)
+    return flat
+
+
 def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """(count,) complex64 transform of an impulse per symbol at its exact time, below half the sample rate.
 
-    Impulses are spread over a grid of twice the rate (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993). The
-    window's own transform stays in: the pulse that is fitted takes it up.
+    Impulses are spread over a finer grid (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993).
     """
-    grid = np.zeros(2 * count, dtype=np.complex64)
-    place = 2 * times
+    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
+    grid = np.zeros(points, dtype=np.complex64)
+    place = points / count * times
     whole = place.astype(np.intp)
     spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
     whole += 1 - _WIDTH // 2
@@ -49,7 +61,9 @@ def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
         # symbols are two and more points apart, so no point is written to twice
         grid[offset:][whole] += spread[offset]
     spectrum = fft.fft(grid, overwrite_x=True)
-    return np.concatenate([spectrum[: count - count // 2], spectrum[-(count // 2) :]])
+    flat = _flat(count)
+    half = count - count // 2
+    return np.concatenate([spectrum[:half] * flat[:half], spectrum[half - count :] * flat[half:]])
 
 
 class Train:
@@ -124,21 +138,6 @@ class Train:
 def pulse_length(apart: float) -> int:
     """Samples that a pulse lasts, of symbols so many samples ``apart``."""
     return min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
-
-
-@lru_cache(maxsize=4)
-def usual_inverse(length: int) -> np.ndarray:
-    """(length, length) complex64, read-only: inverse of the mean Toeplitz matrix of a random symbol.
-
-    That of a frame, per symbol, differs from it by a tenth or two, so a step with it leaves some -15 dB of an error.
-    """
-    count = 8 * length
-    one = _spectrum(count / 2 + np.arange(1), np.ones(1, dtype=np.complex64), count)
-    lags = fft.ifft(np.square(np.abs(one.astype(np.complex128))))[:length].real
-    lags[0] *= 1 + _LOADING
-    inverse = np.linalg.inv(linalg.toeplitz(lags)).astype(np.complex64)
-    inverse.setflags(write=False)
-    return inverse
 
 
 def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.ndarray]:
