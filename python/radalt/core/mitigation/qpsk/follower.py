@@ -12,6 +12,7 @@ from ...waveform import exp_cycles
 from ..ofdm.lattice import unit
 from .clock import Clock, clock_line
 from .equaliser import TAPS, Symbols, likeness, nearest, turning
+from .pieces import Pieces
 from .pulse import Train
 
 __all__ = ["FEWEST", "Follower"]
@@ -28,6 +29,7 @@ _GAIN = (
     0.02  # of what is left, beside what noise gives: a pulse that takes away less waits for the next frame
 )
 _SHARE = 0.3  # of such a step that is kept: the mean over frames has less noise
+_BESIDE = 12  # samples
 _STEPS = 512  # of the table between two points
 _ROUNDS = 5
 _CHANGE = 8.0  # of the least that was left: more is something new
@@ -74,11 +76,16 @@ class Follower:
         self._side = clock.tap_step * TAPS // 2 + 1
         turn = symbols.values * symbols.points.conj()
         self._carrier = _cycles(turn)
+        # between samples the equaliser lasts as long as the sinc that is cut off
+        length = TAPS * clock.tap_step + 2 * _BESIDE
         places = (TAPS // 2 - np.arange(TAPS)) * clock.tap_step
         taps = np.zeros(count, dtype=np.complex64)
-        np.add.at(taps, places % count, symbols.weights)
-        whole = fft.fft(taps)
-        self._response = np.stack([whole, whole * exp_cycles(0.5 * fft.fftfreq(count))])
+        taps[places] = symbols.weights
+        later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(count)))
+        self._pieces = Pieces(count, length)
+        self._response = self._pieces.filters(np.roll([taps, later], length // 2, axis=1)[:, :length])[
+            :, None
+        ]
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude, self._left = symbols.error, None, left
         self._instant = 0.0
@@ -88,8 +95,8 @@ class Follower:
         """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
         symbols are known; None if the emitter is not as it was.
         """
-        points = fft.ifft(fft.fft(frame) * self._response, overwrite_x=True)
-        outputs = points.T.ravel()  # two per sample
+        pieces = self._pieces
+        outputs = pieces.filtered(pieces.transforms(frame) * self._response).T.ravel()  # two per sample
         known = self._decided(outputs, self._instant)
         if known is None:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
@@ -97,7 +104,7 @@ class Follower:
                 return None
         train = Train(known.times, known.values, self._count)
         span = train.known
-        source, places = train.pieces(train.steady), train.places()
+        source, places = train.transforms(train.steady), train.places()
         if self._amplitude is None:
             self._amplitude = known.amplitude
         pulses = np.zeros((2, train.length), dtype=np.complex64)
@@ -106,18 +113,18 @@ class Follower:
         # of the ramp's square the mean is a third; only symbols in the span are correlated
         scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
         own = source.conj()
-        made = train.made(source * (moments.T @ train.short(pulses)))
+        made = train.filtered(source * (moments.T @ train.filters(pulses)))
         model, direction, last = made, np.complex64(0), np.inf
         for _ in range(_ROUNDS):  # conjugate gradients
             left = frame - model
             power = np.vdot(left[span], left[span]).real
-            lags = train.lags(moments @ (own * train.alike(left, span)))
+            lags = train.lags(moments @ (own * train.compared(left, span)))
             step = scale * lags
             gain = np.vdot(step, lags).real
             if gain < (_GAIN + 2 * train.length / self._count) * power:
                 break
             direction, last = step + gain / last * direction, gain
-            made = train.made(source * (moments.T @ train.short(direction)))
+            made = train.filtered(source * (moments.T @ train.filters(direction)))
             size = np.float32(gain / np.vdot(made[span], made[span]).real)
             pulses += size * direction
             model = model + size * made

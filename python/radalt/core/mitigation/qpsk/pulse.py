@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
 from .equaliser import Symbols
+from .pieces import Pieces
 
-__all__ = ["Train", "heard", "pulse_length"]
+__all__ = ["Train", "heard"]
 
 _WIDTH = 6  # points per symbol on the grid of impulses
 _RATE = 1.5  # points per sample of that grid, at least
@@ -19,8 +19,6 @@ _TABLE = 2048  # steps of that window per point
 _SYMBOLS = 14  # that a pulse lasts
 _FEWEST, _MOST = 64, 192  # samples that a pulse lasts
 _LOADING = 1e-4  # of the symbols' power: outside their band there is nothing to be fitted to
-_BATCH = 4  # pieces that the processor transforms side by side
-_PIECE = 500  # samples of a piece, about
 _ROUNDS = 4
 _SETTLED = 0.8  # of the residual power before, at which another round gains nothing
 
@@ -66,10 +64,8 @@ def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     return np.concatenate([spectrum[:half] * flat[:half], spectrum[half - count :] * flat[half:]])
 
 
-class Train:
-    """Impulses at the symbols' times, and what lies between them and a frame: a pulse, or two.
-
-    By overlap-save: a pulse is short, and transforms of many short pieces at once cost less than one of the frame.
+class Train(Pieces):
+    """Impulses at the symbols' times, filtered by pulses as long as a symbol can be heard.
 
     Parameters
     ----------
@@ -81,9 +77,8 @@ class Train:
 
     Attributes
     ----------
-    spectrum : (count,) complex64
-    length : int
-        Samples of a pulse.
+    spectrum, steady : (count,) complex64
+        The impulses' transform, and their samples.
     known : slice
         Samples in which all symbols are known.
     middle, half : float
@@ -91,53 +86,17 @@ class Train:
     """
 
     def __init__(self, times: np.ndarray, values: np.ndarray, count: int) -> None:
-        self.length = pulse_length(float(times[1] - times[0]))
+        apart = float(times[1] - times[0])
+        super().__init__(count, min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST))
         self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
         self.spectrum = _spectrum(times, values, count)
-        self._count = count
-        self._pieces = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
-        self._hop = -(-count // self._pieces)
-        self._size = fft.next_fast_len(self._hop + self.length - 1, real=True)
-        self._late = np.zeros((self._pieces, self._size), dtype=np.complex64)
-        self._left = np.zeros(self._pieces * self._hop, dtype=np.complex64)
         self.steady = fft.ifft(self.spectrum)
-
-    def pieces(self, steady: np.ndarray) -> np.ndarray:
-        """(pieces, size) complex64 transforms of a (count,) train in pieces that overlap by a pulse."""
-        padded = np.zeros(self._pieces * self._hop + self._size, dtype=np.complex64)
-        before = self.length // 2 - 1
-        padded[before : before + self._count] = steady
-        return fft.fft(sliding_window_view(padded, self._size)[: self._pieces * self._hop : self._hop])
 
     def places(self) -> np.ndarray:
         """(pieces,) float32: where between -1 and 1 the middle of each piece is."""
-        middle = (np.arange(self._pieces) + 0.5) * self._hop
+        middle = (np.arange(self.count) + 0.5) * self.hop
         return ((middle - self.middle) / self.half).astype(np.float32)
-
-    def short(self, pulses: np.ndarray) -> np.ndarray:
-        """(..., size) complex64 transforms of (..., length) pulses."""
-        return fft.fft(pulses.astype(np.complex64, copy=False), self._size)
-
-    def alike(self, left: np.ndarray, span: slice) -> np.ndarray:
-        """(pieces, size) complex64 transforms of the samples of a (count,) frame in ``span``, to be correlated."""
-        self._left[span] = left[span]
-        self._late[:, self.length - 1 : self.length - 1 + self._hop] = self._left.reshape(-1, self._hop)
-        return fft.fft(self._late)
-
-    def lags(self, products: np.ndarray) -> np.ndarray:
-        """(..., length) of a correlation whose transform is (..., size)."""
-        return fft.ifft(products)[..., : self.length]
-
-    def made(self, products: np.ndarray) -> np.ndarray:
-        """(count,) complex64 samples from the transforms (pieces, size) of trains times pulses."""
-        made = fft.ifft(products, overwrite_x=True)
-        return made[:, self.length - 1 : self.length - 1 + self._hop].ravel()[: self._count]
-
-
-def pulse_length(apart: float) -> int:
-    """Samples that a pulse lasts, of symbols so many samples ``apart``."""
-    return min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
 
 
 def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.ndarray]:
@@ -164,7 +123,7 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     span = slice(begin, max(begin, end))
     scale = sent.size / max(1, np.count_nonzero((sent > begin) & (sent < end)))
     weights = scale * np.array([[1], [3]])
-    sources = np.stack([train.pieces(train.steady), train.pieces(train.steady * ramp)])
+    sources = np.stack([train.transforms(train.steady), train.transforms(train.steady * ramp)])
     pulses = np.zeros((2, length), dtype=np.complex128)
     left, model = frame, np.zeros_like(frame)
     rest = np.inf
@@ -172,9 +131,9 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
         last, rest = rest, np.vdot(left[span], left[span]).real
         if rest > _SETTLED * last:
             break
-        lags = train.lags((sources * train.alike(left, span).conj()).sum(axis=1).conj())
+        lags = train.lags((sources * train.compared(left, span).conj()).sum(axis=1).conj())
         pulses += linalg.lapack.zpotrs(solved, (weights * lags).T)[0].T
-        short = train.short(pulses)
-        model = train.made(sources[0] * short[0] + sources[1] * short[1])
+        short = train.filters(pulses)
+        model = train.filtered(sources[0] * short[0] + sources[1] * short[1])
         left = frame - model
     return model, train, pulses
