@@ -13,7 +13,7 @@ from .ofdm.lattice import middle, power
 from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
-from .qpsk.follower import FEWEST, Follower
+from .qpsk.follower import Follower, can_follow
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
@@ -120,10 +120,8 @@ class QpskCancel(Mitigation):
                     continue
                 self._known = clock.rate, symbols.weights
                 self.cancelled += 1
-                if symbols.busy == 1 and symbols.times.size >= FEWEST:
-                    rest = left[train.known]
-                    mean = float(np.vdot(rest, rest).real / rest.size)
-                    self._lock = _Lock(Follower(frame, clock, symbols, pulses, train, mean), scale, tones)
+                if symbols.busy == 1 and can_follow(symbols, pulses):
+                    self._lock = _Lock(Follower(clock, symbols, pulses, train, left), scale, tones)
                 return out * scale
         return None
 

@@ -15,9 +15,10 @@ from .equaliser import TAPS, Symbols, likeness, nearest, turning
 from .pieces import Pieces
 from .pulse import Train
 
-__all__ = ["FEWEST", "Follower"]
+__all__ = ["Follower", "can_follow"]
 
-FEWEST = 200  # symbols in a frame
+_FEWEST = 200  # symbols in a frame
+_STEADY = 0.02  # of a pulse's power: what drifts more jumped, or its clock is wrong
 
 _BLOCK = 50  # symbols whose phase and error are averaged
 _COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or none
@@ -47,6 +48,11 @@ class _Known:
     amplitude: float
 
 
+def can_follow(symbols: Symbols, pulses: np.ndarray) -> bool:
+    """Whether there are enough symbols in a frame, and the (2, length) pulses of `heard` drift little."""
+    return symbols.times.size >= _FEWEST and _drift(pulses) < _STEADY
+
+
 class Follower:
     """One emitter that sends all the time, from the frame in which it was found on.
 
@@ -56,22 +62,20 @@ class Follower:
 
     Parameters
     ----------
-    frame : (n,) complex64
-        In which the emitter was found, of unit power.
     clock : Clock
     symbols : Symbols
-        Of the whole frame.
+        Of the frame in which the emitter was found.
     pulses : (2, length)
-        Of `heard`.
+        Of `heard`, as ``train``.
     train : Train
-    left : float
-        Power that was left.
+    left : (n,) complex64
+        What is left of that frame, which had unit power.
     """
 
     def __init__(
-        self, frame: np.ndarray, clock: Clock, symbols: Symbols, pulses: np.ndarray, train: Train, left: float
+        self, clock: Clock, symbols: Symbols, pulses: np.ndarray, train: Train, left: np.ndarray
     ) -> None:
-        self._count = count = frame.size
+        self._count = count = left.size
         self._period = 1 / clock.rate
         self._side = clock.tap_step * TAPS // 2 + 1
         turn = symbols.values * symbols.points.conj()
@@ -87,7 +91,8 @@ class Follower:
             :, None
         ]
         self._pulse = pulses[0].astype(np.complex64)
-        self._error, self._amplitude, self._left = symbols.error, None, left
+        self._error, self._amplitude = symbols.error, 1.0
+        self._left = float(np.mean(np.square(np.abs(left[train.known]))))
         self._instant = 0.0
         self._move(train, symbols.times, pulses[1])
 
@@ -105,8 +110,6 @@ class Follower:
         train = Train(known.times, known.values, self._count)
         span = train.known
         source, places = train.transforms(train.steady), train.places()
-        if self._amplitude is None:
-            self._amplitude = known.amplitude
         pulses = np.zeros((2, train.length), dtype=np.complex64)
         pulses[0] = self._pulse * np.float32(known.amplitude / self._amplitude)
         moments = np.stack([np.ones_like(places), places]).astype(np.complex64)
@@ -132,10 +135,9 @@ class Follower:
             return None
         pulses += step * np.array([[_SHARE], [1]])
         # one pulse serves a whole piece, so the ramp is a stair; and a carrier or a clock is no straight line for long
-        steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
-        ratio = drift / steady
+        ratio = _drift(pulses)
         lost = ratio * (places[1] - places[0]) ** 2 / 12 + ratio**2 / 45
-        if not lost * np.vdot(model[span], model[span]).real < _DRIFT * power:
+        if not (ratio < _STEADY and lost * np.vdot(model[span], model[span]).real < _DRIFT * power):
             return None
         power = float(power) / (span.stop - span.start)
         if not power < _CHANGE * self._left:
@@ -210,6 +212,12 @@ def _between() -> np.ndarray:
     ).astype(np.float32)
     weights.setflags(write=False)
     return weights
+
+
+def _drift(pulses: np.ndarray) -> float:
+    """Power of the second of two pulses over that of the first."""
+    steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
+    return drift / steady
 
 
 def _cycles(turn: np.ndarray) -> float:
