@@ -19,29 +19,24 @@ __all__ = ["Follower", "can_follow"]
 
 _FEWEST = 200  # symbols in a frame
 _STEADY = 0.02  # of a pulse's power: what drifts more jumped, or its clock is wrong
-
 _BLOCK = 50  # symbols whose phase and error are averaged
 _COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or none
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
 _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
 _ALIKE = 0.3
-_GAIN = (
-    0.02  # of what is left, beside what noise gives: a pulse that takes away less waits for the next frame
-)
+_GAIN = 0.02  # of what is left, beside what noise gives: less waits for the next frame
 _SHARE = 0.3  # of such a step that is kept: the mean over frames has less noise
-_BESIDE = 12  # samples
+_BESIDE = 12  # samples on either side of an equaliser, for times between samples
 _STEPS = 512  # of the table between two points
 _ROUNDS = 5
 _CHANGE = 8.0  # of the least that was left: more is something new
-_DRIFT = (
-    0.25  # of what is left, that a drift within the pieces of a frame may leave: carrier or clock are wrong
-)
+_DRIFT = 0.25  # of what is left, that a pulse's drift may have left: more, and carrier or clock are wrong
 
 
 @dataclass
 class _Known:
-    """What was heard of the symbols at their times."""
+    """Decided symbols of a frame, and the size of the equaliser's outputs."""
 
     times: np.ndarray
     values: np.ndarray
@@ -56,9 +51,10 @@ def can_follow(symbols: Symbols, pulses: np.ndarray) -> bool:
 class Follower:
     """One emitter that sends all the time, from the frame in which it was found on.
 
-    Per frame: the old equaliser at the times predicted, decisions, the old pulse, and a step of least squares towards
-    the new one with the mean Toeplitz matrix of random symbols. Where the times do not fit, they are
-    taken from the clock's line at the known rate.
+    Per frame: the old equaliser at the times predicted, decisions, and the old pulse, corrected by conjugate gradients
+    where that takes away more than noise explains. The symbols are random, so their Toeplitz matrix is nearly the
+    unit matrix, and a step leaves some -15 dB of an error. Where the times do not fit, they are taken from the
+    clock's line at the known rate.
 
     Parameters
     ----------
@@ -87,9 +83,8 @@ class Follower:
         taps[places] = symbols.weights
         later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(count)))
         self._pieces = Pieces(count, length)
-        self._response = self._pieces.filters(np.roll([taps, later], length // 2, axis=1)[:, :length])[
-            :, None
-        ]
+        both = np.roll([taps, later], length // 2, axis=1)[:, :length]
+        self._response = self._pieces.filters(both)[:, None]
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude = symbols.error, 1.0
         self._left = float(np.mean(np.square(np.abs(left[train.known]))))
@@ -107,7 +102,7 @@ class Follower:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
             if known is None:
                 return None
-        train = Train(known.times, known.values, self._count)
+        train = Train(known.times, known.values, self._count, self._pulse.size)
         span = train.known
         source, places = train.transforms(train.steady), train.places()
         pulses = np.zeros((2, train.length), dtype=np.complex64)

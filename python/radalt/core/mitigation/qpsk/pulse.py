@@ -72,8 +72,8 @@ class Train(Pieces):
     times : (K,) float
         In samples of the frame.
     values : (K,) complex64
-    count : int
-        Samples of the frame.
+    count, length : int
+        Samples of the frame, and of a pulse.
 
     Attributes
     ----------
@@ -85,9 +85,8 @@ class Train(Pieces):
         Of the ramp that rises from -1 to 1 over the frame, in samples.
     """
 
-    def __init__(self, times: np.ndarray, values: np.ndarray, count: int) -> None:
-        apart = float(times[1] - times[0])
-        super().__init__(count, min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST))
+    def __init__(self, times: np.ndarray, values: np.ndarray, count: int, length: int) -> None:
+        super().__init__(count, length)
         self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
         self.spectrum = _spectrum(times, values, count)
@@ -107,8 +106,10 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     with the Toeplitz matrix of a long frame, to what is left of the frame.
     """
     count = frame.size
-    train = Train(symbols.times, symbols.values, count)
-    length, spectrum, known = train.length, train.spectrum, train.known
+    length = 2 * round(_SYMBOLS * float(symbols.times[1] - symbols.times[0]) / 2)
+    length = min(max(length, _FEWEST), _MOST)
+    train = Train(symbols.times, symbols.values, count, length)
+    spectrum, known = train.spectrum, train.known
     # the transform of a real sequence: half of it says all
     lag_zero_first = (
         fft.rfft(spectrum.real**2 + spectrum.imag**2)[:length].conj().astype(np.complex128) / count
