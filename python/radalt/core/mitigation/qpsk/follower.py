@@ -78,13 +78,11 @@ class Follower:
         self._carrier = _cycles(turn)
         # between samples the equaliser lasts as long as the sinc that is cut off
         length = TAPS * clock.tap_step + 2 * _BESIDE
-        places = (TAPS // 2 - np.arange(TAPS)) * clock.tap_step
-        taps = np.zeros(count, dtype=np.complex64)
-        taps[places] = symbols.weights
-        later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(count)))
+        taps = np.zeros(2 * length, dtype=np.complex64)
+        taps[length // 2 + (TAPS // 2 - np.arange(TAPS)) * clock.tap_step] = symbols.weights
+        later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(taps.size)))
         self._pieces = Pieces(count, length)
-        both = np.roll([taps, later], length // 2, axis=1)[:, :length]
-        self._response = self._pieces.filters(both)[:, None]
+        self._response = self._pieces.filters(np.stack([taps, later])[:, :length])[:, None]
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude = symbols.error, 1.0
         self._left = float(np.mean(np.square(np.abs(left[train.known]))))
