@@ -219,9 +219,12 @@ def going_on(*windows, sir_db=-40.0, seed=21):
         QpskReceivedEmitter(clock_ppm=20.0, carrier_hz=40e3),
         QpskReceivedEmitter(pulse="rrc", bandwidth_hz=1e6, carrier_hz=-1.3e6),
         QpskReceivedEmitter(pulse="rrc", bandwidth_hz=3.3e6, clock_ppm=-300.0),
+        QpskReceivedEmitter(
+            bandwidth_hz=RATE_HZ * 14 / 169
+        ),  # 14 symbols last between two even numbers of samples
         FadedEmitter(emitter=QpskReceivedEmitter(), channel=FadingChannel(profile="EVA")),
     ],
-    ids=["rectangular", "narrow, off centre", "fast, clock far off", "echoes"],
+    ids=["rectangular", "narrow, off centre", "fast, clock far off", "slow", "echoes"],
 )
 def test_an_emitter_that_goes_on_is_followed_and_no_more_is_left_than_of_one_frame(emitter, sir_db):
     frames, clean = going_on((emitter, 12 * N), sir_db=sir_db)
@@ -297,6 +300,24 @@ def test_a_gap_in_the_stream_of_frames_costs_nothing():
     method = create("qpsk_cancel", W)
     assert left(method.process(frames[heard]), clean[heard]).max() < 0.3
     assert method.cancelled == 6
+
+
+@pytest.mark.parametrize("factor", [0.5, 30.0, 1e-12, 1e12])
+def test_a_level_of_its_own_may_come_next(factor):
+    frames, _ = going_on((PLAIN, 4 * N))
+    method = create("qpsk_cancel", W)
+    before, later = method.process(frames[:2]), method.process(frames[2:] * np.float32(factor))
+    assert method.cancelled == 4
+    assert np.linalg.norm(later) / factor == pytest.approx(np.linalg.norm(before), rel=0.1)
+
+
+@pytest.mark.parametrize("factor", [0.0, 1e-36, 1e30, 1e36])
+def test_a_level_whose_squares_no_float32_holds_passes(factor):
+    frames, _ = going_on((PLAIN, 4 * N))
+    method = create("qpsk_cancel", W)
+    method.process(frames[:2])
+    loud = frames[2:] * np.float32(factor)
+    np.testing.assert_array_equal(method.process(loud), loud)
 
 
 def test_hybrid_asks_the_method_that_had_the_last_frame_and_nothing_else(monkeypatch):

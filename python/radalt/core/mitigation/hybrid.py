@@ -30,7 +30,8 @@ class Hybrid(Mitigation):
     `QpskCancel` without its tones, which are fitted and subtracted. A chain gains nothing, since the first leaves a
     signal that the second is not made for. The choice depends on what was demodulated, not on which output looks
     better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that had
-    the frame. Where interference lasts for the whole frame and the network's output holds more than half a return's
+    the frame. The method that had the last frame is asked first, and in a frame that shows no interference nothing is
+    looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
     quiet part.

@@ -13,12 +13,12 @@ from .ofdm.lattice import middle, power
 from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
-from .qpsk.follower import FEWEST, Follower
+from .qpsk.follower import Follower, can_follow
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
 
-_CONTRAST = 28.0  # of the clock's line; one frame of noise in ten thousand has more, one of OFDM in a hundred
+_CONTRAST = 28.0  # of the clock's line; one frame of OFDM in ten has more than 18, hardly one more than 28
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _ALIKE = 0.3  # correlation of neighbouring points: more is no data
 _TONE = 0.8  # a tone, which an equaliser gives one modulus from any start
@@ -27,6 +27,7 @@ _SAME = 1e-3  # of the symbol rate, between frames of one emitter
 _WORTH = 4.0  # of power where it sends: a method that takes away less may take from the return
 _SENDS = 0.1  # of the mean power of what was sent
 _LIMIT = 6.0  # times the median power: what is left where a burst begins
+_JUMP = 100.0  # of power, which no emitter that goes on makes in a frame
 _FEW = 5  # every so manieth sample tells the median
 _SHORTEST = 1024  # samples in a frame
 
@@ -46,14 +47,15 @@ class QpskCancel(Mitigation):
     Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An
     equaliser that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The
     pulse is fitted to the frame by least squares, with channel, filters and their drift over the frame, and
-    subtracted. Tones on top are subtracted before. Frames without QPSK pass bit for bit. So do frames in which
-    the return is too strong for safe decisions (an SIR above some -10 dB), which the altimeter reads without
-    help. What is not QPSK stays: noise of the emitter, other interference.
+    subtracted. Tones on top are subtracted before. An emitter that fills the frame is followed into the next ones:
+    clock, carrier, equaliser and pulse are known there and only corrected. Frames without QPSK pass bit for bit.
+    So do frames in which the return is too strong for safe decisions (an SIR above some -10 dB), which the
+    altimeter reads without help. What is not QPSK stays: noise of the emitter, other interference.
 
     Attributes
     ----------
-    cancelled : int
-        Frames in which QPSK was cancelled.
+    cancelled, followed : int
+        Frames in which QPSK was cancelled, and how many of them were read by what the frame before had told.
     depth_db : float
         By how much the last such frame became weaker where QPSK was sent.
     busy : float
@@ -90,8 +92,8 @@ class QpskCancel(Mitigation):
         self._lock: _Lock | None = None
 
     def status(self) -> dict[str, object]:
-        """See `Mitigation.status`; with the frames that were cancelled."""
-        return super().status() | {"cancelled": self.cancelled}
+        """See `Mitigation.status`; with the frames that were cancelled, and those followed."""
+        return super().status() | {"cancelled": self.cancelled, "followed": self.followed}
 
     def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
         """An (N,) complex64 frame without its QPSK; None where none could be read.
@@ -120,10 +122,8 @@ class QpskCancel(Mitigation):
                     continue
                 self._known = clock.rate, symbols.weights
                 self.cancelled += 1
-                if symbols.busy == 1 and symbols.times.size >= FEWEST:
-                    rest = left[train.known]
-                    mean = float(np.vdot(rest, rest).real / rest.size)
-                    self._lock = _Lock(Follower(frame, clock, symbols, pulses, train, mean), scale, tones)
+                if symbols.busy == 1 and can_follow(symbols, pulses):
+                    self._lock = _Lock(Follower(clock, symbols, pulses, train, left), scale, tones)
                 return out * scale
         return None
 
@@ -133,7 +133,11 @@ class QpskCancel(Mitigation):
         if lock is None:
             return None
         rest = without_tones(frame) if lock.tones and not toneless else None
-        found = lock.follower.follow((frame if rest is None else rest) * (1 / lock.scale))
+        frame = frame if rest is None else rest
+        level = float(np.vdot(frame, frame).real) / frame.size / float(lock.scale) ** 2
+        if not 1 / _JUMP < level < _JUMP:
+            return None
+        found = lock.follower.follow(frame * (1 / lock.scale))
         out = None if found is None else self._worth(*found, busy=1.0)
         if out is None:
             return None

@@ -1,1 +1,4 @@
-"""Blind demodulation of QPSK, in parts: symbol clock, equaliser and decisions, pulse. `QpskCancel` is made of them."""
+"""Blind demodulation of QPSK, in parts: symbol clock, equaliser and decisions, pulse, and what follows an emitter.
+
+`QpskCancel` is made of them.
+"""

@@ -12,75 +12,80 @@ from ...waveform import exp_cycles
 from ..ofdm.lattice import unit
 from .clock import Clock, clock_line
 from .equaliser import TAPS, Symbols, likeness, nearest, turning
-from .pulse import Train, usual_inverse
+from .pieces import Pieces
+from .pulse import Train
 
-__all__ = ["FEWEST", "Follower"]
+__all__ = ["Follower", "can_follow"]
 
-FEWEST = 200  # symbols in a frame
-
+_FEWEST = 200  # symbols in a frame
+_STEADY = 0.02  # of a pulse's power: what drifts more jumped, or its clock is wrong
 _BLOCK = 50  # symbols whose phase and error are averaged
 _COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or none
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
 _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
 _ALIKE = 0.3
-_GAIN = (
-    0.02  # of what is left, beside what noise gives: a pulse that takes away less waits for the next frame
-)
+_GAIN = 0.02  # of what is left, beside what noise gives: less waits for the next frame
 _SHARE = 0.3  # of such a step that is kept: the mean over frames has less noise
+_BESIDE = 12  # samples on either side of an equaliser, for times between samples
 _STEPS = 512  # of the table between two points
 _ROUNDS = 5
 _CHANGE = 8.0  # of the least that was left: more is something new
-_DRIFT = (
-    0.25  # of what is left, that a drift within the pieces of a frame may leave: carrier or clock are wrong
-)
+_DRIFT = 0.25  # of what is left, that a pulse's drift may have left: more, and carrier or clock are wrong
 
 
 @dataclass
 class _Known:
-    """What was heard of the symbols at their times."""
+    """Decided symbols of a frame, and the size of the equaliser's outputs."""
 
     times: np.ndarray
     values: np.ndarray
     amplitude: float
 
 
+def can_follow(symbols: Symbols, pulses: np.ndarray) -> bool:
+    """Whether there are enough symbols in a frame, and the (2, length) pulses of `heard` drift little."""
+    return symbols.times.size >= _FEWEST and _drift(pulses) < _STEADY
+
+
 class Follower:
     """One emitter that sends all the time, from the frame in which it was found on.
 
-    Per frame: the old equaliser at the times predicted, decisions, the old pulse, and a step of least squares towards
-    the new one with the mean Toeplitz matrix of random symbols. Where the times do not fit, they are
-    taken from the clock's line at the known rate.
+    Per frame: the old equaliser at the times predicted, decisions, and the old pulse, corrected by conjugate gradients
+    where that takes away more than noise explains. The symbols are random, so their Toeplitz matrix is nearly the
+    unit matrix, and a step leaves some -15 dB of an error. Where the times do not fit, they are taken from the
+    clock's line at the known rate.
 
     Parameters
     ----------
-    frame : (n,) complex64
-        In which the emitter was found, of unit power.
     clock : Clock
     symbols : Symbols
-        Of the whole frame.
+        Of the frame in which the emitter was found.
     pulses : (2, length)
-        Of `heard`.
+        Of `heard`, as ``train``.
     train : Train
-    left : float
-        Power that was left.
+    left : (n,) complex64
+        What is left of that frame, which had unit power.
     """
 
     def __init__(
-        self, frame: np.ndarray, clock: Clock, symbols: Symbols, pulses: np.ndarray, train: Train, left: float
+        self, clock: Clock, symbols: Symbols, pulses: np.ndarray, train: Train, left: np.ndarray
     ) -> None:
-        self._count = count = frame.size
+        self._count = count = left.size
         self._period = 1 / clock.rate
         self._side = clock.tap_step * TAPS // 2 + 1
         turn = symbols.values * symbols.points.conj()
         self._carrier = _cycles(turn)
-        places = (TAPS // 2 - np.arange(TAPS)) * clock.tap_step
-        taps = np.zeros(count, dtype=np.complex64)
-        np.add.at(taps, places % count, symbols.weights)
-        whole = fft.fft(taps)
-        self._response = np.stack([whole, whole * exp_cycles(0.5 * fft.fftfreq(count))])
+        # between samples the equaliser lasts as long as the sinc that is cut off
+        length = TAPS * clock.tap_step + 2 * _BESIDE
+        taps = np.zeros(2 * length, dtype=np.complex64)
+        taps[length // 2 + (TAPS // 2 - np.arange(TAPS)) * clock.tap_step] = symbols.weights
+        later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(taps.size)))
+        self._pieces = Pieces(count, length)
+        self._response = self._pieces.filters(np.stack([taps, later])[:, :length])[:, None]
         self._pulse = pulses[0].astype(np.complex64)
-        self._error, self._amplitude, self._left = symbols.error, None, left
+        self._error, self._amplitude = symbols.error, 1.0
+        self._left = float(np.mean(np.square(np.abs(left[train.known]))))
         self._instant = 0.0
         self._move(train, symbols.times, pulses[1])
 
@@ -88,37 +93,34 @@ class Follower:
         """What is left of an (n,) complex64 frame, the part that the symbols explain, and the samples in which all
         symbols are known; None if the emitter is not as it was.
         """
-        points = fft.ifft(fft.fft(frame) * self._response, overwrite_x=True)
-        outputs = points.T.ravel()  # two per sample
+        pieces = self._pieces
+        outputs = pieces.filtered(pieces.transforms(frame) * self._response).T.ravel()  # two per sample
         known = self._decided(outputs, self._instant)
         if known is None:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
             if known is None:
                 return None
-        train = Train(known.times, known.values, self._count)
+        train = Train(known.times, known.values, self._count, self._pulse.size)
         span = train.known
-        source, places = train.pieces(train.steady), train.places()
-        if self._amplitude is None:
-            self._amplitude = known.amplitude
+        source, places = train.transforms(train.steady), train.places()
         pulses = np.zeros((2, train.length), dtype=np.complex64)
         pulses[0] = self._pulse * np.float32(known.amplitude / self._amplitude)
         moments = np.stack([np.ones_like(places), places]).astype(np.complex64)
         # of the ramp's square the mean is a third; only symbols in the span are correlated
         scale = np.array([[1], [3]]) * (self._period / (span.stop - span.start))
-        inverse = usual_inverse(train.length)
         own = source.conj()
-        made = train.made(source * (moments.T @ train.short(pulses)))
+        made = train.filtered(source * (moments.T @ train.filters(pulses)))
         model, direction, last = made, np.complex64(0), np.inf
         for _ in range(_ROUNDS):  # conjugate gradients
             left = frame - model
             power = np.vdot(left[span], left[span]).real
-            lags = train.lags(moments @ (own * train.alike(left, span)))
-            step = (scale * lags) @ inverse
+            lags = train.lags(moments @ (own * train.compared(left, span)))
+            step = scale * lags
             gain = np.vdot(step, lags).real
             if gain < (_GAIN + 2 * train.length / self._count) * power:
                 break
             direction, last = step + gain / last * direction, gain
-            made = train.made(source * (moments.T @ train.short(direction)))
+            made = train.filtered(source * (moments.T @ train.filters(direction)))
             size = np.float32(gain / np.vdot(made[span], made[span]).real)
             pulses += size * direction
             model = model + size * made
@@ -126,10 +128,9 @@ class Follower:
             return None
         pulses += step * np.array([[_SHARE], [1]])
         # one pulse serves a whole piece, so the ramp is a stair; and a carrier or a clock is no straight line for long
-        steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
-        ratio = drift / steady
+        ratio = _drift(pulses)
         lost = ratio * (places[1] - places[0]) ** 2 / 12 + ratio**2 / 45
-        if not lost * np.vdot(model[span], model[span]).real < _DRIFT * power:
+        if not (ratio < _STEADY and lost * np.vdot(model[span], model[span]).real < _DRIFT * power):
             return None
         power = float(power) / (span.stop - span.start)
         if not power < _CHANGE * self._left:
@@ -204,6 +205,12 @@ def _between() -> np.ndarray:
     ).astype(np.float32)
     weights.setflags(write=False)
     return weights
+
+
+def _drift(pulses: np.ndarray) -> float:
+    """Power of the second of two pulses over that of the first."""
+    steady, drift = (np.vdot(pulse, pulse).real for pulse in pulses)
+    return drift / steady
 
 
 def _cycles(turn: np.ndarray) -> float:

@@ -5,21 +5,20 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
 from .equaliser import Symbols
+from .pieces import Pieces
 
-__all__ = ["Train", "heard", "pulse_length", "usual_inverse"]
+__all__ = ["Train", "heard"]
 
-_WIDTH = 6  # points per symbol on the grid of twice the rate
-_BETA = 2.3 * _WIDTH  # Kaiser-Bessel window: images are 100 dB down
-_TABLE = 512  # steps of that window per point
+_WIDTH = 6  # points per symbol on the grid of impulses
+_RATE = 1.5  # points per sample of that grid, at least
+_BETA = np.pi * _WIDTH * (1 - 0.5 / _RATE)  # Kaiser-Bessel window: images are 90 dB down
+_TABLE = 2048  # steps of that window per point
 _SYMBOLS = 14  # that a pulse lasts
 _FEWEST, _MOST = 64, 192  # samples that a pulse lasts
 _LOADING = 1e-4  # of the symbols' power: outside their band there is nothing to be fitted to
-_BATCH = 4  # pieces that the processor transforms side by side
-_PIECE = 500  # samples of a piece, about
 _ROUNDS = 4
 _SETTLED = 0.8  # of the residual power before, at which another round gains nothing
 
@@ -34,14 +33,25 @@ def _window() -> np.ndarray:
     return window
 
 
+@lru_cache(maxsize=4)
+def _flat(count: int) -> np.ndarray:
+    """(count,) float32, read-only: one over the transform of that window."""
+    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
+    turns = np.pi * _WIDTH * fft.fftfreq(count) * count / points
+    argument = np.sqrt(_BETA**2 - turns**2)
+    flat = (np.i0(_BETA) / _WIDTH * argument / np.sinh(argument)).astype(np.float32)
+    flat.setflags(write=False)
+    return flat
+
+
 def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """(count,) complex64 transform of an impulse per symbol at its exact time, below half the sample rate.
 
-    Impulses are spread over a grid of twice the rate (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993). The
-    window's own transform stays in: the pulse that is fitted takes it up.
+    Impulses are spread over a finer grid (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993).
     """
-    grid = np.zeros(2 * count, dtype=np.complex64)
-    place = 2 * times
+    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
+    grid = np.zeros(points, dtype=np.complex64)
+    place = points / count * times
     whole = place.astype(np.intp)
     spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
     whole += 1 - _WIDTH // 2
@@ -49,96 +59,43 @@ def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
         # symbols are two and more points apart, so no point is written to twice
         grid[offset:][whole] += spread[offset]
     spectrum = fft.fft(grid, overwrite_x=True)
-    return np.concatenate([spectrum[: count - count // 2], spectrum[-(count // 2) :]])
+    flat = _flat(count)
+    half = count - count // 2
+    return np.concatenate([spectrum[:half] * flat[:half], spectrum[half - count :] * flat[half:]])
 
 
-class Train:
-    """Impulses at the symbols' times, and what lies between them and a frame: a pulse, or two.
-
-    By overlap-save: a pulse is short, and transforms of many short pieces at once cost less than one of the frame.
+class Train(Pieces):
+    """Impulses at the symbols' times, filtered by pulses as long as a symbol can be heard.
 
     Parameters
     ----------
     times : (K,) float
         In samples of the frame.
     values : (K,) complex64
-    count : int
-        Samples of the frame.
+    count, length : int
+        Samples of the frame, and of a pulse.
 
     Attributes
     ----------
-    spectrum : (count,) complex64
-    length : int
-        Samples of a pulse.
+    spectrum, steady : (count,) complex64
+        The impulses' transform, and their samples.
     known : slice
         Samples in which all symbols are known.
     middle, half : float
         Of the ramp that rises from -1 to 1 over the frame, in samples.
     """
 
-    def __init__(self, times: np.ndarray, values: np.ndarray, count: int) -> None:
-        self.length = pulse_length(float(times[1] - times[0]))
+    def __init__(self, times: np.ndarray, values: np.ndarray, count: int, length: int) -> None:
+        super().__init__(count, length)
         self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
         self.spectrum = _spectrum(times, values, count)
-        self._count = count
-        self._pieces = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
-        self._hop = -(-count // self._pieces)
-        self._size = fft.next_fast_len(self._hop + self.length - 1, real=True)
-        self._late = np.zeros((self._pieces, self._size), dtype=np.complex64)
-        self._left = np.zeros(self._pieces * self._hop, dtype=np.complex64)
         self.steady = fft.ifft(self.spectrum)
-
-    def pieces(self, steady: np.ndarray) -> np.ndarray:
-        """(pieces, size) complex64 transforms of a (count,) train in pieces that overlap by a pulse."""
-        padded = np.zeros(self._pieces * self._hop + self._size, dtype=np.complex64)
-        before = self.length // 2 - 1
-        padded[before : before + self._count] = steady
-        return fft.fft(sliding_window_view(padded, self._size)[: self._pieces * self._hop : self._hop])
 
     def places(self) -> np.ndarray:
         """(pieces,) float32: where between -1 and 1 the middle of each piece is."""
-        middle = (np.arange(self._pieces) + 0.5) * self._hop
+        middle = (np.arange(self.count) + 0.5) * self.hop
         return ((middle - self.middle) / self.half).astype(np.float32)
-
-    def short(self, pulses: np.ndarray) -> np.ndarray:
-        """(..., size) complex64 transforms of (..., length) pulses."""
-        return fft.fft(pulses.astype(np.complex64, copy=False), self._size)
-
-    def alike(self, left: np.ndarray, span: slice) -> np.ndarray:
-        """(pieces, size) complex64 transforms of the samples of a (count,) frame in ``span``, to be correlated."""
-        self._left[span] = left[span]
-        self._late[:, self.length - 1 : self.length - 1 + self._hop] = self._left.reshape(-1, self._hop)
-        return fft.fft(self._late)
-
-    def lags(self, products: np.ndarray) -> np.ndarray:
-        """(..., length) of a correlation whose transform is (..., size)."""
-        return fft.ifft(products)[..., : self.length]
-
-    def made(self, products: np.ndarray) -> np.ndarray:
-        """(count,) complex64 samples from the transforms (pieces, size) of trains times pulses."""
-        made = fft.ifft(products, overwrite_x=True)
-        return made[:, self.length - 1 : self.length - 1 + self._hop].ravel()[: self._count]
-
-
-def pulse_length(apart: float) -> int:
-    """Samples that a pulse lasts, of symbols so many samples ``apart``."""
-    return min(max(2 * round(_SYMBOLS * apart / 2), _FEWEST), _MOST)
-
-
-@lru_cache(maxsize=4)
-def usual_inverse(length: int) -> np.ndarray:
-    """(length, length) complex64, read-only: inverse of the mean Toeplitz matrix of a random symbol.
-
-    That of a frame, per symbol, differs from it by a tenth or two, so a step with it leaves some -15 dB of an error.
-    """
-    count = 8 * length
-    one = _spectrum(count / 2 + np.arange(1), np.ones(1, dtype=np.complex64), count)
-    lags = fft.ifft(np.square(np.abs(one.astype(np.complex128))))[:length].real
-    lags[0] *= 1 + _LOADING
-    inverse = np.linalg.inv(linalg.toeplitz(lags)).astype(np.complex64)
-    inverse.setflags(write=False)
-    return inverse
 
 
 def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.ndarray]:
@@ -149,8 +106,10 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     with the Toeplitz matrix of a long frame, to what is left of the frame.
     """
     count = frame.size
-    train = Train(symbols.times, symbols.values, count)
-    length, spectrum, known = train.length, train.spectrum, train.known
+    length = 2 * round(_SYMBOLS * float(symbols.times[1] - symbols.times[0]) / 2)
+    length = min(max(length, _FEWEST), _MOST)
+    train = Train(symbols.times, symbols.values, count, length)
+    spectrum, known = train.spectrum, train.known
     # the transform of a real sequence: half of it says all
     lag_zero_first = (
         fft.rfft(spectrum.real**2 + spectrum.imag**2)[:length].conj().astype(np.complex128) / count
@@ -165,7 +124,7 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     span = slice(begin, max(begin, end))
     scale = sent.size / max(1, np.count_nonzero((sent > begin) & (sent < end)))
     weights = scale * np.array([[1], [3]])
-    sources = np.stack([train.pieces(train.steady), train.pieces(train.steady * ramp)])
+    sources = np.stack([train.transforms(train.steady), train.transforms(train.steady * ramp)])
     pulses = np.zeros((2, length), dtype=np.complex128)
     left, model = frame, np.zeros_like(frame)
     rest = np.inf
@@ -173,9 +132,9 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
         last, rest = rest, np.vdot(left[span], left[span]).real
         if rest > _SETTLED * last:
             break
-        lags = train.lags((sources * train.alike(left, span).conj()).sum(axis=1).conj())
+        lags = train.lags((sources * train.compared(left, span).conj()).sum(axis=1).conj())
         pulses += linalg.lapack.zpotrs(solved, (weights * lags).T)[0].T
-        short = train.short(pulses)
-        model = train.made(sources[0] * short[0] + sources[1] * short[1])
+        short = train.filters(pulses)
+        model = train.filtered(sources[0] * short[0] + sources[1] * short[1])
         left = frame - model
     return model, train, pulses
