@@ -377,8 +377,8 @@ class AltitudeTracker:
 
     def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
-        if track.hits < 2 and found.strength < self._integrity.search_threshold:
-            return False  # back from coasting: one weak return may be noise
+        if track.hits < self.settings.confirm_outputs and found.strength < self._integrity.search_threshold:
+            return False  # back from coasting: few weak returns in a row may be noise
         here_m = found.altitude_m + self._shift_m
         received = self._received_block if self._beside else None
         return self._integrity.undisputed(

@@ -88,7 +88,7 @@ class TrackerSettings:
     max_vertical_speed_m_per_s: float = 150.0
     acceleration_m_per_s2: float = 5.0
     search_pfa: float = 1e-4
-    gate_pfa: float = 1e-4
+    gate_pfa: float = 1e-2
     confirm_outputs: int = 3
     coast_s: float = 1.0
     risk: float = 1e-5
