@@ -40,7 +40,7 @@ def _parser() -> Parser:
     add(
         "--flights",
         type=number(int, 0, 1000),
-        default=5,
+        default=10,
         help="of 0.4 s per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
     )
     add("--seed", type=number(int, 0, MAX_SEED), default=271_828, help="default: %(default)s")

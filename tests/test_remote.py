@@ -241,7 +241,7 @@ def bench(tmp_path, capfd):
             socket.setsockopt(zmq.LINGER, 0)
             socket.connect(f"ipc://{tmp_path}/control{len(made) - 1}")
             socket.send_multipart(parts)
-            assert socket.poll(5000)
+            assert socket.poll(30_000)
             return json.loads(socket.recv())
 
     yield SimpleNamespace(top=top, gates=(top.radar_gate.gate, top.jammer_gate.gate), start=start, ask=ask)

@@ -30,7 +30,7 @@ from .cases import CASES, WAVEFORM, received
 from .costs import costs
 from .genie import GENIE_METHOD
 from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m, weak_return_gain_db
-from .tracked import FLIGHTS
+from .tracked import CONFIRMING, FLIGHTS
 
 if TYPE_CHECKING:
     from .study import CancellationStudy
@@ -141,7 +141,11 @@ def _tracked(rows: Sequence[Row]) -> str:
         )
         total = sum((Integrity.of_row(r) for r in mine), Integrity())
         counts = (f"{getattr(total, name)} ({total.bound(name):.3f})" for name in ("wrong_5m", "hazardous"))
-        shares = (number(correct / frames, 3), number(wrong / frames, 3), number(total.availability, 3))
+        shares = (
+            number(correct / frames, 3),
+            number(wrong / frames, 3),
+            number(total.availability / (1.0 - CONFIRMING), 3),
+        )
         lines.append([FLIGHTS[flight].title, method, *shares, total.outputs, *counts])
     header = ["interference", "method", "Pd per frame", "wrong and valid per frame", "available", "outputs"]
     return table([*header, "wrong by 5 m (bound)", "hazardous (bound)"], lines)

@@ -23,7 +23,7 @@ from .tracked import FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
 METHODS = ("none", "whitening", "tcae", "ofdm_cancel", "qpsk_cancel")
-TRACKED_METHODS = ("none", "tcae", "ofdm_cancel", "hybrid")
+TRACKED_METHODS = ("none", "whitening", "tcae", "ofdm_cancel", "hybrid")
 SIRS_DB = (0.0, -10.0, -15.0, -20.0, -22.5, -25.0, -27.5, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
 GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
 GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
@@ -53,7 +53,7 @@ class CancellationStudy(Study):
     methods: tuple[str, ...] = METHODS
     cases: tuple[str, ...] = tuple(CASES)
     frames: int = 60
-    flights: int = 5
+    flights: int = 10
     seed: int = 271_828
 
     tables: ClassVar[Mapping[str, Columns]] = {

@@ -24,10 +24,11 @@ from ..results.rows import Columns
 from ..results.score import score_frames
 from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
-__all__ = ["FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
+__all__ = ["CONFIRMING", "FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
 
-FRAMES = 400  # of a flight: ten outputs, of which the first two cannot be there yet
-_CHUNK = 40
+_CHUNK = 40  # frames of an output
+FRAMES = 10 * _CHUNK  # of a flight
+CONFIRMING = 0.2  # of its outputs cannot be there yet: a track is confirmed by three
 TRACKED_COLUMNS = Columns(
     ("flight", "method", "trials", "correct", "wrong_frames", *Integrity().row()),
     text=frozenset({"flight", "method"}),
@@ -47,9 +48,9 @@ class Flight:
 _NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
 FLIGHTS = {
     "nr10": Flight(
-        "10 MHz, 64QAM, SIR -50 dB",
+        "10 MHz, 64QAM, SIR -48 dB",
         (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211, frame_count=2, seed=41),),
-        -50.0,
+        -48.0,
     ),
     "mixture": Flight(
         "three tones, QPSK, 5 MHz NR, SIR -43 dB", (ToneEmitter(3), QpskEmitter(), _NR5), -43.0
