@@ -3,11 +3,13 @@
 import cancellation
 import numpy as np
 import pytest
+from gnuradio import radalt
 
 from gnuradio.radalt.core.interference import Interferer, QpskEmitter
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
+from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.genie import REMOVED, mixture_without
 from gnuradio.radalt.evaluation.cancellation.known_symbols import (
@@ -68,6 +70,27 @@ def test_a_free_running_base_station_goes_on_from_frame_to_frame():
     assert lined_up.max() == pytest.approx(np.linalg.norm(sent) * np.linalg.norm(period), rel=1e-3)
     power = np.mean(np.abs(frames[1:21]) ** 2, axis=1)
     assert power.std() > 0.05 * power.mean()  # one gain: power goes with what is sent
+
+
+def test_a_scene_s_base_station_goes_on_too_whatever_its_sir_is_set_to():
+    """A whole scene's source has a total SIR: no frame is scaled by itself, and a new SIR is a new gain alone."""
+    scene = parse_scene({"interference": {"nr": {"sir_db": -20.0, "free_running": True, "frame_count": 2}}})
+    source = radalt.mixture_jammer_source(scene, sir_db=-10.0)
+    source.stream.programme = None
+    frames = np.stack([source.stream.next_frame() for _ in range(45)])
+    np.testing.assert_allclose(frames[1:21], frames[21:41], atol=1e-5)
+    assert np.mean(np.abs(frames[1:21]) ** 2) == pytest.approx(10.0, rel=1e-3)
+    source.set_sir_db(-30.0)
+    later = np.stack([source.stream.next_frame() for _ in range(11)])
+    np.testing.assert_allclose(later[1:], 10.0 * frames[6:16], atol=1e-4)  # 20 frames are its period
+
+
+def test_the_sum_of_what_goes_on_meets_the_total_sir_in_the_mean():
+    parts = [Interferer(NrEmitter(frame_count=2), -20.0), Interferer(QpskEmitter(), -26.0)]
+    stream = JammerStream(WAVEFORM, parts, seed=6, free_running=True, total_sir_db=-10.0)
+    power = [np.mean(np.abs(stream.next_frame()) ** 2) for _ in range(81)][1:]
+    assert np.mean(power) == pytest.approx(10.0, rel=0.03)
+    assert np.std(power) > 0.3
 
 
 def test_bursts_and_locked_jammers_start_anew():

@@ -41,17 +41,20 @@ class JammerSource(gr.sync_block):
             free_running=free_running,
             total_sir_db=total_sir_db,
         )
+        self._interferers = tuple(interferers)
         self._n = scene.waveform.samples_per_frame
         self._limit = int(frames)
         gather_frames(self, self._n)
 
     def set_overlap(self, overlap: float) -> None:
         """Active fraction from the next sweep on."""
-        self.stream.interferers = tuple(replace(i, overlap=overlap) for i in self.stream.interferers)
+        self._interferers = tuple(replace(i, overlap=overlap) for i in self._interferers)
+        self.stream.play(self._interferers)
 
     def set_sir_db(self, sir_db: float) -> None:
         """Window SIR from the next sweep on."""
-        self.stream.interferers = tuple(replace(i, sir_db=sir_db) for i in self.stream.interferers)
+        self._interferers = tuple(replace(i, sir_db=sir_db) for i in self._interferers)
+        self.stream.play(self._interferers)
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001

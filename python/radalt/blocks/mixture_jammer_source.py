@@ -66,4 +66,4 @@ class mixture_jammer_source(JammerSource):
         excess_db = scene.burst_db - self._strongest_db
         if excess_db > 0:
             scene = scene.at(sir_db=scene.sir_db + excess_db)
-        self.stream.interferers, self.stream.total_sir_db = scene.interference, scene.total_sir_db
+        self.stream.play(scene.interference, scene.total_sir_db)

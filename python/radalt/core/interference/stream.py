@@ -67,18 +67,6 @@ class Continued:
         return True
 
 
-def _going_on(interferer: Interferer, waveform: Waveform) -> Interferer:
-    """The same interferer, running on from frame to frame if it fills whole frames."""
-    if interferer.overlap < 1 or getattr(interferer.emitter, "always_in_window", False):
-        return interferer
-    period_s = getattr(interferer.emitter, "period_s", 0.0)
-    frames = period_s / waveform.sweep_s
-    repeats = frames >= 1 and frames == round(frames)
-    count = round(frames) if repeats else 40
-    emitter = Continued(interferer.emitter, waveform.samples_per_frame, count, repeats=repeats, steady=True)
-    return replace(interferer, emitter=emitter)
-
-
 class JammerStream:
     """Endless interference in frames of N samples, silent while the segmenter takes its timing.
 
@@ -96,7 +84,7 @@ class JammerStream:
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
         part of a frame, as for an emitter that knows nothing of the radar. SIR and overlap then hold in its own
         windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
-        repeats (5G NR), else in windows of 40 frames.
+        repeats (5G NR), else in windows of 40 frames. The total SIR then holds in the mean.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """
@@ -111,10 +99,10 @@ class JammerStream:
         free_running: bool = False,
         total_sir_db: float | None = None,
     ) -> None:
-        if free_running:
-            interferers = [_going_on(one, waveform) for one in interferers]
-        self.waveform, self.interferers, self.programme = waveform, tuple(interferers), programme
-        self.total_sir_db = total_sir_db
+        self.waveform, self.programme = waveform, programme
+        self._free_running = free_running
+        self._going_on: dict[int, Continued] = {}  # by place
+        self.play(interferers, total_sir_db)
         self._rng = np.random.default_rng([seed, 0x3A3])
         n = waveform.samples_per_frame
         self._shift = int(self._rng.integers(0, n)) if free_running else 0
@@ -123,6 +111,32 @@ class JammerStream:
         # looked up once a frame: bytes answer ten times as fast as arrays
         frames = 0 if programme is None else programme.total_frames
         self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
+
+    def play(self, interferers: Sequence[Interferer], total_sir_db: float | None = None) -> None:
+        """Change what is summed, and its SIR, from the next frame on; emitters that run on do not start anew."""
+        self.interferers, self.total_sir_db = tuple(interferers), total_sir_db
+        self._playing, self._scaled_to_db = self.interferers, total_sir_db
+        if not self._free_running:
+            return
+        self._playing = tuple(self._continued(k, one) for k, one in enumerate(interferers))
+        if total_sir_db is not None and all(isinstance(i.emitter, Continued) for i in self._playing):
+            # scaled frame by frame the sum would step where frames meet
+            excess_db = total_sir_db + 10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in interferers))
+            self._playing = tuple(replace(i, sir_db=i.sir_db + excess_db) for i in self._playing)
+            self._scaled_to_db = None
+
+    def _continued(self, place: int, interferer: Interferer) -> Interferer:
+        """The same interferer, running on from frame to frame if it fills whole frames."""
+        emitter, going_on = interferer.emitter, self._going_on.get(place)
+        if interferer.overlap < 1 or getattr(emitter, "always_in_window", False):
+            return interferer
+        if going_on is None or going_on.emitter is not emitter:
+            frames = getattr(emitter, "period_s", 0.0) / self.waveform.sweep_s
+            repeats = frames >= 1 and frames == round(frames)
+            count = round(frames) if repeats else 40
+            n = self.waveform.samples_per_frame
+            going_on = self._going_on[place] = Continued(emitter, n, count, repeats=repeats, steady=True)
+        return replace(interferer, emitter=going_on)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:
         """(N,) complex64: the next sweep's worth of interference, in ``out`` if that is given."""
@@ -134,12 +148,12 @@ class JammerStream:
             frame[:] = 0
         else:
             interference_frames(
-                self.interferers,
+                self._playing,
                 1,
                 n,
                 self.waveform.rate_hz,
                 self._rng,
-                total_sir_db=self.total_sir_db,
+                total_sir_db=self._scaled_to_db,
                 out=frame[None],
             )
         if self._shift:
