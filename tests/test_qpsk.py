@@ -338,6 +338,15 @@ def test_hybrid_asks_the_method_that_had_the_last_frame_and_nothing_else(monkeyp
     assert method.cancelled == 6
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("level", [0.0, 1e-38, 1e30, 3e38])
+def test_hybrid_takes_frames_of_any_level_without_a_warning(level):
+    rng = np.random.default_rng(3)
+    noise = rng.uniform(-1.0, 1.0, (2, 15_000)).astype(np.float32)
+    out = create("hybrid", W).process((noise * np.float32(level)).view(np.complex64))
+    assert out.shape == (2, 7500)
+
+
 def test_hybrid_goes_on_when_the_emitter_does_not():
     frames, clean = going_on((PLAIN, 3 * N), (None, 2 * N), (NrEmitter(channel_bandwidth_hz=10e6), 3 * N))
     method = create("hybrid", W)

@@ -145,7 +145,7 @@ def _lasts(frame: np.ndarray) -> bool:
 
 def _spread(frame: np.ndarray) -> float:
     """Standard deviation of an (N,) frame's modulus over its mean, where it is loud."""
-    size = np.abs(frame[::3])
+    size = np.abs(frame[::3].astype(np.complex128))  # squares of complex64 may overflow
     high = int(0.9 * size.size)
     loud = size[size > 0.5 * np.partition(size, high)[high]]
-    return float(loud.std() / loud.mean())
+    return float(loud.std() / loud.mean()) if loud.size else np.inf
