@@ -36,9 +36,8 @@ __all__ = ["OfdmCancel"]
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
 _CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
-_UNEVEN = (
-    1.5  # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
-)
+# mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
+_UNEVEN = 1.5
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
@@ -57,9 +56,8 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_MISREAD = np.float32(
-    0.2  # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
-)
+# mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
+_MISREAD = np.float32(0.2)
 _FEW_BESIDE = 3  # subcarriers
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing

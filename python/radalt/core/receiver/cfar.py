@@ -13,17 +13,14 @@ __all__ = ["Cfar", "Significance", "pair_threshold", "support_of", "upcrossings"
 
 _BLOCK = 8.0  # resolution cells in a block of the test for colour
 _QUARTILES = 1.35  # standard deviations between the quartiles of a normal distribution
-_WHITE, _COLOURED = (
-    1.5,
-    3.5,
-)  # spread of block levels over that of white noise: up to here white, from here coloured
+# spread of block levels over that of white noise: up to here white, from here coloured
+_WHITE, _COLOURED = 1.5, 3.5
 _FEWEST_BLOCKS = 4  # that colour is told from
 _LOCAL = 0.6  # share of its training cells that a local level counts for: the level bends over them
 _FEWEST = 4.0  # looks that a noise level has at least
 _NEAR = 8.0  # resolution cells to either side of a return that do not count where the span is held against the rest
-_LOBES = (
-    12.0  # resolution cells to either side of a block within which a return's own side lobes count as colour
-)
+# resolution cells to either side of a block within which a return's own side lobes count as colour
+_LOBES = 12.0
 _QUIETER = 2.0  # standard deviations by which cells beyond the span have to be quieter
 _NARROWEST = 0.05  # least support of a half sweep
 _ROUNDING = 1e-9  # of the mean of the band, below which powers are rounding

@@ -12,9 +12,8 @@ from .cfar import Cfar, Significance
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
-FLOOR = (
-    3.0  # significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
-)
+# significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
+FLOOR = 3.0
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
 _HALVES = np.arange(2)
 _OUTSHINING = 10.0  # power of a return beyond the span over the cells found
