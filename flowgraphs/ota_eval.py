@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from gnuradio.radalt.core.interrupts import ctrl_c_waits
 from gnuradio.radalt.evaluation.engine.options import (
     Options,
     Parser,
@@ -91,9 +92,10 @@ def _check_python() -> str | None:
             from gnuradio.radalt.core.paths import remedy
 
             return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
-        from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
+        with ctrl_c_waits():
+            from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
-        from gnuradio.radalt.core import scene  # noqa: F401
+            from gnuradio.radalt.core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
         return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {hint}"
     return None

@@ -345,6 +345,27 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
         assert process.returncode in (0, 130, -signal.SIGINT)
 
 
+STOPPED_IMPORT = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    sum(range(1000))
+except KeyboardInterrupt:  # as compiled code does
+    raise ImportError("stopped") from None
+"""
+
+
+def test_ctrl_c_while_onnxruntime_is_imported_does_not_pass_for_a_missing_package(tmp_path):
+    (tmp_path / "onnxruntime.py").write_text(STOPPED_IMPORT)
+    load = "from radalt.core.mitigation import onnx_network; onnx_network.gpu_there('cuda')"
+    done = subprocess.run(
+        [sys.executable, "-c", load], capture_output=True, text=True, timeout=60,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT / 'python'}"},
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGINT
+    assert "KeyboardInterrupt" in done.stderr
+
+
 # -- code of others ---------------------------------------------------------------------------------
 
 FOREIGN = {

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..interrupts import ctrl_c_waits
 from ..paths import remedy
 from .base import MitigationError
 
@@ -119,16 +120,22 @@ def gpu_there(provider: str) -> bool:
     if PROVIDERS[provider] == PROVIDERS["cpu"]:
         return False
     try:
-        import onnxruntime
+        return PROVIDERS[provider][0] in _onnxruntime().get_available_providers()
     except ImportError:
         return False  # loading says so
-    return PROVIDERS[provider][0] in onnxruntime.get_available_providers()
+
+
+def _onnxruntime():  # noqa: ANN202 - the package is optional
+    """The package; raises ImportError."""
+    with ctrl_c_waits():
+        import onnxruntime
+    return onnxruntime
 
 
 def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types live in the optional package
     """The package and a session, which is shared by all who run the same file: making one takes 0.1 s."""
     try:
-        import onnxruntime
+        onnxruntime = _onnxruntime()
     except ImportError:
         raise MitigationError(
             f"tcae needs onnxruntime, which this Python lacks; {remedy('onnxruntime')}"

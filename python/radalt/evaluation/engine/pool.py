@@ -16,6 +16,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from multiprocessing import resource_tracker
 from typing import Any
 
+from ...core.interrupts import ctrl_c_waits
+
 __all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
 
 
@@ -155,11 +157,8 @@ def uninterrupted() -> Iterator[None]:
     """Threads and processes that start in this block never see Ctrl-C: it reaches the whole process group, and their
     owner decides what becomes of them. Their imports would else end in a traceback each."""
     resource_tracker.ensure_running()  # its first start would let Ctrl-C through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with ctrl_c_waits():
         yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _claims: list[socket.socket] = []
