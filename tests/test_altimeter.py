@@ -5,6 +5,7 @@ import pytest
 
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings, Reason
 from radalt.core.receiver.cramer_rao import altitude_crb_m, vertical_speed_crb_m_per_s
+from radalt.core.receiver.decimator import Decimator
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -295,6 +296,22 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
 def test_impossible_settings_are_refused(settings, said):
     with pytest.raises(ValueError, match=said):
         Altimeter(W, AltimeterSettings(**settings))
+
+
+@pytest.mark.parametrize("width_hz", [50e3, 246e3, 260e3, 6e6])
+def test_decimated_half_sweeps_are_the_plain_convolution_and_alone_what_they_are_together(width_hz):
+    decimator, rng = Decimator(3750, 7.5e6, width_hz), np.random.default_rng(2)
+    frames = rng.standard_normal((3, 2, 7500), dtype=np.float32).view(np.complex64)
+    table = rng.standard_normal((2, 7500), dtype=np.float32).view(np.complex64)
+    found, d = decimator.mix(frames, table), decimator.factor
+    for at in np.ndindex(3, 2):
+        whole = np.convolve(frames[at].astype(complex) * table[at[1]], decimator.taps)
+        wanted = np.pad(whole, (0, d))[d - 1 :: d][: decimator.outputs]
+        np.testing.assert_allclose(found[at], wanted, atol=1e-5)
+    assert (
+        found.shape == (3, 2, decimator.outputs) and found.flags.c_contiguous
+    )  # it is scaled through a view
+    assert b"".join(decimator.mix(frame[None], table).tobytes() for frame in frames) == found.tobytes()
 
 
 def test_frames_of_another_length_are_refused():

@@ -280,6 +280,55 @@ def test_gaps_are_all_there_and_what_is_left_is_untouched():
     np.testing.assert_array_equal(got, kept)
 
 
+# -- frames per call --------------------------------------------------------------------------------------------------
+
+PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)
+
+
+@pytest.mark.parametrize("sweep_s", [1e-3, 520e-6], ids=["1 ms", "0.52 ms"])
+@pytest.mark.parametrize(
+    ("settings", "more"),
+    [
+        (ChannelSettings(), {}),
+        (ChannelSettings(start_offset_samples=90.0, gain_db=3.0), {}),
+        (ChannelSettings(drops=DropSettings(3, 100, 9_000)), {}),
+        (ChannelSettings(jammer_clock_ppm=20.0, jammer_lo_offset_hz=1e3), {}),
+        (ChannelSettings(leakage_db=-6.0), {"true_delay": PROGRAMME}),
+    ],
+    ids=["latency with a fraction", "whole latency", "gaps", "another clock", "true delay"],
+)
+@pytest.mark.parametrize("heard", [True, False], ids=["jammer", "no jammer"])
+def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, heard, sweep_s):
+    w = Waveform(sweep_s=sweep_s)
+    n, frames = w.samples_per_frame, 60
+    # sweeps that repeat, change within a call, and change with every frame
+    altitudes = [0.0] * 10 + [300.0] * 7 + [120.0] * 11 + [float(a) for a in range(100, 132)]
+    sent = np.concatenate([w.beat_shifted(a) for a in altitudes])
+    rng = np.random.default_rng(5)
+    jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if heard else None
+
+    def received(frames_per_call: list[int], in_place: bool) -> list[np.ndarray]:
+        channel = SimulatedChannel(w, settings, seed=4, frames=frames, **more)
+        got, at = [], 0
+        for count in frames_per_call:
+            span = slice(at, at + count * n)
+            out = np.full(count * n, np.nan, np.complex64) if in_place else None
+            pieces = channel.process(sent[span], None if jammer is None else jammer[span], out)
+            for counter, samples in pieces:
+                got.append(counter + np.arange(samples.size))
+                got.append(samples.copy())
+                if in_place:
+                    assert samples.tobytes() == out[counter - at :][: samples.size].tobytes()
+            at += count * n
+        return [np.concatenate(got[::2]), np.concatenate(got[1::2])]
+
+    counters, samples = received([1] * frames, False)
+    for frames_per_call in ([16, 16, 16, 12], [3, 5, 1, 2, 7, 13, 29]):
+        again = received(frames_per_call, True)
+        np.testing.assert_array_equal(again[0], counters)
+        assert again[1].tobytes() == samples.tobytes()
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [

@@ -240,6 +240,35 @@ def test_impossible_interference_is_refused(make, said):
 # -- streams ----------------------------------------------------------------------------------------------------------
 
 
+class Silent:
+    """An emitter that sends nothing."""
+
+    def samples(self, count, rate_hz, rng):
+        return np.zeros(count, dtype=complex)
+
+
+@pytest.mark.parametrize("free_running", [False, True])
+@pytest.mark.parametrize("overlap", [0.0, 0.4, 1.0])
+def test_nothing_of_what_lay_in_the_output_stays_there(overlap, free_running):
+    for emitter, heard in ((Silent(), False), (QpskEmitter(), True), (QpskEmitter(pulse="rrc"), True)):
+        stream = JammerStream(Waveform(), [Interferer(emitter, overlap=overlap)], free_running=free_running)
+        used = np.full((5, N), np.nan, np.complex64)
+        for frame in used:
+            stream.next_frame(frame)
+        active = np.count_nonzero(used[1:]) / used[1:].size
+        assert active == pytest.approx(overlap if heard else 0.0, abs=0.2 if free_running else 1e-3)
+        assert np.isfinite(used).all()
+
+
+def test_burst_that_fills_the_frame_draws_as_if_its_start_were_drawn():
+    """A start among one draws nothing, so that streams of other overlaps and other versions share their seeds."""
+    one, other = np.random.default_rng(8), np.random.default_rng(8)
+    interference_frame(Interferer(QpskEmitter(), overlap=1.0), N, RATE_HZ, one)
+    other.integers(0, 1)
+    QpskEmitter().samples(N, RATE_HZ, other)
+    assert one.bit_generator.state == other.bit_generator.state
+
+
 def test_stream_is_silent_until_the_first_trial_and_on_synchronisation():
     programme = Programme((100.0,), 20, preamble_frames=8, sync_every_frames=10, sync_frames=8)
     stream = JammerStream(Waveform(), [Interferer(QpskEmitter(), -10.0, 0.5)], programme=programme, seed=3)

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.linalg import blas
 
 from radalt.core.receiver.decimator import Decimator
 
@@ -97,40 +98,50 @@ def decimator() -> Decimator:
     return Decimator(3750, 7.5e6, 246e3)
 
 
-def decimated(shared: Decimator, samples: np.ndarray, meet: threading.Barrier | None = None) -> np.ndarray:
-    buffer, part = shared.buffer(samples.shape[:-1])
-    part[...] = samples
-    if meet is not None:
-        meet.wait(timeout=30)  # every thread has filled its buffer before one is read
-    return shared.apply(buffer)
+def decimated(shared: Decimator, frames: np.ndarray) -> np.ndarray:
+    return shared.mix(frames, np.ones(frames.shape[1:], np.complex64))
 
 
-def test_threads_that_share_a_decimator_share_no_scratch():
-    """All fill before any applies: with one buffer between them all but the last would get another's samples."""
+class MeetingBlas:
+    """SciPy's BLAS, whose product begins when every thread is there."""
+
+    def __init__(self, meet: threading.Barrier) -> None:
+        self._meet = meet
+
+    def sgemm(self, *args, **options):
+        self._meet.wait(timeout=30)
+        return blas.sgemm(*args, **options)
+
+
+def test_threads_that_share_a_decimator_share_no_scratch(monkeypatch):
+    """All mix before any filters: with one buffer between them all but the last would get another's samples."""
     count, rng = 6, np.random.default_rng(3)
     blocks = rng.standard_normal((count, 4, 2, 7500)).view(complex).astype(np.complex64)
     wanted = [decimated(decimator(), block) for block in blocks]
     shared, meet = decimator(), threading.Barrier(count)
+    monkeypatch.setattr("radalt.core.receiver.decimator.blas", MeetingBlas(meet))
     with ThreadPoolExecutor(count) as pool:
         for _ in range(5):
-            found = list(pool.map(lambda block: decimated(shared, block, meet), blocks))
+            found = list(pool.map(lambda block: decimated(shared, block), blocks))
             for one, other in zip(found, wanted, strict=True):
                 np.testing.assert_array_equal(one, other)
 
 
 def test_scratch_is_reused_by_its_thread():
     shared = decimator()
-    assert shared.buffer((4, 2))[0] is shared.buffer((4, 2))[0]
+    assert shared.buffer(2) is shared.buffer(2)
 
 
-def test_scratch_of_threads_that_ended_is_bounded():
+def test_scratch_of_threads_that_ended_is_bounded(monkeypatch):
     """A hundred threads at once, so that each has a number of its own; all right, and few of them remembered."""
     count, rng = 100, np.random.default_rng(4)
-    block = rng.standard_normal((1, 7500)).view(complex).astype(np.complex64)
-    wanted = decimated(decimator(), block)
-    shared, meet = decimator(), threading.Barrier(count)
+    frames = rng.standard_normal((1, 1, 7500)).view(complex).astype(np.complex64)
+    wanted = decimated(decimator(), frames)
+    shared = decimator()
+    monkeypatch.setattr("radalt.core.receiver.decimator.blas", MeetingBlas(threading.Barrier(count)))
     with ThreadPoolExecutor(count) as pool:
-        for found in pool.map(lambda _: decimated(shared, block, meet), range(count)):
+        for found in pool.map(lambda _: decimated(shared, frames), range(count)):
             np.testing.assert_array_equal(found, wanted)
     assert len(shared._scratch) <= 16
-    assert decimated(shared, block).size == wanted.size
+    monkeypatch.undo()
+    assert decimated(shared, frames).size == wanted.size

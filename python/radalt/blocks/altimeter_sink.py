@@ -127,14 +127,18 @@ class altimeter_sink(gr.sync_block):
 
     def _measure(self, frames: np.ndarray, tags: np.ndarray) -> np.ndarray:
         """Measure, store and publish; returns the results."""
-        index = np.nan_to_num(tags[:, 0], nan=-1).astype(np.int64)
+        untold = np.isnan(tags)
+        index = np.where(untold[:, 0], -1, tags[:, 0]).astype(np.int64)
+        offset_s = np.where(untold[:, 2], 0.0, tags[:, 2])
         spectra = self.altimeter.spectra(frames)
-        results = self.altimeter.detect(spectra, timing_offset_s=np.nan_to_num(tags[:, 2]), frame_index=index)
+        results = self.altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index)
         at = (self._count + np.arange(len(results))) % self._store.size
         self._store[at] = results
         self._when[at, 0] = tags[:, 1]
         self._when[at, 1] = time.perf_counter()
-        truth = np.where(np.isnan(tags[:, 3]), self._programme.altitude_m(index), tags[:, 3])
+        truth = tags[:, 3]
+        if untold[:, 3].any():
+            truth = np.where(untold[:, 3], self._programme.altitude_m(index), truth)
         self._truth[at] = truth
         self._count += len(results)
         self._watch(results)

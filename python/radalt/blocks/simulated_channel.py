@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 
 import numpy as np
 from gnuradio import gr
@@ -62,8 +61,8 @@ class simulated_channel(gr.basic_block):
         self._n = scene.waveform.samples_per_frame
         self._rate = scene.waveform.rate_hz
         self._tagged = scene.channel.drops.tagged
-        self._pieces: deque[tuple[int, np.ndarray]] = deque()
-        self._expected: int | None = None
+        self._first = 0  # counter of the next sample that comes in
+        self._expected: int | None = None  # of the next that goes out
         self._realtime = bool(realtime)
         self._start_s: float | None = None  # of sample 0, by the monotonic clock
         self.held_up_s = self.longest_hold_up_s = 0.0  # for which a radio's samples would have had to wait
@@ -72,28 +71,32 @@ class simulated_channel(gr.basic_block):
         gather_frames(self, self._n, _HELD_FRAMES if realtime else GATHER)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
-        """A whole frame of each input, unless finished samples wait."""
-        return [0 if self._pieces else self._n] * ninputs
+        """A whole frame of each input."""
+        return [self._n] * ninputs
 
     @guarded
     def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """One frame in when nothing waits; as much out as fits."""
+        """Whole frames, as many as are there and fit, straight into the output."""
         out = output_items[0]
         if self._realtime:
             self._wait()
-        done = self._flush(out, 0)
-        frames = min(len(items) for items in input_items) // self._n
-        used = 0
-        while not self._pieces and used < frames and done < out.size:
-            span = slice(used * self._n, (used + 1) * self._n)
-            jammer = input_items[1][span] if len(input_items) > 1 else None
-            self._pieces.extend(self.channel.process(input_items[0][span], jammer))
-            used += 1
-            done = self._flush(out, done)
-        for tag in self.get_tags_in_window(0, 0, used * self._n, SENT_KEY):
+        used = min(out.size, *(len(items) for items in input_items)) // self._n * self._n
+        jammer = input_items[1][:used] if len(input_items) > 1 else None
+        done = 0
+        for counter, samples in (
+            self.channel.process(input_items[0][:used], jammer, out[:used]) if used else ()
+        ):
+            if counter != self._expected and (self._tagged or self._expected is None):
+                self._tag_time(done, counter)
+            if counter != self._first + done:  # samples were lost before these
+                out[done : done + samples.size] = samples
+            done += samples.size
+            self._expected = counter + samples.size
+        self._first += used
+        for tag in self.get_tags_in_window(0, 0, used, SENT_KEY):
             self.add_item_tag(0, self.nitems_written(0), SENT_KEY, tag.value)  # the value names its sweep
         for port in range(len(input_items)):
-            self.consume(port, used * self._n)
+            self.consume(port, used)
         return done
 
     def _wait(self) -> None:
@@ -107,22 +110,6 @@ class simulated_channel(gr.basic_block):
             self.held_up_s += late_s
             self.longest_hold_up_s = max(self.longest_hold_up_s, late_s)
         time.sleep(max(0.0, -late_s))
-
-    def _flush(self, out: np.ndarray, done: int) -> int:
-        """Copy waiting pieces, tagging the first sample after a gap."""
-        while self._pieces and done < out.size:
-            counter, samples = self._pieces[0]
-            if counter != self._expected and (self._tagged or self._expected is None):
-                self._tag_time(done, counter)
-            count = min(samples.size, out.size - done)
-            out[done : done + count] = samples[:count]
-            done += count
-            self._expected = counter + count
-            if count == samples.size:
-                self._pieces.popleft()
-            else:
-                self._pieces[0] = (counter + count, samples[count:])
-        return done
 
     def _tag_time(self, at: int, counter: int) -> None:
         """``rx_time`` as UHD's (whole seconds, fraction)."""

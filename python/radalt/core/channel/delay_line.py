@@ -7,12 +7,13 @@ from scipy import fft
 
 from ..fir import kaiser_window
 
-__all__ = ["HALF_TAPS", "STEPS", "DelayLine"]
+__all__ = ["HALF_TAPS", "MOST_BLOCKS", "STEPS", "DelayLine"]
 
 HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
 STEPS = 256  # sub-sample resolution of a drifting clock
 _FINE_STEPS = 16 * STEPS  # of a fixed delay
 _TAIL = 2 * HALF_TAPS
+MOST_BLOCKS = 4  # in one push
 _SPARE_BLOCKS = 8
 # transforms of 2048 points stay in the first-level cache and take half the time of one over a whole frame
 _TRANSFORM = 2048
@@ -39,24 +40,27 @@ class DelayLine:
         self._hop = -(-block // self._parts)
         # what the parts read before the first sample that is needed: they share the block evenly, so they overlap more
         self._early = self._parts * self._hop - block + self._size - _TAIL - self._hop
-        self._length = int(np.ceil(max_delay)) + _TAIL + 2 + self._early + block
+        self._history = int(np.ceil(max_delay)) + _TAIL + 2 + self._early
         # room for some blocks more, so that the history is moved once in a while and not with every block
-        self._store = np.zeros(self._length + _SPARE_BLOCKS * block, dtype=np.complex64)
-        self._end = self._length
+        self._store = np.zeros(self._history + (1 + _SPARE_BLOCKS) * block, dtype=np.complex64)
+        self._end = self._history + block
         self._kernels: dict[float, np.ndarray] = {}
         self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
 
     def push(self, samples: np.ndarray) -> None:
-        """Append one block."""
-        if self._end + self._block > self._store.size:
-            keep = self._length - self._block
+        """Append one block, or up to `MOST_BLOCKS`."""
+        if self._end + samples.size > self._store.size:
+            keep = self._history
             self._store[:keep] = self._store[self._end - keep : self._end].copy()
             self._end = keep
-        self._store[self._end : self._end + self._block] = samples
-        self._end += self._block
+        self._store[self._end : self._end + samples.size] = samples
+        self._end += samples.size
 
-    def read(self, delay: float) -> np.ndarray:
-        """(block,) samples that lie ``delay`` >= 0 samples before the block pushed last; not to be written to.
+    def read(self, delay: float, blocks: int = 1) -> np.ndarray:
+        """(blocks, block) samples that lie ``delay`` >= 0 samples before the blocks pushed last; not to be written to.
+
+        Several blocks are those of a single `push`. They are the same to the bit as if read after a push each, and
+        (1, block) where that is what all of them are.
 
         Raises
         ------
@@ -65,38 +69,53 @@ class DelayLine:
         """
         whole = int(np.floor(delay))
         fraction = round((delay - whole) * _FINE_STEPS) / _FINE_STEPS
-        first = self._end - self._block - whole
+        first = self._end - blocks * self._block - whole
         if fraction == 0:
-            return self._store[first : first + self._block]
+            return self._store[first : first + blocks * self._block].reshape(blocks, self._block)
         if whole < HALF_TAPS:
             raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {HALF_TAPS}")
         if not self._repeats:
-            return self._filter(first, fraction)
-        # the same samples at the same delay give the same output, to the bit
-        span = self._store[first - HALF_TAPS - self._early : first + self._block + HALF_TAPS]
+            return self._filter(first, fraction, blocks)
+        if blocks == 1:
+            return self._repeated(first, fraction, delay)
+        known = self._last.get(delay)
+        if known is not None and _same_bits(known[0], self._spans(first, blocks)):
+            return known[1]
+        return np.concatenate(
+            [self._repeated(first + k * self._block, fraction, delay) for k in range(blocks)]
+        )
+
+    def _repeated(self, first: int, fraction: float, delay: float) -> np.ndarray:
+        """(1, block) as `_filter`: the same samples at the same delay give the same output, to the bit."""
+        span = self._spans(first, 1)
         known = self._last.get(delay)
         if known is not None and _same_bits(known[0], span):
             return known[1]
-        out = self._filter(first, fraction)
+        out = self._filter(first, fraction, 1)
         if len(self._last) >= 4:
             self._last.clear()
-        self._last[delay] = (span.copy(), out)
+        self._last[delay] = (span[0].copy(), out)
         return out
 
-    def _filter(self, first: int, fraction: float) -> np.ndarray:
-        """(block,) samples from ``first`` on, delayed by ``fraction``, in short transforms of overlapping parts."""
-        item = self._store.itemsize
-        parts = np.ndarray(  # `as_strided` takes a tenth of the transforms' time for the same view
-            (self._parts, self._size),
-            self._store.dtype,
-            self._store,
-            (first - HALF_TAPS - self._early) * item,
-            (self._hop * item, item),
-        )
-        spectrum = fft.fft(parts, axis=1)
+    def _spans(self, first: int, blocks: int) -> np.ndarray:
+        """(blocks, S) all samples that each of the filtered blocks from ``first`` on depends on."""
+        start = first - HALF_TAPS - self._early
+        return self._view(start, (blocks, self._block + self._early + _TAIL), (self._block, 1))
+
+    def _filter(self, first: int, fraction: float, blocks: int) -> np.ndarray:
+        """(blocks, block) samples from ``first`` on, ``fraction`` later, in short transforms of overlapping parts."""
+        start = first - HALF_TAPS - self._early
+        parts = self._view(start, (blocks, self._parts, self._size), (self._block, self._hop, 1))
+        spectrum = fft.fft(parts, axis=-1)
         spectrum *= self._kernel(fraction)
-        whole = fft.ifft(spectrum, axis=1, overwrite_x=True)[:, self._size - self._hop :]
-        return whole.reshape(-1)[self._parts * self._hop - self._block :]
+        whole = fft.ifft(spectrum, axis=-1, overwrite_x=True)[..., self._size - self._hop :]
+        return whole.reshape(blocks, -1)[:, self._parts * self._hop - self._block :]
+
+    def _view(self, first: int, shape: tuple[int, ...], strides: tuple[int, ...]) -> np.ndarray:
+        """Overlapping parts of the store, strides in samples; `as_strided` takes a tenth of the transforms' time."""
+        item = self._store.itemsize
+        strides = tuple(item * stride for stride in strides)
+        return np.ndarray(shape, self._store.dtype, self._store, first * item, strides)
 
     def _kernel(self, fraction: float) -> np.ndarray:
         if fraction not in self._kernels:
@@ -113,5 +132,5 @@ class DelayLine:
 
 
 def _same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two contiguous complex64 arrays of one shape are the same to the bit; a first look saves most of it."""
-    return a[0] == b[0] and bool((a.view(np.int64) == b.view(np.int64)).all())
+    """Whether (k,) and all of (m, k) complex64 are the same to the bit; a first look saves most of it."""
+    return bool((a[0] == b[:, 0]).all()) and bool((a.view(np.int64) == b.view(np.int64)).all())

@@ -33,25 +33,30 @@ class ReceiverNoise:
     def __init__(self, samples: int, seed: list[int]) -> None:
         self._samples = samples
         self._bits = np.random.SFC64(seed)
-        self._radius = np.empty(samples, dtype=np.float32)
-        self._angle = np.empty(samples, dtype=np.float32)
-        self._noise = np.empty((2, samples), dtype=np.float32)
+        self._grow(1)
+
+    def _grow(self, blocks: int) -> None:
+        self._radius, self._angle = np.empty((2, blocks, self._samples), dtype=np.float32)
+        self._noise = np.empty((blocks, 2, self._samples), dtype=np.float32)
 
     def add(self, block: np.ndarray, power: float) -> None:
-        """Add noise of that mean power to ``(samples,)`` contiguous complex64, in place."""
-        bits = self._bits.random_raw(self._samples).view(np.uint32).reshape(2, self._samples)
-        radius, angle, noise = self._radius, self._angle, self._noise
-        radius[:] = bits[0]
+        """Add noise of that mean power to ``(samples,)`` or ``(m * samples,)`` contiguous complex64, in place."""
+        blocks = block.size // self._samples
+        if blocks > len(self._noise):
+            self._grow(blocks)
+        bits = self._bits.random_raw(block.size).view(np.uint32).reshape(blocks, 2, self._samples)
+        radius, angle, noise = self._radius[:blocks], self._angle[:blocks], self._noise[:blocks]
+        radius[:] = bits[:, 0]
         radius *= np.float32(2.0**-32)
         radius += np.float32(2.0**-33)
         np.log(radius, out=radius)
         radius *= np.float32(-power)
         np.sqrt(radius, out=radius)
-        angle[:] = bits[1].view(np.int32)
+        angle[:] = bits[:, 1].view(np.int32)
         angle *= np.float32(np.pi * 2.0**-31)
-        np.cos(angle, out=noise[0])
-        np.sin(angle, out=noise[1])
-        noise *= radius
+        np.cos(angle, out=noise[:, 0])
+        np.sin(angle, out=noise[:, 1])
+        noise *= radius[:, None]
         # the two numbers of a pair are independent, so they need not be the rails of one sample: halves of the block
         # are contiguous, rails are not
         rails = block.view(np.float32)

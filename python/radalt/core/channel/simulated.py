@@ -14,7 +14,7 @@ from ..interference.multipath import FadingChannel
 from ..programme import Programme
 from ..returns.landing import LandingSpec
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
-from .delay_line import HALF_TAPS, STEPS, DelayLine
+from .delay_line import HALF_TAPS, MOST_BLOCKS, STEPS, DelayLine
 from .noise import ReceiverNoise
 
 __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
@@ -226,6 +226,15 @@ class SimulatedChannel:
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
         self._block = 0
+        # what changes from frame to frame is made a frame at a time
+        changes = (
+            true_delay is not None
+            or terrain is not None
+            or self._gains is not None
+            or settings.jammer_clock_ppm
+            or settings.jammer_lo_offset_hz
+        )
+        self._at_once = 1 if changes else MOST_BLOCKS
 
     def _draw_multipath(self, frames: int) -> np.ndarray | None:
         """(taps, frames) gains of the return's paths, or None; drawn from a generator of their own."""
@@ -262,31 +271,48 @@ class SimulatedChannel:
         """All gaps still to come: (first sample, length)."""
         return tuple(self._gaps)
 
-    def process(self, radar: np.ndarray, jammer: np.ndarray | None = None) -> list[tuple[int, np.ndarray]]:
-        """One frame-long block of each transmitter in; received pieces out as (sample counter, samples).
+    def process(
+        self, radar: np.ndarray, jammer: np.ndarray | None = None, out: np.ndarray | None = None
+    ) -> list[tuple[int, np.ndarray]]:
+        """Whole frames of each transmitter in, one or more; received pieces out as (sample counter, samples).
 
-        A gap shows as a counter that jumps; normally there is one piece of N samples.
+        A gap shows as a counter that jumps; normally a piece ends where the next one begins. The samples are the same
+        to the bit, however many frames come with a call. The pieces are views of ``out``, complex64 of as many samples,
+        if that is given.
         """
-        n, s = self._n, self.settings
-        if radar.shape != (n,):
+        n = self._n
+        if radar.ndim != 1 or not radar.size or radar.size % n:
             raise ValueError(f"the channel takes blocks of {n} samples, got {radar.shape}")
+        out = np.empty(radar.size, dtype=np.complex64) if out is None else out
+        pieces, step = [], n * self._at_once
+        for first in range(0, radar.size, step):
+            span = slice(first, first + step)
+            pieces += self._blocks(radar[span], None if jammer is None else jammer[span], out[span])
+        return pieces
+
+    def _blocks(
+        self, radar: np.ndarray, jammer: np.ndarray | None, out: np.ndarray
+    ) -> list[tuple[int, np.ndarray]]:
+        """As `process`, for no more frames than are made at once."""
+        s, count = self.settings, radar.size // self._n
         self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
+        whole = out.reshape(count, self._n)
         if jammer is None:
-            out = np.array(self._return(), dtype=np.complex64)
+            whole[:] = self._return(count)
         else:
             self._jammer.push(jammer)
-            out = np.add(self._return(), self._interference(), dtype=np.complex64)
+            np.add(self._return(count), self._interference(count), out=whole, dtype=np.complex64)
         if s.gain_db:
             out *= np.float32(10.0 ** (s.gain_db / 20.0))
         self._impair(out)
-        first = self._block * n
-        self._block += 1
+        first = self._block * self._n
+        self._block += count
         return self._cut(first, out)
 
-    def _return(self) -> np.ndarray:
-        """The radar's own signal at the receiver."""
+    def _return(self, count: int) -> np.ndarray:
+        """The radar's own signal at the receiver: (count, N), or (N,) where it is made frame by frame."""
         if self.true_delay is None:
-            return self._paths(self.latency_samples)
+            return self._paths(self.latency_samples, count)
         n, w = self._n, self.waveform
         # the altitude belongs to the frame at the receiver: the latency shifts frame boundaries inside this block
         boundary = int(np.ceil(self.latency_samples)) % n
@@ -299,10 +325,10 @@ class SimulatedChannel:
             else self._delayed(index)[:n] * w.reference.dtype.type(1)
         )
 
-    def _paths(self, delay_samples: float) -> np.ndarray:
-        """The transmitted stream at a delay, through the return's multipath if there is any."""
+    def _paths(self, delay_samples: float, count: int = 1) -> np.ndarray:
+        """(count, N) the transmitted stream at a delay, through the return's multipath if there is any."""
         if self._gains is None:
-            return self._radar.read(delay_samples)
+            return self._radar.read(delay_samples, count)
         delays = delay_samples + self.settings.return_multipath.delays_s * self.waveform.rate_hz
         gains = self._gains[:, min(self._block, self._gains.shape[1] - 1)]
         return sum(np.complex64(g) * self._radar.read(d) for g, d in zip(gains, delays, strict=True))
@@ -313,7 +339,7 @@ class SimulatedChannel:
         altitude = float(self.true_delay.altitude_m(frame))
         speed = float(self.true_delay.speed_m_per_s(frame))
         delay_s = float(altitude_to_delay_s(altitude))
-        out = self._paths(self.latency_samples + delay_s * w.rate_hz)
+        out = self._paths(self.latency_samples + delay_s * w.rate_hz)[0]
         carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
         if speed:
             # time since the middle of the frame, in this block's samples
@@ -324,19 +350,22 @@ class SimulatedChannel:
         else:
             out = out * np.complex64(np.exp(2j * np.pi * carrier))
         if self.settings.leakage_db is not None:
-            out = out + np.float32(10.0 ** (self.settings.leakage_db / 20.0)) * self._radar.read(
-                self.latency_samples
+            out = (
+                out
+                + np.float32(10.0 ** (self.settings.leakage_db / 20.0))
+                * self._radar.read(self.latency_samples)[0]
             )
         return out
 
-    def _interference(self) -> np.ndarray:
+    def _interference(self, count: int) -> np.ndarray:
+        """(count, N) the jammer at the receiver."""
         s, n = self.settings, self._n
         delay = self._jammer_base
         if s.jammer_clock_ppm:
             # after a whole frame of drift the jammer skips, or repeats, one: a run has no longest time
             delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
             delay = round(delay * STEPS) / STEPS
-        out = self._jammer.read(delay)
+        out = self._jammer.read(delay, count)
         if s.jammer_lo_offset_hz:
             t = np.arange(n) + float(self._block) * n
             out = out * exp_cycles(t * (s.jammer_lo_offset_hz / self.waveform.rate_hz))

@@ -78,32 +78,38 @@ def interference_frame(
     return_power: float = 1.0,
 ) -> np.ndarray:
     """(N,) complex128: one frame of one interferer at its exact window SIR and overlap."""
-    frame = np.zeros(frame_samples, dtype=np.complex128)
+    frame = np.empty(frame_samples, dtype=np.complex128)
     _place(frame, interferer, rate_hz, rng, return_power)
     return frame
 
 
 def _place(
-    silence: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator, return_power: float
+    frame: np.ndarray, interferer: Interferer, rate_hz: float, rng: np.random.Generator, return_power: float
 ) -> None:
-    """Write one burst into a frame of zeros, complex64 or complex128."""
-    frame_samples = silence.size
+    """Write one burst, and silence around it, into a frame, complex64 or complex128."""
+    frame_samples = frame.size
     count = interferer.burst_samples(frame_samples)
+    if count < frame_samples:
+        frame.view(frame.real.dtype)[:] = 0  # a quarter of the time of complex zeros
     if count == 0:
         return
-    if interferer.start is None:
+    if count == frame_samples:  # nothing would be drawn, and being told so takes a tenth of a burst's time
+        first = 0
+    elif interferer.start is None:
         first = int(rng.integers(0, frame_samples - count + 1))
     else:
         first = min(round(interferer.start * frame_samples), frame_samples - count)
-    emitter, span = interferer.emitter, silence[first : first + count]
+    emitter, span = interferer.emitter, frame[first : first + count]
     wanted = return_power * 10.0 ** (-interferer.sir_db / 10.0) * frame_samples
     write = getattr(emitter, "write", None)
     if write is not None and write(span, wanted / count, rate_hz, rng):
         return
     burst = emitter.samples(count, rate_hz, rng)
     energy = np.vdot(burst, burst).real
-    if energy > 0:  # an emitter that is silent in this window (a pulsed radar between pulses) stays silent
+    if energy > 0:
         np.multiply(burst, np.sqrt(wanted / energy), out=span, casting="same_kind")
+    else:  # an emitter that is silent in this window (a pulsed radar between pulses) stays silent
+        span[:] = 0
 
 
 def interference_frames(
@@ -126,7 +132,6 @@ def interference_frames(
     """
     if len(interferers) == 1 and transform is None and total_sir_db is None:  # nothing to sum
         alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
-        alone.view(alone.real.dtype)[:] = 0  # a quarter of the time of complex zeros
         for row in alone:
             _place(row, interferers[0], rate_hz, rng, return_power)
         return alone

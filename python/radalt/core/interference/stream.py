@@ -64,6 +64,8 @@ class Continued:
         if energy > 0:
             gain = np.sqrt(mean_power * self._window.size / energy)
             np.multiply(part, gain, out=span, casting="same_kind")
+        else:
+            span[:] = 0
         return True
 
 

@@ -34,7 +34,6 @@ _SOFT = 0.05  # singular values below this share of the largest only sharpen the
 # Spectral cells per resolution cell: two lose 0.9 dB to straddling, and beside a grating lobe the decision with it
 # (5 MHz NR at -60 dB behind the network: 0.84 of forced altitudes right with two, 1.00 with four).
 _OVERSAMPLING = 4.0
-_GROUP = 8  # frames mixed and decimated together: more leave the cache, fewer pay more for each call
 
 
 @dataclass(frozen=True)
@@ -178,39 +177,30 @@ class BeatSpectra:
         if frames.ndim != 2 or frames.shape[1] != w.samples_per_frame:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {w.samples_per_frame})")
         with np.errstate(invalid="ignore", over="ignore"):
-            low = self._beats(frames)
+            low = self.decimator.mix(frames.reshape(-1, 2, w.samples_per_half), self._table)
             rails = low.view(np.float32).reshape(len(low), -1)
             scale = np.maximum(rails.max(axis=1), -rails.min(axis=1))
             scale[scale < np.finfo(np.float32).tiny] = 0.0  # denormal: no digits left to measure with
             safe = np.where((scale > 0) & np.isfinite(scale), scale, np.float32(1.0))
             rails /= safe[:, None]
-            support = support_of(low, self.waveform.samples_per_half / self.decimation)
+            support = support_of(low, w.samples_per_half / self.decimation)
             rails = self._cells(low).view(np.float32)
             rails *= rails
-            power = rails[..., ::2] + rails[..., 1::2]
+            power = np.add(rails[..., ::2], rails[..., 1::2])
             power *= self._equaliser
         return Spectra(power, support, self.beat_hz, scale)
 
-    def _beats(self, frames: np.ndarray) -> np.ndarray:
-        """(n, 2, outputs) complex64 half sweeps of (n, N) frames, mixed with the reference and decimated."""
-        n, half = frames.shape[0], self.waveform.samples_per_half
-        low = np.empty((n, 2, self.outputs), dtype=np.complex64)
-        for first in range(0, n, _GROUP):
-            some = frames[first : first + _GROUP].reshape(-1, 2, half)
-            buffer, samples = self.decimator.buffer((len(some), 2))
-            np.multiply(some, self._table, out=samples[..., :half])
-            low[first : first + _GROUP] = self.decimator.apply(buffer)
-        return low
-
     def _cells(self, low: np.ndarray) -> np.ndarray:
-        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats; ``low`` is used up.
+        """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats.
 
         The up sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
         """
-        np.conjugate(low[:, 0], out=low[:, 0])
+        padded = np.zeros((len(low), 2, self.fft_size), dtype=np.complex64)
+        np.conjugate(low[:, 0], out=padded[:, 0, : self.outputs])
+        padded[:, 1, : self.outputs] = low[:, 1]
         # a product per frame: BLAS rounds differently with the number of rows
-        blind = None if self._head is None else low[..., self._head[0]] @ self._head[2]
-        spectrum = fft.fft(low, self.fft_size, axis=-1, overwrite_x=True)
+        blind = None if self._head is None else padded[..., self._head[0]] @ self._head[2]
+        spectrum = fft.fft(padded, axis=-1, overwrite_x=True)
         reach, top = -self._bins[0], self._bins[-1]
         cells = np.empty((len(low), 2, self._bins.size), dtype=np.complex64)
         cells[..., :reach] = spectrum[..., -reach:]

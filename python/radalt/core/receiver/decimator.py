@@ -58,7 +58,7 @@ class Decimator:
         self._matrix = self._polyphase()
         # a decimator is shared by all who measure the same sweep. By thread, and not threading.local(): an array held
         # there ends a flowgraph with SIGSEGV from Python 3.13 on (tests/test_threads.py)
-        self._scratch: dict[int, dict[tuple[int, ...], np.ndarray]] = {}
+        self._scratch: dict[int, np.ndarray] = {}
         self._lock = threading.Lock()
 
     def _lowpass(self, width_hz: float) -> np.ndarray:
@@ -77,56 +77,46 @@ class Decimator:
         taps = np.where(inside, self.taps[np.clip(index, 0, self.taps.size - 1)], 0.0)
         return np.asfortranarray(np.kron(taps, np.eye(2)), dtype=np.float32)
 
-    def buffer(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """A complex64 buffer for blocks of the given leading shape, and its part that takes the samples.
+    def buffer(self, blocks: int) -> np.ndarray:
+        """(blocks, B) complex64 to put blocks into, zero before and after them; the calling thread's own.
 
-        The rest is zero. Each thread has one buffer per shape, which the next call with that shape returns again.
+        The next call returns it again. The oldest threads are forgotten, since no thread says that it ends: a running
+        one keeps its buffer until it is done with it, and its next call gets another. A new thread with the number of
+        an ended one takes over that one's.
         """
-        known = self._scratch.get(threading.get_ident()) or self._new_thread()
-        if shape not in known:
-            if len(known) >= 8:
-                known.clear()
-            samples = self.outputs if self.factor == 1 else self._rows * self._row
-            known[shape] = np.zeros((*shape, samples), dtype=np.complex64)
-        whole = known[shape]
-        if self.factor == 1:
-            return whole, whole
-        lead = (self._overlap - 1) * self._row
-        return whole, whole[..., lead : lead + self.samples]
-
-    def _new_thread(self) -> dict[tuple[int, ...], np.ndarray]:
-        """The calling thread's place for buffers. The oldest threads are forgotten, since no thread says that it ends.
-
-        A running thread that is forgotten keeps its buffer until it is done with it, and its next call gets another
-        one. A new thread with the number of an ended one takes over that one's buffers.
-        """
-        with self._lock:
-            known = self._scratch.setdefault(threading.get_ident(), {})
-            while len(self._scratch) > _THREADS:
-                del self._scratch[next(iter(self._scratch))]
+        thread = threading.get_ident()
+        known = self._scratch.get(thread)
+        if known is None or len(known) != blocks:
+            known = np.zeros((blocks, self._rows * self._row), dtype=np.complex64)
+            with self._lock:
+                self._scratch[thread] = known
+                while len(self._scratch) > _THREADS:
+                    del self._scratch[next(iter(self._scratch))]
         return known
 
-    def apply(self, buffer: np.ndarray) -> np.ndarray:
-        """(..., outputs) complex64 of a buffer that was made by `buffer` and filled."""
+    def mix(self, frames: np.ndarray, table: np.ndarray) -> np.ndarray:
+        """(n, b, outputs) complex64 of (n, b, samples) complex frames of b blocks, each times the table (b, samples).
+
+        A frame at a time, so that it stays in the cache between mixing and filter.
+        """
         if self.factor == 1:
-            return buffer
+            return np.multiply(frames, table, dtype=np.complex64)
+        count, blocks = frames.shape[:2]
         rows, terms = self._rows, self._overlap
-        blocks = buffer.view(np.float32).reshape(-1, self._blocks(buffer.shape) * rows, 2 * self._row)
-        share = np.empty((*blocks.shape[:2], terms, self._run), dtype=np.complex64)
-        # One product for the blocks of a frame: BLAS rounds differently with the number of rows, and a frame's result
-        # must not depend on how many came with it. SciPy's BLAS, not NumPy's: NumPy below 2 takes new processors for
-        # one of 2004, at a fifth of the speed. BLAS counts columns first, so both sides are transposed, and so is the
-        # share that it writes into.
-        parts = share.view(np.float32).reshape(len(blocks), blocks.shape[1], -1)
-        for block, part in zip(blocks, parts, strict=True):
-            blas.sgemm(1.0, self._matrix, block.T, c=part.T, overwrite_c=1)
-        share = share.reshape(-1, rows, terms, self._run)
+        buffer = self.buffer(blocks)
+        lead = (terms - 1) * self._row
+        mixed = buffer[:, lead : lead + self.samples]
+        share = np.empty((count, blocks * rows, 2 * terms * self._run), dtype=np.float32)
+        # One product per frame: BLAS rounds differently with the number of rows, and a frame's result must not depend
+        # on how many came with it. SciPy's BLAS, not NumPy's: NumPy below 2 takes new processors for one of 2004, at a
+        # fifth of the speed. BLAS counts columns first, so both sides are transposed, and so is the share that it
+        # writes into.
+        columns = buffer.view(np.float32).reshape(blocks * rows, -1).T
+        for frame, part in zip(frames, share, strict=True):
+            np.multiply(frame, table, out=mixed)
+            blas.sgemm(1.0, self._matrix, columns, c=part.T, overwrite_c=1)
+        share = share.view(np.complex64).reshape(count * blocks, rows, terms, self._run)
         out = share[:, terms - 1 :, 0].copy()
         for k in range(1, terms):
             out += share[:, terms - 1 - k : rows - k, k]
-        return out.reshape(*buffer.shape[:-1], -1)[..., : self.outputs]
-
-    @staticmethod
-    def _blocks(shape: tuple[int, ...]) -> int:
-        """Blocks in one product: the last of the leading axes, the half sweeps of a frame."""
-        return shape[-2] if len(shape) > 1 else 1
+        return np.ascontiguousarray(out.reshape(count, blocks, -1)[..., : self.outputs])

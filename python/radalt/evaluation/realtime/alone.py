@@ -18,16 +18,16 @@ from ..flowgraph.run import make_top
 
 __all__ = ["alone_seconds"]
 
-_AT_ONCE = 16  # frames per call of sources and altimeters, as in a flowgraph that runs free
+_AT_ONCE = 16  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
 GRAPH = "network's graph"
 
 
 def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int = 320) -> dict[str, float]:
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
-    The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources and
-    altimeters with sixteen frames, the network with ``batch``. Where a tracker stands in an altimeter's place, what it
-    does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
+    The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources,
+    channel and altimeters with sixteen frames, the network with ``batch``. Where a tracker stands in an altimeter's
+    place, what it does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
         return out
 
     sent, heard = np.empty((2, _AT_ONCE, n), dtype=np.complex64)
-    jammer = getattr(top, "jammer_source", None)
+    channel, jammer = top.simulated_channel.channel, getattr(top, "jammer_source", None)
     jammed = np.zeros_like(sent)
     for first in range(0, frames, _AT_ONCE):
         if first == _AT_ONCE:  # the first frames take what is made once: tables, pages, plans
@@ -62,14 +62,10 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
             sent[k] = timed("chirp_source", 1, lambda at=first + k: top.chirp_source._table(at))
         for row in jammed if jammer is not None else ():
             timed("jammer_source", 1, lambda at=row: jammer.stream.next_frame(at))
-        for k in range(_AT_ONCE):
-            other = jammed[k] if jammer is not None else None
-            pieces = timed(
-                "simulated_channel",
-                1,
-                lambda one=sent[k], two=other: top.simulated_channel.channel.process(one, two),
-            )
-            heard[k] = np.concatenate([samples for _, samples in pieces])
+        other = jammed.ravel() if jammer is not None else None
+        timed(
+            "simulated_channel", _AT_ONCE, lambda two=other: channel.process(sent.ravel(), two, heard.ravel())
+        )
         found = timed("frame_segmenter", _AT_ONCE, lambda: top.frame_segmenter.segmenter.push(heard.ravel()))
         if not found:
             continue

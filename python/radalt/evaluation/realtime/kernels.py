@@ -45,7 +45,6 @@ def kernel_seconds(scene: Scene, repeats: int = 60) -> dict[str, float]:
     line = DelayLine(n, 2 * n)
     pieces = np.ones((line._parts, line._size), dtype=np.complex64)
     altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
-    buffer, inside = altimeter.decimator.buffer((_AT_ONCE, 2))
     table = np.ones((2, n // 2), dtype=np.complex64)
     symbols, held = np.ones(n, dtype=np.complex64), (_SYMBOLS * np.arange(n)).astype(np.intp)
 
@@ -77,8 +76,8 @@ def kernel_seconds(scene: Scene, repeats: int = 60) -> dict[str, float]:
         fft.ifft(spectrum, axis=1, overwrite_x=True)
 
     def measured() -> None:
-        np.multiply(frames.reshape(_AT_ONCE, 2, -1), table, out=inside[..., : n // 2])
-        fft.fft(altimeter.decimator.apply(buffer), altimeter.fft_size, axis=-1)
+        low = altimeter.decimator.mix(frames.reshape(_AT_ONCE, 2, -1), table)
+        fft.fft(low, altimeter.fft_size, axis=-1)
 
     kernels = {
         "chirp_source": (copied, 1),

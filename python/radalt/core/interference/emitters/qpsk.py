@@ -130,7 +130,9 @@ class QpskEmitter(NamedEmitter):
         offset, phase = rng.random(2)
         drawn, index = self._held(span.size, rate, offset, rng)
         points = (_CONSTELLATION * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)).astype(span.dtype)
-        np.take(points[drawn], index, out=span, mode="clip")  # the default mode buffers the output
+        np.take(
+            points.take(drawn, mode="clip"), index, out=span, mode="clip"
+        )  # the default mode buffers the output
         return True
 
     @staticmethod
@@ -138,8 +140,8 @@ class QpskEmitter(NamedEmitter):
         count: int, rate: float, offset: float, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Symbols, ``rate`` per sample, as points of the constellation; and which each of ``count`` samples holds."""
-        # times are not negative: the conversion is the floor
-        index = (_ramp(count, rate) + offset).astype(np.intp)
+        # times are not negative: the conversion is the floor. Made with the sum it takes half the time
+        index = np.add(_ramp(count, rate), offset, out=np.empty(count, dtype=np.intp), casting="unsafe")
         return rng.integers(0, 4, int(index[-1]) + 1 if count else 1), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
