@@ -235,6 +235,17 @@ def test_block_lms_is_the_textbook_recursion(name):
     assert method.diverged_frames == 0
 
 
+@pytest.mark.parametrize(
+    ("name", "block"), [("lms_reference_input", 100), ("lms_reference_input", 64), ("nlms", 25)]
+)
+def test_a_frame_alone_is_filtered_as_among_others_to_the_bit(name, block):
+    """Blocks of 64 leave a shorter one at the end."""
+    frames, _ = scene(3, Interferer(QpskEmitter(), -10.0), 5)
+    together = create(name, W, block=block).process(frames)
+    alone = create(name, W, block=block)
+    np.testing.assert_array_equal(together, np.concatenate([alone.process(f[None]) for f in frames]))
+
+
 def test_nlms_divides_the_step_by_the_power_in_its_taps():
     """With the received frame as input, whose power a burst changes 30 times within the frame."""
     frames, _ = scene(1, Interferer(QpskEmitter(), -10.0, 0.3), 5)

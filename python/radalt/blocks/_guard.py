@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import scipy.linalg.blas  # noqa: F401 - SciPy brings a BLAS of its own, which has to be there to be limited
 from threadpoolctl import threadpool_limits
@@ -14,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from ..core.cores import join_home
 from ..core.mitigation.base import MitigationError
 
-__all__ = ["WORK_DONE", "guarded", "raise_stored", "raised"]
+__all__ = ["WORK_DONE", "guarded", "in_turns", "raise_stored", "raised"]
 
 WORK_DONE = -1
 
@@ -23,10 +24,30 @@ raised: list[Exception] = []  # what blocks of this program have raised, for who
 # Every block is a thread that holds the interpreter for tens of microseconds at a time. With Python's default of 5 ms a
 # block that returns from NumPy waits that long behind a busy one: a flowgraph of five methods then took three times as
 # long, most of it waiting.
-sys.setswitchinterval(1e-4)
+_SWITCH_S = 1e-4
+sys.setswitchinterval(_SWITCH_S)
 
 # Every block is a thread already: BLAS threads of its own only spin beside it (five times the CPU time, measured).
 threadpool_limits(1, user_api="blas")
+
+_turn: contextlib.AbstractContextManager = contextlib.nullcontext()
+
+
+@contextlib.contextmanager
+def in_turns() -> Iterator[None]:
+    """One block's ``work`` at a time, each to its end: for flowgraphs that only have to end soon, on one core.
+
+    A radio's samples would be late. In a simulation what a block works on stays in the cache, and threads that cannot
+    go on are not woken: a run of seven methods took 0.90 to 0.93 of its CPU time.
+    """
+    global _turn
+    _turn = threading.Lock()
+    sys.setswitchinterval(5e-3)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(_SWITCH_S)
+        _turn = contextlib.nullcontext()
 
 
 def guarded(work: Callable) -> Callable:
@@ -43,7 +64,8 @@ def guarded(work: Callable) -> Callable:
             join_home()
         self.calls += 1
         try:
-            return work(self, input_items, output_items)
+            with _turn:
+                return work(self, input_items, output_items)
         except Exception as error:
             self.error = error
             raised.append(error)

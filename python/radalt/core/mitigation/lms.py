@@ -127,31 +127,56 @@ class BlockLms(Mitigation):
         if not self.restart:
             line[:, :past], weights[:] = self._past, self.weights
         line[:, past:] = source
-        taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
-        gains = self._gains(line)
+        adapt = self._adapt_one if count == 1 else self._adapt
         firsts = range(0, samples, self.block)
-        peaks = np.empty((len(firsts), count), dtype=np.float32)
-        # weights after the last blocks: looked through together, since a look costs as much as a product
-        history = np.empty((_LOOK, *weights.shape), dtype=np.complex64)
         with np.errstate(over="ignore", invalid="ignore"):
-            for k, (gain, first) in enumerate(zip(gains.T[..., None], firsts, strict=True)):
-                span = slice(first, first + self.block)
-                x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
-                filtered = (x @ weights[..., None])[..., 0]
-                out[:, span] = filtered
-                error = desired[:, span] - filtered
-                change = (np.conjugate(error, out=error)[:, None] @ x)[:, 0]
-                np.conjugate(change, out=change)
-                change *= gain
-                weights = np.add(weights, change, out=history[k % _LOOK])
-                if (k + 1) % _LOOK == 0 or k + 1 == len(firsts):
-                    peaks[k - k % _LOOK : k + 1] = np.abs(history[: k % _LOOK + 1]).max(axis=2)
+            peaks, weights = adapt(line, desired, out, weights, firsts)
             diverged = ~(peaks < _WEIGHT_LIMIT)
         self._past, self.weights = line[-1, samples:], weights[-1].copy()
         for row in np.flatnonzero(diverged.any(axis=0)):
             out[row, firsts[int(diverged[:, row].argmax())] :] = 0
             self.diverged_frames += 1
             self._past, self.weights = np.zeros_like(self._past), np.zeros_like(self.weights)
+
+    def _adapt(
+        self, line: np.ndarray, desired: np.ndarray, out: np.ndarray, weights: np.ndarray, firsts: range
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The recursion: largest weights (blocks, n) after each block, and the last weights (n, L)."""
+        taps = np.lib.stride_tricks.sliding_window_view(line, self.length, axis=1)
+        peaks = np.empty((len(firsts), len(out)), dtype=np.float32)
+        # weights after the last blocks: looked through together, since a look costs as much as a product
+        history = np.empty((_LOOK, *weights.shape), dtype=np.complex64)
+        for k, (gain, first) in enumerate(zip(self._gains(line).T[..., None], firsts, strict=True)):
+            span = slice(first, first + self.block)
+            x = np.ascontiguousarray(taps[:, span])  # overlapping rows are no matrix to BLAS
+            filtered = (x @ weights[..., None])[..., 0]
+            out[:, span] = filtered
+            error = desired[:, span] - filtered
+            change = (np.conjugate(error, out=error)[:, None] @ x)[:, 0]
+            np.conjugate(change, out=change)
+            change *= gain
+            weights = np.add(weights, change, out=history[k % _LOOK])
+            if (k + 1) % _LOOK == 0 or k + 1 == len(firsts):
+                peaks[k - k % _LOOK : k + 1] = np.abs(history[: k % _LOOK + 1]).max(axis=2)
+        return peaks, weights
+
+    def _adapt_one(
+        self, line: np.ndarray, desired: np.ndarray, out: np.ndarray, weights: np.ndarray, firsts: range
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`_adapt` for one frame, the same to the bit in 0.7 of the time: vectors instead of stacks of one."""
+        desired, filtered, weights = desired[0], out[0], weights[0]
+        # a row of taps as one element is copied in half the time
+        taps = np.ndarray(filtered.shape, f"V{line.itemsize * self.length}", line, strides=line.strides[1:])
+        history = np.empty((len(firsts), self.length), dtype=np.complex64)
+        for k, (gain, first) in enumerate(zip(self._gains(line)[0], firsts, strict=True)):
+            span = slice(first, first + self.block)
+            x = taps[span].copy().view(np.complex64).reshape(-1, self.length)
+            error = desired[span] - np.dot(x, weights, out=filtered[span])
+            change = np.dot(np.conjugate(error, out=error), x)
+            np.conjugate(change, out=change)
+            change *= gain
+            weights = np.add(weights, change, out=history[k])
+        return np.abs(history).max(axis=1)[:, None], weights[None]
 
     def _gains(self, line: np.ndarray) -> np.ndarray:
         """Step size of every block, from the delay lines (m, L - 1 + N): (m, blocks)."""

@@ -13,7 +13,7 @@ from .study import Point, Study
 __all__ = ["AROUND_S", "estimate", "shared", "slowdown"]
 
 AROUND_S = 5.0  # start of the workers, report and figures of a whole run
-_TRIAL_S = 0.3
+_TRIAL_S = 0.2
 _HOLDS_S = 10.0  # that a trial is good for: a study asks before it starts and again when it does
 
 
@@ -48,18 +48,23 @@ def _scale(sample: tuple[tuple[Study, Point], ...]) -> float:
 
 def slowdown(jobs: int) -> float:
     """Wall time over CPU time of so many workers beside what else computes here now, from a moment's work."""
-    return shared(jobs, _cores(), *_trial(int(time.monotonic() / _HOLDS_S)))
+    return shared(jobs, _cores(), *_trial())
 
 
-@lru_cache(maxsize=1)
-def _trial(when: int) -> tuple[float, ...]:
-    """Seconds of a moment's work by the clock, of this process and of idle cores; once per ``when``."""
-    del when
+_last: tuple[float, tuple[float, ...]] | None = None  # end of the last trial, and what it gave
+
+
+def _trial() -> tuple[float, ...]:
+    """Seconds of a moment's work by the clock, of this process and of idle cores; a trial holds for `_HOLDS_S`."""
+    global _last
+    if _last is not None and time.monotonic() < _last[0] + _HOLDS_S:
+        return _last[1]
     begin = time.monotonic(), time.process_time(), _idle_s()
     while time.monotonic() < begin[0] + _TRIAL_S:
         sum(range(1000))
     end = time.monotonic(), time.process_time(), _idle_s()
-    return tuple(b - a for a, b in zip(begin, end, strict=True))
+    _last = end[0], tuple(b - a for a, b in zip(begin, end, strict=True))
+    return _last[1]
 
 
 def shared(jobs: int, cores: int, wall_s: float, own_s: float, idle_s: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,8 +64,16 @@ def _platform(*own: str) -> Any:
         version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
         prefs=gr.prefs(),
     )
+    # docstrings are for the companion's window; a process that imports all of GNU Radio would collect them
+    platform._docstring_extractor.start = lambda: None
     platform.build_library([p for p in platform.config.block_paths if p not in own] + list(own))
     return platform
+
+
+@lru_cache(maxsize=1)
+def _shipped() -> dict[str, Any]:
+    """The flowgraph that all others are made of, read once; `simulate` leaves it as it is."""
+    return load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:
@@ -85,7 +94,8 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
     path = folder / f"{name}.grc"
     save_grc(data, path)
     platform = _platform(*grc_dirs())
-    flow_graph = platform.make_flow_graph(str(path))
+    flow_graph = platform.make_flow_graph()
+    flow_graph.import_data(copy.deepcopy(data))
     flow_graph.grc_file_path = str(path)
     flow_graph.rewrite()
     flow_graph.validate()
@@ -117,9 +127,8 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, trac
     track : bool
         Whether altitudes are tracked behind every method.
     """
-    flowgraph = share_dir() / "flowgraphs" / "ota_b210.grc"
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
-    data = prune(simulate(load_grc(flowgraph), name), methods, scene.has_jammer)
+    data = prune(simulate(_shipped(), name), methods, scene.has_jammer)
     if track:
         name += "_tracked"
         data = tracked(data, name)

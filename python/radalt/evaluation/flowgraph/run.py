@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...blocks._guard import in_turns
 from ...core.scene import Scene, scene_to_mapping
 from .generate import Prepared, prepare
 from .plan import left_out
@@ -106,7 +107,8 @@ def run_point(
 
         recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
     try:
-        elapsed = run_to_end(top, time_limit_s=time_limit_s)
+        with in_turns():
+            elapsed = run_to_end(top, time_limit_s=time_limit_s)
     finally:
         if recorder is not None:
             recorder.finish()
