@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -103,6 +104,14 @@ def test_the_process_ends_with_the_method():
     del there
     with pytest.raises(ProcessLookupError):
         os.kill(number, 0)
+
+
+def test_the_process_has_no_threads_of_linear_algebra(beside, monkeypatch):
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    there = beside("qpsk_cancel")
+    there.process(received(2))
+    assert len(list(Path(f"/proc/{there.process_id}/task").iterdir())) == 1
 
 
 def test_one_core_computes_in_place(monkeypatch):

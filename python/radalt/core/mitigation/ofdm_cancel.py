@@ -24,12 +24,12 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.lattice import DENSE, FAINT, amid, box, middle, power, unit
+from .ofdm.emission import PARTLY, READABLE, Emission, emission, faint_emission
+from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.modulator import Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
-from .ofdm.ridge import Ridge, expected_return, plausible
+from .ofdm.ridge import Ridge
 from .ofdm.tones import without_tones
-from .ofdm.under_noise import mean_model
 
 __all__ = ["OfdmCancel"]
 
@@ -40,7 +40,6 @@ _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the
 _UNEVEN = 1.5
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
-_READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
@@ -52,18 +51,6 @@ _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
-_MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
-_FEWEST = 0.3  # of the symbols that send have to be readable
-_PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
-_AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-# mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
-_MISREAD = np.float32(0.2)
-_FEW_BESIDE = 3  # subcarriers
-_SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
-_IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
-_NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
-_SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
-_STANDS_OUT = 4.0  # times the median
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
@@ -90,6 +77,14 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
+
+
+@dataclass(frozen=True)
+class _Straight:
+    """A frame's samples (N,) without the carrier, and the factor (N,) that took it out; None if it was negligible."""
+
+    samples: np.ndarray
+    turn: np.ndarray | None
 
 
 class OfdmCancel(Mitigation):
@@ -220,13 +215,13 @@ class OfdmCancel(Mitigation):
             return None
         self._vain += 1
         carrier = prefix.carrier
-        turn, straight = self._without(frame, carrier, numerology)
-        grid = acquire(straight, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
+        straight = self._without(frame, carrier, numerology)
+        grid = acquire(straight.samples, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
         step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
         if _COARSE < abs(step) < _TURNS:
             carrier += step
-            turn, straight = self._without(frame, carrier, numerology)
-            grid = retuned(grid, straight, step, numerology)
+            straight = self._without(frame, carrier, numerology)
+            grid = retuned(grid, straight.samples, step, numerology)
         own = power(grid.symbols)
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
@@ -244,9 +239,11 @@ class OfdmCancel(Mitigation):
             if best <= _HOPELESS:
                 rest = received.symbols - received.channel * received.points
                 least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
-            out = self._faintly(straight, turn, grid, clear, numerology, least)
-            if out is not None or best > _HOPELESS:
-                return out
+            sent = faint_emission(grid, clear, numerology, least)
+            if sent is not None:
+                return self._subtracted(straight, sent, grid.starts, numerology)
+            if best > _HOPELESS:
+                return None
         doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
         if doubtful and received.misread.mean() > _READ:
             quarter = len(grid.starts) // 4
@@ -257,15 +254,15 @@ class OfdmCancel(Mitigation):
             received = self._settled(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
-        return self._subtract(straight, turn, grid, clear, received, lock)
+        return self._less(straight, grid, clear, received, lock)
 
     def _follow(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, followed from the frame before; None if that signal is gone."""
         lock = self._lock
         numerology = lock.numerology
         starts, ramp = self._ramp(lock)
-        turn, straight = self._without(frame, lock.carrier, numerology)
-        symbols = transforms(straight, starts, numerology) * ramp
+        straight = self._without(frame, lock.carrier, numerology)
+        symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
         trusted = clear & lock.used
@@ -293,12 +290,12 @@ class OfdmCancel(Mitigation):
         told = received.capped[:, some][asked & (received.points[:, some] != 0)]
         if (
             not told.size
-            or told.mean() > _READABLE
-            or usual > min(_READABLE, max(3 * lock.usual, _DOUBTFUL))
+            or told.mean() > READABLE
+            or usual > min(READABLE, max(3 * lock.usual, _DOUBTFUL))
             or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
             return None
-        return self._subtract(straight, turn, grid, clear, received, lock)
+        return self._less(straight, grid, clear, received, lock)
 
     @staticmethod
     def _angles(symbols: np.ndarray, starts: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:
@@ -325,12 +322,10 @@ class OfdmCancel(Mitigation):
         return self._phases[1:]
 
     @staticmethod
-    def _without(
-        frame: np.ndarray, carrier: float, numerology: Numerology
-    ) -> tuple[np.ndarray | None, np.ndarray]:
-        """Factor that removes a carrier (in subcarriers), None if negligible, and the frame with it removed."""
+    def _without(frame: np.ndarray, carrier: float, numerology: Numerology) -> _Straight:
+        """The frame without a carrier of so many subcarriers, as it is where that is negligible."""
         if abs(carrier) < _STRAIGHT:
-            return None, frame
+            return _Straight(frame, None)
         # a product of few long and few short steps
         step = -2j * np.pi * carrier / numerology.useful
         short = int(np.sqrt(frame.size)) + 1
@@ -339,14 +334,14 @@ class OfdmCancel(Mitigation):
             np.complex64
         )
         turn = turn.ravel()[: frame.size]
-        return turn, frame * turn
+        return _Straight(frame * turn, turn)
 
     @staticmethod
     def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
         """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
-        if received.misread.mean() > _PARTLY:
+        if received.misread.mean() > PARTLY:
             received = grown(grid, clear, received, numerology)
-        for _ in range(_MOST_READINGS if received.misread.mean() > _PARTLY else 0):
+        for _ in range(_MOST_READINGS if received.misread.mean() > PARTLY else 0):
             better = once_more(grid, clear, received, numerology, MORE)
             if better.misread.mean() > _MENDS * received.misread.mean():
                 break
@@ -354,115 +349,42 @@ class OfdmCancel(Mitigation):
         return received
 
     def _still(
-        self, frame: np.ndarray, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
-    ) -> tuple[np.ndarray, Received]:
+        self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
+    ) -> tuple[_Straight, Received]:
         """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
         if received.drift is None:
-            return frame, received
+            return straight, received
         moving = received.drift * received.points * received.phase.conj() * grid.used
         spread = self._modulator.samples(moving, received.weight > 0, grid.starts, numerology)
-        frame = frame - spread * self._modulator.offsets(grid.starts, numerology)
-        symbols = transforms(frame, grid.starts, numerology) * received.phase
+        samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
+        symbols = transforms(samples, grid.starts, numerology) * received.phase
         received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
         # what that change hid can be read now
         if received.misread.mean() > _READ:
             received = grown(grid, clear, received, numerology)
-        return frame, received
+        return replace(straight, samples=samples), received
 
-    def _subtract(
-        self,
-        frame: np.ndarray,
-        turn: np.ndarray | None,
-        grid: Grid,
-        clear: np.ndarray,
-        received: Received,
-        lock: _Lock,
+    def _less(
+        self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock
     ) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
-        trusted = clear & grid.used
-        misread = received.misread
-        # between bursts there is nothing to take away, and a return that is strong would be read as data
-        sent = ((power(received.points) - _SILENT) * trusted).sum(axis=1) > 0
-        own = power(received.symbols)
-        loud = own.sum(axis=1)
-        sending = sent & (loud > _IDLE * loud.max())
-        readable = sending & (misread <= _READABLE)
-        if (
-            not readable.any()
-            or middle(misread[sending]) > _MOSTLY
-            or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
-        ):
+        sent = emission(received, grid, clear, lock.numerology, lock.sir_db)
+        if sent is None:
             return None
-        self.busy = np.count_nonzero(sending) / sending.size
-        rest = received.symbols - received.channel * received.points
-        size = power(rest)
-        told = clear & readable[:, None]
-        noise, level = (size * told).sum(axis=0), (own * told).sum(axis=0)
-        left = noise / np.maximum(level, FAINT)
-        empty = left > _NOTHING
-        empty |= ~grid.used
-        if empty.any():
-            rest[:, empty], size[:, empty], noise[empty] = (
-                received.symbols[:, empty],
-                own[:, empty],
-                level[empty],
-            )
-        ridge = ~clear
-        ridge &= readable[:, None]
-        # the receiver's skirts stand out of what noise leaves in all subcarriers
-        both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
-        partly = misread.sum() > _PARTLY * misread.size
-        heard = told & grid.used
-        asked = both & ~self._wrong(received.capped, heard, grid, lock.numerology)
-        if partly:
-            asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
-        kept, where = expected_return(received, asked, heard, lock.sir_db), asked
-        lock.sir_db = None
-        if kept is not None and partly:
-            # where the return is larger than a cell, misread elements make little difference
-            kept, where = expected_return(received, both, heard, kept[1]), both
-        # where no return can be, and where it was misread, all of an element goes
-        ridge &= empty
-        noise /= np.maximum(readable.astype(np.float32) @ clear, 1)
-        rest *= plausible(size, asked, ridge, noise)
-        if kept is not None:
-            rest[where], lock.sir_db = kept
-        model = np.subtract(received.symbols, rest, out=rest)
-        model *= received.phase.conj()
-        out = self._modulator.subtract(frame, turn, model, readable, grid.starts, lock.numerology)
-        lock.before = received.as_before(trusted)
-        self._keep(lock, grid, received, middle(misread))
+        out = self._subtracted(straight, sent, grid.starts, lock.numerology)
+        lock.sir_db = sent.sir_db
+        lock.before = received.as_before(clear & grid.used)
+        self._keep(lock, grid, received, middle(received.misread))
         return out
 
-    def _faintly(
-        self,
-        frame: np.ndarray,
-        turn: np.ndarray | None,
-        grid: Grid,
-        clear: np.ndarray,
-        numerology: Numerology,
-        least: float,
-    ) -> np.ndarray | None:
-        """The frame less the mean of QPSK that noise of its own hides, None where that does not help; not followed."""
-        found = mean_model(grid, clear, numerology, least)
-        if found is None:
-            return None
-        symbols, phase, model = found
-        rest = symbols - model
-        size = power(rest)
-        noise = (size * clear).sum(axis=0) / np.maximum(np.count_nonzero(clear, axis=0), 1)
-        rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
-        self.busy = 1.0
-        every = np.ones(len(symbols), dtype=bool)
-        model = (symbols - rest) * phase.conj()
-        return self._modulator.subtract(frame, turn, model, every, grid.starts, numerology)
-
-    @staticmethod
-    def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
-        """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
-        halves = numerology.halves(grid.starts, grid.first_long)
-        members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
-        return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
+    def _subtracted(
+        self, straight: _Straight, sent: Emission, starts: np.ndarray, numerology: Numerology
+    ) -> np.ndarray:
+        """(N,) complex64: the frame less what was sent in it, with its carrier again."""
+        self.busy = sent.busy
+        return self._modulator.subtract(
+            straight.samples, straight.turn, sent.elements, sent.readable, starts, numerology
+        )
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
         """Keep what the next frame needs."""

@@ -33,6 +33,8 @@ _END_S = 5.0
 # or the text of an error, told apart by their first byte.
 _RESET, _STATUS = b"reset", b"status"
 _SPAN, _DONE = struct.Struct("<ii"), struct.Struct("<cqq")
+# of linear algebra: matrices are small, and a second thread would take the flowgraph's core
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 # what the process runs: this module by the parent's name of it and path to it, so that the parent's plugins register
 # with the same package; no GNU Radio
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve({link}, {memory})"
@@ -183,7 +185,10 @@ def _map(memory: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
 def _start(link: Connection, memory: int) -> subprocess.Popen:
     program = _PROGRAM.format(path=sys.path, module=__name__, link=link.fileno(), memory=memory)
     return subprocess.Popen(
-        [sys.executable, "-c", program], pass_fds=(link.fileno(), memory), stdin=subprocess.DEVNULL
+        [sys.executable, "-c", program],
+        pass_fds=(link.fileno(), memory),
+        stdin=subprocess.DEVNULL,
+        env=os.environ | _ONE_THREAD,
     )
 
 

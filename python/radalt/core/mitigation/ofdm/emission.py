@@ -1,0 +1,134 @@
+"""Which part of each element the emitter sent; the rest of it is the return, or was misread."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .acquisition import Grid
+from .demodulator import Received
+from .lattice import FAINT, amid, box, middle, power
+from .numerology import Numerology
+from .ridge import expected_return, plausible
+from .under_noise import mean_model
+
+__all__ = ["PARTLY", "READABLE", "Emission", "emission", "faint_emission"]
+
+READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
+_MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
+_FEWEST = 0.3  # of the symbols that send have to be readable
+_AMISS = 0.2  # mean error of the elements around one whose channel is wrong
+# mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
+_MISREAD = np.float32(0.2)
+_FEW_BESIDE = 3  # subcarriers
+_SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
+_IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
+_NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
+_SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
+_STANDS_OUT = 4.0  # times the median
+
+
+@dataclass(frozen=True)
+class Emission:
+    """What an emitter sent in a frame, as it was received.
+
+    Attributes
+    ----------
+    elements : (L, K) complex64
+        What is to be subtracted of each element, with the phases of the frame itself.
+    readable : (L,) bool
+        Symbols of which anything is.
+    busy : float
+        Share of the symbols in which the emitter sent.
+    sir_db : float or None
+        SIR in dB where the return is larger than a cell of the constellation, None elsewhere.
+    """
+
+    elements: np.ndarray
+    readable: np.ndarray
+    busy: float
+    sir_db: float | None = None
+
+
+def emission(
+    received: Received, grid: Grid, clear: np.ndarray, numerology: Numerology, near_db: float | None
+) -> Emission | None:
+    """What of a demodulated frame may be subtracted; None if too little was read.
+
+    ``clear`` (L, K) bool tells which elements no return can be in, ``near_db`` the SIR of the frame before.
+    """
+    trusted = clear & grid.used
+    misread = received.misread
+    # between bursts there is nothing to take away, and a return that is strong would be read as data
+    sent = ((power(received.points) - _SILENT) * trusted).sum(axis=1) > 0
+    own = power(received.symbols)
+    loud = own.sum(axis=1)
+    sending = sent & (loud > _IDLE * loud.max())
+    readable = sending & (misread <= READABLE)
+    if (
+        not readable.any()
+        or middle(misread[sending]) > _MOSTLY
+        or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
+    ):
+        return None
+    rest = received.symbols - received.channel * received.points
+    size = power(rest)
+    told = clear & readable[:, None]
+    noise, level = (size * told).sum(axis=0), (own * told).sum(axis=0)
+    left = noise / np.maximum(level, FAINT)
+    empty = left > _NOTHING
+    empty |= ~grid.used
+    if empty.any():
+        rest[:, empty], size[:, empty], noise[empty] = (
+            received.symbols[:, empty],
+            own[:, empty],
+            level[empty],
+        )
+    ridge = ~clear
+    ridge &= readable[:, None]
+    # the receiver's skirts stand out of what noise leaves in all subcarriers
+    both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+    partly = misread.sum() > PARTLY * misread.size
+    heard = told & grid.used
+    asked = both & ~_wrong(received.capped, heard, grid, numerology)
+    if partly:
+        asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
+    kept, where = expected_return(received, asked, heard, near_db), asked
+    if kept is not None and partly:
+        # where the return is larger than a cell, misread elements make little difference
+        kept, where = expected_return(received, both, heard, kept[1]), both
+    # where no return can be, and where it was misread, all of an element goes
+    ridge &= empty
+    noise /= np.maximum(readable.astype(np.float32) @ clear, 1)
+    rest *= plausible(size, asked, ridge, noise)
+    sir_db = None
+    if kept is not None:
+        rest[where], sir_db = kept
+    elements = np.subtract(received.symbols, rest, out=rest)
+    elements *= received.phase.conj()
+    return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db)
+
+
+def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least: float) -> Emission | None:
+    """The mean of QPSK that noise of its own hides; None where taking it away does not help.
+
+    ``clear`` as in `emission`, ``least`` as in `mean_model`.
+    """
+    found = mean_model(grid, clear, numerology, least)
+    if found is None:
+        return None
+    symbols, phase, model = found
+    rest = symbols - model
+    size = power(rest)
+    noise = (size * clear).sum(axis=0) / np.maximum(np.count_nonzero(clear, axis=0), 1)
+    rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
+    return Emission((symbols - rest) * phase.conj(), np.ones(len(symbols), dtype=bool), 1.0)
+
+
+def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
+    """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
+    halves = numerology.halves(grid.starts, grid.first_long)
+    members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
+    return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
