@@ -363,6 +363,23 @@ def test_an_altitude_beyond_all_that_are_possible_is_no_computed_data():
         assert np.all((outputs["status"][2:] == Status.NORMAL) == normal)
 
 
+def test_side_lobes_of_a_radar_that_moves_in_from_beyond_the_span_are_no_altitude():
+    """30 dB above the noise, 450 m/s by its clock: lobes of a half sweep reach the span before its lines do."""
+    drift = -400.0 + 450.0 * np.arange(800) * T
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        line = 10.0 * point_return(W, drift, vertical_speed_m_per_s=450.0, phase_cycles=0.3)
+        assert not np.any(tracked(noise(rng, 800, 10.0) + line)["status"] == Status.NORMAL)
+
+
+def test_a_line_beyond_the_span_takes_nothing_from_ground_above_its_side_lobes():
+    """20 dB stronger, 18 resolution cells from it: the ground is 9 dB above such side lobes."""
+    rng = np.random.default_rng(30)
+    line = 10.0 * point_return(W, np.full(400, -200.0), phase_cycles=rng.random(400))
+    outputs = tracked(flight(rng, np.full(400, 150.0), 0.0) + line)
+    assert np.all(outputs["status"][3:] == Status.NORMAL)
+
+
 def test_a_weak_second_return_above_the_ground_changes_nothing():
     rng = np.random.default_rng(13)
     frames = flight(rng, np.full(600, 500.0), 0.0) + 10.0 ** (-12 / 20) * point_return(W, np.full(600, 700.0))

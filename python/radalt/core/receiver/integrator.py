@@ -386,6 +386,21 @@ class Block:
         over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
         return max(0.0, 0.5 * float(sum(over)))
 
+    def lobe_from_beyond(self, found: Measurement) -> bool:
+        """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
+
+        Such a line may be a radar of the same sweep, or ground too far away. Its speed is its own: frames stay unmoved.
+        """
+        t = self.tables
+        moved, _, _ = self._sums(int(t.rows[found.row, 0]))
+        line, cells = self._ratio.sum(axis=0), np.arange(moved.shape[1])
+        line[:, t.first : t.last] = 0.0
+        for half, at in enumerate(found.cells):
+            apart = np.maximum(np.abs(cells - at) / t.resolution_cells, 1.0)
+            if np.max(line[half] * 4.0 / (np.pi * apart) ** 2) >= np.interp(at, cells, moved[half]):
+                return True
+        return False
+
     def contradicted(self, found: Measurement) -> bool:
         """Whether the latest frames contradict the return by four standard deviations: a step of the ground."""
         away = self.away_from(found)

@@ -104,7 +104,7 @@ class Integrity:
         any_speed = block.strongest(away)
         outdone = rival is not None and _exceeds(rival, found, 0.0)
         outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
-        if outdone or block.contradicted(found):
+        if outdone or block.lobe_from_beyond(found) or block.contradicted(found):
             return False
         near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
         if block.second_return(found, round(near_m / t.cell_m), *self._shares):
