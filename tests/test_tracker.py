@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.placement import Interferer
+from radalt.core.interference.stream import JammerStream
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.integrator import Entry, Integrator, Measurement
 from radalt.core.receiver.track import Evidence, Kalman, Track
@@ -470,6 +473,33 @@ def test_a_lobe_that_wins_the_votes_alone_does_not_outdo_a_return():
     found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.zeros(2), 9.0, 0)
     for strength, power, outdone in ((50.0, 5.0, False), (30.0, 20.0, False), (50.0, 20.0, True)):
         assert _exceeds(Entry(strength, 525.0, (0, 0), power, 0), found, 3.0) is outdone
+
+
+def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():
+    """Up cell 150 with down cell 150, power in few frames, or 156, less in all: only more power makes a ghost of it."""
+    tracker = AltitudeTracker(FAST)
+    ratio = np.random.default_rng(31).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+    ratio[:, 0, 150] = 6.0
+    ratio[::4, 1, 150] = 36.0
+    for lobe, ghost in ((8.0, False), (14.0, True)):
+        ratio[:, 1, 156] = lobe
+        block = tracker.integrator.integrate(ratio, np.arange(40.0))
+        found = block.measure(block.strongest(np.abs(tracker.integrator._down - 150) < 2))
+        assert block.strongest().cells == (150, 156) and block.strongest().strength > found.strength
+        assert tracker._is_side_lobe(block, found, ghosts=True) is ghost
+
+
+def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
+    """5 MHz NR 60 dB above the return repeats every 20 ms: this draw has a false line of 5.5 deviations all along."""
+    nr5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
+    stream = JammerStream(W, [Interferer(nr5, -60.0)], seed=1056364367, free_running=True, total_sir_db=None)
+    stream.next_frame()
+    altimeter = Altimeter(W)
+    cleaned = flight(np.random.default_rng(32), np.full(200, 1000.0), 10.0)
+    received = cleaned + np.stack([stream.next_frame() for _ in range(200)])
+    spectra = (altimeter.spectra(x.astype(np.complex64)) for x in (cleaned, received))
+    tracker = AltitudeTracker(altimeter)
+    assert np.all(tracker.process(next(spectra), received=next(spectra))["status"][2:] == Status.NORMAL)
 
 
 def test_the_harder_an_aircraft_may_accelerate_the_more_speeds_its_altitudes_leave_open():

@@ -70,6 +70,8 @@ class Integrity:
         t = self.integrator = integrator
         self.settings, self.sweep_s = settings, sweep_s
         self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
+        # a base station's pattern that recurs within the block has half the looks, and stays for a whole flight
+        self._received_threshold = np.sqrt(2.0) * self.search_threshold
         self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
         self._rival_sigmas = noise_threshold(settings.risk / 2.0, (t.last - t.first) / t.resolution_cells)
@@ -109,7 +111,7 @@ class Integrity:
         near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
         if block.second_return(found, round(near_m / t.cell_m), *self._shares):
             return False
-        if self._rival(block, found.power, here_m, near_m):
+        if self._rival(block, found.power, here_m, near_m, self.search_threshold):
             return False
         return received is None or not self._received_rival(received(), found, here_m, near_m)
 
@@ -121,17 +123,17 @@ class Integrity:
         t = self.integrator
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
-        if beside is not None and beside.strength >= self.search_threshold:
+        if beside is not None and beside.strength >= self._received_threshold:
             if before.second_return(found, round(near_m / t.cell_m), *self._shares):
                 return True
-        return self._rival(before, found.power, here_m, near_m)
+        return self._rival(before, found.power, here_m, near_m, self._received_threshold)
 
-    def _rival(self, block: Block, power: float, here_m: float, near_m: float) -> bool:
-        """Whether a return beyond ``near_m`` of one of some power is strong enough to be the ground."""
+    def _rival(self, block: Block, power: float, here_m: float, near_m: float, least: float) -> bool:
+        """Whether a return beyond ``near_m`` of one of some power could be the ground; ``least`` strength."""
         apart = self.integrator.altitude_m - here_m
         for mask, share in zip((apart > near_m, apart < -near_m), self._shares, strict=True):
             rival = block.strongest(mask)
-            if rival is not None and rival.strength >= self.search_threshold and rival.power >= power * share:
+            if rival is not None and rival.strength >= least and rival.power >= power * share:
                 return True
         return False
 

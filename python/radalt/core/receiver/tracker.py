@@ -318,7 +318,7 @@ class AltitudeTracker:
     def _is_side_lobe(self, block: Block, found: Measurement, *, ghosts: bool = False) -> bool:
         """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
 
-        With ``ghosts`` also what shares a half with the stronger return.
+        With ``ghosts`` also what shares a half with it, if it has more power too: a lobe may win the votes alone.
         """
         t = self.integrator
         other = block.strongest(block.away_from(found))
@@ -326,7 +326,7 @@ class AltitudeTracker:
             return False
         near, far = np.sort(np.abs(np.array(other.cells) - found.cells)) / t.resolution_cells
         if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
-            return ghosts
+            return ghosts and other.power > found.power
         return bool(near >= 1.0 and found.power < other.power * 4.0 / (np.pi * near) ** 2)
 
     # -- initiator and deleter ------------------------------------------------------------------------------------
