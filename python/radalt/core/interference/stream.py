@@ -46,11 +46,13 @@ class Continued:
         self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
         self.repeats, self.steady = repeats, steady
         self._next, self._window = 0, np.empty(0, dtype=np.complex128)
+        self._energy = 0.0
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; ``count`` is at most ``frame_samples``."""
         if self._next == 0 and not (self.repeats and self._window.size):
             self._window = self.emitter.samples(self.frames * self.frame_samples, rate_hz, rng)
+            self._energy = np.vdot(self._window, self._window).real
         first = self._next * self.frame_samples
         self._next = (self._next + 1) % self.frames
         return self._window[first : first + count]
@@ -60,7 +62,7 @@ class Continued:
         if not self.steady:
             return False
         part = self.samples(span.size, rate_hz, rng)
-        energy = np.vdot(self._window, self._window).real
+        energy = self._energy
         if energy > 0:
             gain = np.sqrt(mean_power * self._window.size / energy)
             np.multiply(part, gain, out=span, casting="same_kind")
