@@ -88,7 +88,7 @@ class JammerStream:
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
         part of a frame, as for an emitter that knows nothing of the radar. SIR and overlap then hold in its own
         windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
-        repeats (5G NR), else in windows of 40 frames. The total SIR then holds in the mean.
+        repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """
