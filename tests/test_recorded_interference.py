@@ -14,7 +14,9 @@ from gnuradio.radalt.core.interference.emitters.recording import RecordingEmitte
 from gnuradio.radalt.core.interference.emitters.tones import ToneEmitter
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
+from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from gnuradio.radalt.core.waveform import Waveform
 
 RATE_HZ = 7.5e6
 
@@ -54,6 +56,16 @@ def test_it_is_placed_at_its_exact_sir_and_overlap(tmp_path):
     )
     assert np.mean(np.abs(frame) ** 2) == pytest.approx(100.0)
     assert np.count_nonzero(frame) == 3000
+
+
+def test_free_running_it_goes_on_until_the_file_ends_and_then_again(tmp_path):
+    tone = np.exp(2j * np.pi * 200e3 / RATE_HZ * np.arange(7500 * 50))
+    emitter = RecordingEmitter(file=str(write(tmp_path, tone, RATE_HZ)))
+    stream = JammerStream(Waveform(), [Interferer(emitter, 0.0, 1.0)], free_running=True)
+    stream.next_frame()  # it begins within this one
+    sent = np.concatenate([stream.next_frame() for _ in range(110)])
+    turn = sent[1:] * sent[:-1].conj()
+    assert np.abs(np.angle(turn) - 2 * np.pi * 200e3 / RATE_HZ).max() < 1e-3
 
 
 def test_raw_samples_are_the_same_with_rate_and_type(tmp_path):

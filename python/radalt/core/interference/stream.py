@@ -46,11 +46,13 @@ class Continued:
         self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
         self.repeats, self.steady = repeats, steady
         self._next, self._window = 0, np.empty(0, dtype=np.complex128)
+        self._energy = 0.0
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`; ``count`` is at most ``frame_samples``."""
         if self._next == 0 and not (self.repeats and self._window.size):
             self._window = self.emitter.samples(self.frames * self.frame_samples, rate_hz, rng)
+            self._energy = np.vdot(self._window, self._window).real
         first = self._next * self.frame_samples
         self._next = (self._next + 1) % self.frames
         return self._window[first : first + count]
@@ -60,7 +62,7 @@ class Continued:
         if not self.steady:
             return False
         part = self.samples(span.size, rate_hz, rng)
-        energy = np.vdot(self._window, self._window).real
+        energy = self._energy
         if energy > 0:
             gain = np.sqrt(mean_power * self._window.size / energy)
             np.multiply(part, gain, out=span, casting="same_kind")
@@ -86,7 +88,7 @@ class JammerStream:
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
         part of a frame, as for an emitter that knows nothing of the radar. SIR and overlap then hold in its own
         windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
-        repeats (5G NR), else in windows of 40 frames. The total SIR then holds in the mean.
+        repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """

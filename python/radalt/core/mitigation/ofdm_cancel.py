@@ -268,15 +268,15 @@ class OfdmCancel(Mitigation):
         trusted = clear & lock.used
         some = slice(None, None, _ASKED)
         asked = trusted[:, some]
-        values = (symbols[:, some] / channel[some])[asked]
+        values = symbols[:, some] * (1 / channel[some])
         usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
-        if misfit(values, usual) > _PREDICTED and misfit(values) > _PREDICTED:
+        if misfit(values, asked, usual) > _PREDICTED and misfit(values, asked) > _PREDICTED:
             angle = self._angles(symbols, starts, clear, lock)
             if angle is None:
                 return None
             own = np.exp(-1j * angle).astype(np.complex64)[:, None]
             symbols, phase = symbols * own, ramp * own
-            factor, lock.misfit = gain((symbols[:, some] / channel[some])[asked], lock.misfit)
+            factor, lock.misfit = gain(symbols[:, some] * (1 / channel[some]), asked, lock.misfit)
             channel = channel / factor
         grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
         received = demodulate(grid, clear, numerology, AGAIN, lock.before)

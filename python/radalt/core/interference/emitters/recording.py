@@ -113,6 +113,12 @@ class RecordingEmitter(NamedEmitter):
             )
         return (*(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
 
+    @property
+    def period_s(self) -> float:
+        """After how long it repeats: ``seconds``, or what the file has of them. Raises ValueError as `load`."""
+        recording = _open(self)
+        return min(self.seconds, recording.sample_count / _source_hz(self, recording) - self.start_s)
+
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use as the radar hears it, at ``rate_hz``: (n,) complex128, mean power 1, read-only, kept."""
         return _heard(self, float(rate_hz))
@@ -152,19 +158,25 @@ def _open(emitter: RecordingEmitter) -> Any:
         ) from None
 
 
-@lru_cache(maxsize=4)
-def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
-    """The part of the file in use, filtered, moved and at the radar's rate, mean power 1; read-only."""
-    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
-    recording = _open(emitter)
+def _source_hz(emitter: RecordingEmitter, recording: Any) -> float:
+    """The file's sample rate; raises ValueError."""
     source_hz = recording.get_global_field("core:sample_rate")
     if not isinstance(source_hz, (int, float)) or not 1e3 <= source_hz <= 1e9:
         raise ValueError(
             f"recording.file {emitter.file} has core:sample_rate {shown(source_hz)}; 1e3..1e9 is read"
         )
+    return float(source_hz)
+
+
+@lru_cache(maxsize=4)
+def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
+    """The part of the file in use, filtered, moved and at the radar's rate, mean power 1; read-only."""
+    bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
+    recording = _open(emitter)
+    source_hz = _source_hz(emitter, recording)
     if (recording.get_global_field("core:num_channels") or 1) != 1:
         raise ValueError(f"recording.file {emitter.file} has several channels; one is read")
-    ratio = rate_ratio(rate_hz, float(source_hz))
+    ratio = rate_ratio(rate_hz, source_hz)
     first = round(emitter.start_s * source_hz)
     count = min(round(emitter.seconds * source_hz), recording.sample_count - first)
     count -= count % ratio.denominator
@@ -197,7 +209,7 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
         samples = samples * np.exp(
             2j * np.pi * (np.arange(samples.size) * cycles % samples.size) / samples.size
         )
-    heard = resample_periodic(samples, up * float(source_hz), rate_hz, bandwidth_hz)
+    heard = resample_periodic(samples, up * source_hz, rate_hz, bandwidth_hz)
     power = np.vdot(heard, heard).real / heard.size
     if not power > _FOLDED * np.vdot(samples, samples).real / samples.size:
         raise ValueError(

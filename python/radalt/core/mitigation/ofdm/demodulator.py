@@ -9,7 +9,20 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit, mended, sums
-from .lattice import CELL, DENSE, FEW_CELL, Decisions, box, decide, middle, nearest, power, sparse, unit
+from .lattice import (
+    CELL,
+    DENSE,
+    FEW_CELL,
+    Decisions,
+    at_most_one,
+    box,
+    decide,
+    middle,
+    nearest,
+    power,
+    sparse,
+    unit,
+)
 from .numerology import Numerology
 
 __all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit", "true_up"]
@@ -123,31 +136,34 @@ def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple
     return kind, ~astray(capped, trusted)
 
 
-def misfit(values: np.ndarray, alphabets: Sequence[int] = DENSE) -> float:
-    """Mean squared distance of (n,) elements from the nearest point of QPSK or ``alphabets``, in cells, each at most 1.
+def misfit(values: np.ndarray, asked: np.ndarray, alphabets: Sequence[int] = DENSE) -> float:
+    """Mean squared distance of elements from the nearest point of QPSK or ``alphabets``, in cells, each at most 1.
 
-    Silent ones tell nothing. Some 0.3 for elements that were not sent from these alphabets, or are not set upright.
+    Of the ``values`` (L, n) only those ``asked`` (L, n) count, and silent ones tell nothing. Some 0.3 for elements that
+    were not sent from these alphabets, or are not set upright.
     """
     level = power(values)
     sent = level > _SENT
-    if not sent.any():
+    sent &= asked
+    count = np.count_nonzero(sent)
+    if not count:
         return 1.0
     least = power(values - sparse(values, level)) * (1 / FEW_CELL)
     for dense in alphabets:
         np.minimum(least, power(values - nearest(values, dense)) * (1 / CELL[dense]), out=least)
-    return float((np.minimum(least, 1) * sent).sum() / np.count_nonzero(sent))
+    return float((at_most_one(least) * sent).sum()) / count
 
 
-def gain(values: np.ndarray, before: float) -> tuple[np.float32, float]:
-    """Factor within 0.7..1.4 by which (n,) elements fit the alphabets best, and the misfit that is left.
+def gain(values: np.ndarray, asked: np.ndarray, before: float) -> tuple[np.float32, float]:
+    """Factor within 0.7..1.4 by which (L, n) elements fit the alphabets best, and the `misfit` that is left.
 
     The received power varies with what is sent, so the channel of an earlier frame is right only up to this factor.
     With a misfit no worse than ``before`` it is taken as right.
     """
-    left = misfit(values)
+    left = misfit(values, asked)
     if left < max(_FITS, _NO_WORSE * before):
         return np.float32(1), left
-    return min(((factor, misfit(values * factor)) for factor in _GAINS), key=lambda tried: tried[1])
+    return min(((factor, misfit(values * factor, asked)) for factor in _GAINS), key=lambda tried: tried[1])
 
 
 def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

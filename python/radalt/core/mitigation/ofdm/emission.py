@@ -8,7 +8,7 @@ import numpy as np
 
 from .acquisition import Grid
 from .demodulator import Received
-from .lattice import FAINT, amid, box, middle, power
+from .lattice import FAINT, amid, box, members, middle, power
 from .numerology import Numerology
 from .ridge import expected_return, plausible
 from .under_noise import mean_model
@@ -59,10 +59,10 @@ def emission(
 
     ``clear`` (L, K) bool tells which elements no return can be in, ``near_db`` the SIR of the frame before.
     """
-    trusted = clear & grid.used
+    trusted = (clear & grid.used).astype(np.float32)
     misread = received.misread
     # between bursts there is nothing to take away, and a return that is strong would be read as data
-    sent = ((power(received.points) - _SILENT) * trusted).sum(axis=1) > 0
+    sent = _over_symbols(power(received.points), trusted) > _SILENT * trusted.sum(axis=1)
     own = power(received.symbols)
     loud = own.sum(axis=1)
     sending = sent & (loud > _IDLE * loud.max())
@@ -75,8 +75,8 @@ def emission(
         return None
     rest = received.symbols - received.channel * received.points
     size = power(rest)
-    told = clear & readable[:, None]
-    noise, level = (size * told).sum(axis=0), (own * told).sum(axis=0)
+    told = (clear & readable[:, None]).astype(np.float32)
+    noise, level = _over_subcarriers(size, told), _over_subcarriers(own, told)
     left = noise / np.maximum(level, FAINT)
     empty = left > _NOTHING
     empty |= ~grid.used
@@ -91,17 +91,17 @@ def emission(
     # the receiver's skirts stand out of what noise leaves in all subcarriers
     both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
     partly = misread.sum() > PARTLY * misread.size
-    heard = told & grid.used
+    heard = told * grid.used
     asked = both & ~_wrong(received.capped, heard, grid, numerology)
     if partly:
-        asked &= amid(received.capped, heard.astype(np.float32)) < _AMISS
+        asked &= amid(received.capped, heard) < _AMISS
     kept, where = expected_return(received, asked, heard, near_db), asked
     if kept is not None and partly:
         # where the return is larger than a cell, misread elements make little difference
         kept, where = expected_return(received, both, heard, kept[1]), both
     # where no return can be, and where it was misread, all of an element goes
     ridge &= empty
-    noise /= np.maximum(readable.astype(np.float32) @ clear, 1)
+    noise /= np.maximum(told.sum(axis=0), 1)
     rest *= plausible(size, asked, ridge, noise)
     sir_db = None
     if kept is not None:
@@ -127,8 +127,17 @@ def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least:
     return Emission((symbols - rest) * phase.conj(), np.ones(len(symbols), dtype=bool), 1.0)
 
 
+def _over_symbols(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(L,) weighted sums of (L, K) float32, in one pass."""
+    return np.einsum("lk,lk->l", values, weight)
+
+
+def _over_subcarriers(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(K,) weighted sums of (L, K) float32, in one pass."""
+    return np.einsum("lk,lk->k", values, weight)
+
+
 def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
     """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
     halves = numerology.halves(grid.starts, grid.first_long)
-    members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
-    return (box(members @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
+    return (box(members(halves) @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]

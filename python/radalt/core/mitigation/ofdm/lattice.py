@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,7 +17,9 @@ __all__ = [
     "SPARSE_POINTS",
     "Decisions",
     "amid",
+    "at_most_one",
     "box",
+    "members",
     "middle",
     "decide",
     "nearest",
@@ -37,6 +40,9 @@ FEW_CELL = np.float32(0.06)  # squared error from the few points at which they a
 FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
 _RAIL = np.float32(np.sqrt(0.5))  # of QPSK; 3 dB up it is 1
+_SIGN = np.uint32(1 << 31)  # of a float32
+_ONE = np.float32(1).view(np.uint32)
+_HIGHER = np.float32(1) - _RAIL
 _EMPTY = np.float32(0.25)  # power below which nothing is nearer than a point of QPSK
 _BOOSTED = np.float32(
     (1 + np.sqrt(2)) ** 2 / 4
@@ -79,21 +85,25 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
     if width < 2:
         return values
     before, size = width // 2, values.shape[-1]
-    padded = np.empty((*values.shape[:-1], size + width - 1), dtype=values.dtype)
+    # rows one after the other, summed as one: sums across two rows fall between the rows' own
+    rows = np.empty((values.size // size + 1, size + width - 1), dtype=values.dtype)
+    padded = rows[:-1].reshape(*values.shape[:-1], -1)
     padded[..., :before] = values[..., :1]
     padded[..., before : before + size] = values
     padded[..., before + size :] = values[..., -1:]
+    rows[-1] = 0
     # sums of 1, 2, 4 ... neighbours; those in the binary form of the width are put one after the other
-    out, done, ahead, count = None, 0, padded, 1
+    out, done, ahead, count = None, 0, rows.ravel(), 1
     while True:
         if width & count:
-            part = ahead[..., done : done + size]
+            part = ahead[done : done + padded.size]
             out = part if out is None else out + part
             done += count
         count *= 2
         if count > width:
-            return out * np.float32(1 / width)
-        ahead = ahead[..., : -count // 2] + ahead[..., count // 2 :]
+            out = out * np.float32(1 / width)
+            return out.reshape(padded.shape)[..., :size]
+        ahead = ahead[: -count // 2] + ahead[count // 2 :]
 
 
 def amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
@@ -107,24 +117,57 @@ def amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
 def nearest(values: np.ndarray, points: int) -> np.ndarray:
     """Nearest of 4, 16, 64 or 256 points to each complex64 value, as complex64."""
     half = SCALE[points]
-    top = _TOP[points]
     rails = np.ascontiguousarray(values).view(np.float32) * (np.float32(0.5) / half)
     np.floor(rails, out=rails)
-    np.maximum(rails, -top - 1, out=rails)
-    np.minimum(rails, top, out=rails)
+    top = _TOP[points]
+    if rails.ndim > 1:
+        np.maximum(rails, _row(-top - 1, rails.shape[-1]), out=rails)
+        np.minimum(rails, _row(top, rails.shape[-1]), out=rails)
+    else:
+        np.maximum(rails, -top - 1, out=rails)
+        np.minimum(rails, top, out=rails)
     rails += np.float32(0.5)
     rails *= 2 * half
     return rails.view(np.complex64)
 
 
+@lru_cache(maxsize=64)
+def _row(value: float, count: int) -> np.ndarray:
+    """(count,) float32, read-only, of one value: a limit given as a row costs a quarter of one given as a number."""
+    row = np.full(count, value, dtype=np.float32)
+    row.setflags(write=False)
+    return row
+
+
 def sparse(values: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Nearest of `SPARSE_POINTS`; ``level`` is the power of ``values``."""
     rail = (level > _EMPTY) * _RAIL
-    rail += (level > _BOOSTED) * (1 - _RAIL)
-    out = np.empty(values.shape, dtype=np.complex64)
-    np.copysign(rail, values.real, out=out.real)
-    np.copysign(rail, values.imag, out=out.imag)
+    rail += (level > _BOOSTED) * _HIGHER
+    # 1 with the sign's bit: a fifth of copysign's time
+    signs = np.ascontiguousarray(values).view(np.uint32) & _SIGN
+    signs |= _ONE
+    out = signs.view(np.complex64)
+    out *= rail
     return out
+
+
+def at_most_one(error: np.ndarray) -> np.ndarray:
+    """(L, K) float32 errors, each at most 1."""
+    return np.minimum(error, _row(1.0, error.shape[-1]))
+
+
+@lru_cache(maxsize=8)
+def _members(halves: bytes) -> np.ndarray:
+    """(half slots, L) float32, read-only: 1 where a symbol is in a half slot, whose numbers (L,) int are given."""
+    number = np.frombuffer(halves, dtype=int)
+    members = (number == np.arange(number[-1] + 1)[:, None]).astype(np.float32)
+    members.setflags(write=False)
+    return members
+
+
+def members(halves: np.ndarray) -> np.ndarray:
+    """(half slots, L) float32: 1 where a symbol is in a half slot, whose numbers ``halves`` (L,) int are given."""
+    return _members(halves.tobytes())
 
 
 @dataclass
@@ -172,14 +215,14 @@ def decide(
     few = box(scanty_error, BLOCK) < _SPARSE_ERROR
     scanty_error *= 1 / FEW_CELL
     asked = (trusted & ~few).astype(np.float32)
-    members = (halves == np.arange(halves[-1] + 1)[:, None]).astype(np.float32)
+    within = members(halves)
     found = None
     if kinds is None and likely is not None:
-        found = _explained(values, asked * likely[1], members, likely[0])
-    chosen, error, kinds = found or _judged(values, asked, halves, members, kinds)
+        found = _explained(values, asked * likely[1], within, likely[0])
+    chosen, error, kinds = found or _judged(values, asked, halves, within, kinds)
     chosen = np.where(few, scanty, chosen)
     error = np.where(few, scanty_error, error)
-    capped = np.minimum(error, 1)
+    capped = at_most_one(error)
     # the primary synchronisation signal stands on the axes
     odd = np.flatnonzero(capped.sum(axis=1) > _DOUBTFUL * capped.shape[1])
     if odd.size:
@@ -202,26 +245,26 @@ def _rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _explained(
-    values: np.ndarray, asked: np.ndarray, members: np.ndarray, kind: int
+    values: np.ndarray, asked: np.ndarray, within: np.ndarray, kind: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """As `_judged`, if all elements may be of one kind; None if those of a block in a half slot are not."""
     points, error = _rounded(values, kind)
     blocks = np.arange(0, asked.shape[1], BLOCK)
-    wrong = np.minimum(error, 1)
+    wrong = at_most_one(error)
     wrong -= _EXPLAINED
     wrong *= asked
-    if (np.add.reduceat(members @ wrong, blocks, axis=1) > _EXPLAINED * _FEWEST).any():
+    if (np.add.reduceat(within @ wrong, blocks, axis=1) > _EXPLAINED * _FEWEST).any():
         return None
-    return points, error, np.full((len(members), asked.shape[1]), kind, dtype=np.int8)
+    return points, error, np.full((len(within), asked.shape[1]), kind, dtype=np.int8)
 
 
 def _judged(
-    values: np.ndarray, asked: np.ndarray, halves: np.ndarray, members: np.ndarray, kinds: np.ndarray | None
+    values: np.ndarray, asked: np.ndarray, halves: np.ndarray, within: np.ndarray, kinds: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, errors and kinds of all elements as members of `DENSE`, judged from the ``asked`` (L, K) ones."""
     points, errors = zip(*(_rounded(values, kind) for kind in range(len(DENSE))), strict=True)
     if kinds is None:
-        score = np.stack([members @ (np.minimum(error, 1) * asked) for error in errors])
+        score = np.stack([within @ (at_most_one(error) * asked) for error in errors])
         common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)
         score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
         score += _SUBCARRIER * score.sum(axis=1, keepdims=True)

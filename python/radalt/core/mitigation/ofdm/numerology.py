@@ -30,6 +30,8 @@ class Numerology:
         Symbols from one long prefix to the next.
     spacing : float
         Mean samples from symbol to symbol.
+    samples : (useful,) int
+        Numbers of a symbol's samples without its prefix, from 0.
     subcarriers : (useful,) float32
         Numbers from the lowest frequency to the highest, 0 at the middle of the band.
     turn : (useful,) float32
@@ -46,9 +48,11 @@ class Numerology:
         self.longer = _LONGER_S * rate_hz
         self.cycle = _CYCLE_S * rate_hz
         self.spacing = self.cycle / self.per_cycle
+        self.samples = np.arange(self.useful)
         self.subcarriers = np.fft.fftshift(np.fft.fftfreq(self.useful, 1 / self.useful)).astype(np.float32)
         self.turn = (2 * np.pi / self.useful * self.subcarriers).astype(np.float32)
         self.moments = np.kron(self.turn[:, None] ** np.arange(3), np.eye(2)).astype(np.float32)
+        self._halves: tuple[tuple[bytes, float], np.ndarray] | None = None  # the last asked for
 
     def times(self, first_long: float, samples: int) -> np.ndarray:
         """Times of the symbols around a frame of ``samples``, (symbols,) float64, if one with a long prefix is at
@@ -62,8 +66,11 @@ class Numerology:
 
     def halves(self, starts: np.ndarray, first_long: float) -> np.ndarray:
         """Which half slot (from a long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""
-        number = np.floor((starts - first_long + self.prefix / 2) / self.cycle).astype(int)
-        return number - number[0]
+        key = starts.tobytes(), first_long
+        if self._halves is None or self._halves[0] != key:
+            number = np.floor((starts - first_long + self.prefix / 2) / self.cycle).astype(int)
+            self._halves = key, number - number[0]
+        return self._halves[1]
 
     def windows(self, times: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,)
