@@ -286,6 +286,18 @@ def test_channel_block_is_the_channel_in_any_chunks_with_rx_time_at_every_gap(se
     assert tags == gaps and len(gaps) == 4
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "realtime", "frames"), [(7.5e6, False, 32), (7.5e6, True, 12), (30e6, False, 16)]
+)
+def test_channel_makes_many_frames_per_call_but_few_where_they_would_wait_or_are_wide(
+    rate_hz, realtime, frames
+):
+    scene = scene_of(waveform={"rate_hz": rate_hz, "bandwidth_hz": rate_hz})
+    n = scene.waveform.samples_per_frame
+    block = radalt.simulated_channel(scene, realtime=realtime)
+    assert block.output_multiple() == frames * n
+
+
 def segmented(scene, stream, tags, seed, chunk=100_000):
     block, sink, status = radalt.frame_segmenter(scene), Collect(N), Messages()
     source = Ragged(stream, seed, tags)

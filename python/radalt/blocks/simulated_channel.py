@@ -9,7 +9,7 @@ from gnuradio import gr
 
 from ..core.channel.simulated import SimulatedChannel, TerrainPlayer
 from ..core.scene import Scene
-from ._frames import GATHER, RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
+from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
 
 __all__ = ["simulated_channel"]
@@ -68,7 +68,7 @@ class simulated_channel(gr.basic_block):
         self.held_up_s = self.longest_hold_up_s = 0.0  # for which a radio's samples would have had to wait
         self.set_tag_propagation_policy(gr.TPP_DONT)
         # held to real time, frames of one call arrive together: twelve instead of sixteen take 4 ms off the latency
-        gather_frames(self, self._n, _HELD_FRAMES if realtime else GATHER)
+        gather_frames(self, self._n, _HELD_FRAMES if realtime else None)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
         """A whole frame of each input."""
