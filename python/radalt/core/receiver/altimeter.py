@@ -270,25 +270,28 @@ class Altimeter(BeatSpectra):
         relies on independent half sweeps; a filter that keeps its weights from one to the other gives both the same
         delay.
         """
-        raw = self.spectra(received)
-        before = self.significance(raw)
         spectra = self.spectra(cleaned)
         after = self.significance(spectra)
         found = self._search(spectra.power, after)
-        pair = found.pair
+        declared, nothing = found.reason == Reason.OK, found.reason == Reason.NO_DETECTION
+        if pfa < 1.0:
+            still = self._search_within((0.0, 0.0))
+            there = nothing & (_joint(after, found.pair) >= still.threshold(after))
+            declared, nothing = declared | there, nothing & ~there
+        at = np.flatnonzero(declared)
+        if not at.size:
+            return nothing
+        pair = found.pair[at]
+        raw = self.spectra(received[at])
+        before = self.significance(raw)
         power = np.take_along_axis(raw.power, (pair + self.cfar.margin)[..., None], axis=-1)[..., 0]
         noise = np.take_along_axis(before.noise, pair[..., None], axis=-1)[..., 0]
         strong = ((power > 2.0 * noise) & (power > raw.power.max(axis=-1) / 8.0)).all(axis=-1)
         least = special.gammainccinv(2.0, pfa)  # of the sum of two exponentials
         strong &= _joint(before, pair) + before.spared >= least
         beats = self.beat_hz[pair + self.cfar.margin]
-        inside = self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
-        declared, nothing = found.reason == Reason.OK, found.reason == Reason.NO_DETECTION
-        if pfa < 1.0:
-            still = self._search_within((0.0, 0.0))
-            there = nothing & (_joint(after, pair) >= still.threshold(after))
-            declared, nothing = declared | there, nothing & ~there
-        return (strong & inside & declared) | nothing
+        nothing[at] = strong & self._inside(self._altitude(beats[:, 0], beats[:, 1], 0.0))
+        return nothing
 
     def _inside(self, altitude_m: np.ndarray) -> np.ndarray:
         """Whether altitudes lie within the span, half a resolution cell over either end included."""
