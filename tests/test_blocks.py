@@ -287,7 +287,8 @@ def test_channel_block_is_the_channel_in_any_chunks_with_rx_time_at_every_gap(se
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "realtime", "frames"), [(7.5e6, False, 32), (7.5e6, True, 12), (30e6, False, 16)]
+    ("rate_hz", "realtime", "frames"),
+    [(7.5e6, False, 64), (7.5e6, True, 12), (30e6, False, 17), (56e6, False, 16)],
 )
 def test_channel_makes_many_frames_per_call_but_few_where_they_would_wait_or_are_wide(
     rate_hz, realtime, frames

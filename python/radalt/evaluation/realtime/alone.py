@@ -18,7 +18,7 @@ from ..flowgraph.run import make_top
 
 __all__ = ["alone_seconds"]
 
-_AT_ONCE = 32  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
+_AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
 GRAPH = "network's graph"
 
 
@@ -26,7 +26,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
 
     The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources,
-    channel and altimeters with 32 frames, the network with ``batch``. Where a tracker stands in an altimeter's
+    channel and altimeters with 64 frames, the network with ``batch``. Where a tracker stands in an altimeter's
     place, what it does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
 
     Parameters
@@ -37,7 +37,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
     batch : int
         Frames a run of the network takes.
     frames : int
-        How many are made; the first 32 are not counted.
+        How many are made; the first 64 are not counted.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     n = scene.waveform.samples_per_frame
