@@ -15,6 +15,7 @@ _FINE_STEPS = 16 * STEPS  # of a fixed delay
 _TAIL = 2 * HALF_TAPS
 MOST_BLOCKS = 4  # in one push
 _SPARE_BLOCKS = 8
+_KEPT = 4  # delays at which a repeated stream's output is remembered
 # transforms of 2048 points stay in the first-level cache and take half the time of one over a whole frame
 _TRANSFORM = 2048
 
@@ -29,8 +30,8 @@ class DelayLine:
     max_delay : float
         Longest delay that is read, in samples.
     repeats : bool
-        Whether the stream is likely to repeat its blocks, as a radar's sweep does: a read of the same samples at the
-        same delay then costs a comparison.
+        Whether the stream is likely to repeat its blocks, as a radar's sweep does: a block like all that are stored is
+        then compared instead of moved, and a read of the same samples at the same delay costs a comparison at most.
     """
 
     def __init__(self, block: int, max_delay: float, *, repeats: bool = False) -> None:
@@ -46,15 +47,34 @@ class DelayLine:
         self._end = self._history + block
         self._kernels: dict[float, np.ndarray] = {}
         self._last: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+        self._alike = 0  # blocks like the one before them, up to the end
+        self._settled: dict[float, np.ndarray] = {}  # by delay, what is read while nothing new comes
 
     def push(self, samples: np.ndarray) -> None:
         """Append one block, or up to `MOST_BLOCKS`."""
+        if self._repeats and self._nothing_new(samples):
+            return
+        self._settled.clear()
         if self._end + samples.size > self._store.size:
             keep = self._history
             self._store[:keep] = self._store[self._end - keep : self._end].copy()
             self._end = keep
         self._store[self._end : self._end + samples.size] = samples
         self._end += samples.size
+
+    @property
+    def _reach(self) -> int:
+        """Samples that a read can depend on."""
+        return self._history + MOST_BLOCKS * self._block
+
+    def _nothing_new(self, samples: np.ndarray) -> bool:
+        """Count blocks that repeat; whether they repeat all that a read can reach, so that none has to be moved."""
+        known = self._alike * self._block >= self._reach and self._end >= self._reach
+        repeated = samples.dtype == np.complex64 and _same_bits(
+            self._store[self._end - self._block : self._end], samples.reshape(-1, self._block)
+        )
+        self._alike = self._alike + samples.size // self._block if repeated else 0
+        return known and repeated
 
     def read(self, delay: float, blocks: int = 1) -> np.ndarray:
         """(blocks, block) samples that lie ``delay`` >= 0 samples before the blocks pushed last; not to be written to.
@@ -76,6 +96,15 @@ class DelayLine:
             raise ValueError(f"a fractional delay of {delay:g} samples is below the kernel's {HALF_TAPS}")
         if not self._repeats:
             return self._filter(first, fraction, blocks)
+        if delay in self._settled:
+            return self._settled[delay]
+        out = self._repeating(first, fraction, delay, blocks)
+        if self._alike * self._block >= self._reach and len(self._settled) < _KEPT:
+            self._settled[delay] = out = out[:1]
+        return out
+
+    def _repeating(self, first: int, fraction: float, delay: float, blocks: int) -> np.ndarray:
+        """(blocks, block) as `_filter`, or (1, block) where all of them are the same."""
         if blocks == 1:
             return self._repeated(first, fraction, delay)
         known = self._last.get(delay)
@@ -92,7 +121,7 @@ class DelayLine:
         if known is not None and _same_bits(known[0], span):
             return known[1]
         out = self._filter(first, fraction, 1)
-        if len(self._last) >= 4:
+        if len(self._last) >= _KEPT:
             self._last.clear()
         self._last[delay] = (span[0].copy(), out)
         return out
