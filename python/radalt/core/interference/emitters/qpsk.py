@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -129,10 +130,10 @@ class QpskEmitter(NamedEmitter):
             return False
         offset, phase = rng.random(2)
         drawn, index = self._held(span.size, rate, offset, rng)
-        points = (_CONSTELLATION * np.exp(2j * np.pi * phase) * np.sqrt(mean_power)).astype(span.dtype)
-        np.take(
-            points.take(drawn, mode="clip"), index, out=span, mode="clip"
-        )  # the default mode buffers the output
+        points = _CONSTELLATION * np.exp(2j * np.pi * phase)
+        points *= math.sqrt(mean_power)
+        # the default mode buffers the output
+        np.take(points.astype(span.dtype).take(drawn, mode="wrap"), index, out=span, mode="wrap")
         return True
 
     @staticmethod
@@ -140,8 +141,9 @@ class QpskEmitter(NamedEmitter):
         count: int, rate: float, offset: float, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Symbols, ``rate`` per sample, as points of the constellation; and which each of ``count`` samples holds."""
-        # times are not negative: the conversion is the floor. Made with the sum it takes half the time
-        index = np.add(_ramp(count, rate), offset, out=np.empty(count, dtype=np.intp), casting="unsafe")
+        # times are not negative: the conversion is the floor. Made with the sum it takes half the time, and to 32 bits
+        # it is vectorised
+        index = np.add(_ramp(count, rate), offset, out=np.empty(count, dtype=np.int32), casting="unsafe")
         return rng.integers(0, 4, int(index[-1]) + 1 if count else 1), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
