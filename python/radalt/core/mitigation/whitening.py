@@ -33,6 +33,7 @@ class Whitening(Mitigation):
 
     name = "whitening"
     style = PlotStyle("#009E73", "s", (0, (7, 1.5, 1, 1.5)))
+    batch = 16  # 0.88 of the time of four at once, and eight take 0.91
 
     def __init__(self, waveform: Waveform, *, smoothing_hz: float = 25e3, exponent: float = 0.6) -> None:
         if not 0 < smoothing_hz <= waveform.rate_hz:
