@@ -558,6 +558,19 @@ def test_splitting_a_batch_changes_nothing_and_the_input_is_left_alone(name):
     assert whole.frames == split.frames == 6
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30, 0.0])
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_a_block_gets_what_process_gives_whatever_a_frame_holds(name, bad):
+    frames, _ = scene(5, Interferer(QpskEmitter(), -3.0), 12)
+    frames[2, 77:] = bad
+    plain, into = create(name, W), create(name, W)
+    out = np.empty_like(frames)
+    with np.errstate(all="ignore"):
+        into.process_into(frames, out)
+        np.testing.assert_array_equal(out, plain.process(frames))
+    assert into.frames == plain.frames == 5
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_no_frames_in_no_frames_out(name):
     out = create(name, W).process(np.zeros((0, W.samples_per_frame), np.complex64))

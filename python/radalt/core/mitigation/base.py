@@ -18,6 +18,7 @@ __all__ = [
     "PlotStyle",
     "finite_frames",
     "peak_scale",
+    "rail_peak",
     "register",
     "unit_peak",
 ]
@@ -177,18 +178,26 @@ def finite_frames(batch: np.ndarray) -> np.ndarray:
     return np.isfinite(rails.sum(axis=1, dtype=np.float64))
 
 
-def peak_scale(batch: np.ndarray) -> np.ndarray:
-    """(n, 1) float32 largest rail value of each (n, N) complex64 frame, 1 where it is zero or denormal."""
+def rail_peak(batch: np.ndarray) -> np.ndarray:
+    """(n, 1) float32 largest rail value of each (n, N) complex64 frame, not finite where the frame is not."""
     rails = batch.view(np.float32)
-    peak = np.maximum(rails.max(axis=1, keepdims=True), -rails.min(axis=1, keepdims=True))
+    return np.maximum(rails.max(axis=1, keepdims=True), -rails.min(axis=1, keepdims=True))
+
+
+def peak_scale(batch: np.ndarray, peak: np.ndarray | None = None) -> np.ndarray:
+    """(n, 1) float32 largest rail value of each (n, N) complex64 frame, 1 where it is zero or denormal.
+
+    ``peak`` is `rail_peak` where that is known.
+    """
+    peak = rail_peak(batch) if peak is None else peak
     return np.where(peak >= np.finfo(np.float32).tiny, peak, np.float32(1))
 
 
-def unit_peak(batch: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """(n, N) complex64 frames over their `peak_scale`, in ``out`` or a new array.
+def unit_peak(batch: np.ndarray, out: np.ndarray | None = None, peak: np.ndarray | None = None) -> np.ndarray:
+    """(n, N) complex64 frames over their `peak_scale`, in ``out`` or a new array; ``peak`` as there.
 
     Rails times the inverse are the complex division to the bit, in a tenth of its time.
     """
     out = np.empty_like(batch) if out is None else out
-    np.multiply(batch.view(np.float32), np.float32(1) / peak_scale(batch), out=out.view(np.float32))
+    np.multiply(batch.view(np.float32), np.float32(1) / peak_scale(batch, peak), out=out.view(np.float32))
     return out

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError, PlotStyle, unit_peak
+from .base import Mitigation, MitigationError, PlotStyle, rail_peak, unit_peak
 
 __all__ = ["Whitening"]
 
@@ -49,13 +49,22 @@ class Whitening(Mitigation):
         self._floor = np.full(waveform.samples_per_frame, 1e-6, dtype=np.float32)
         super().__init__(waveform)
 
+    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """See `Mitigation.process_into`; a frame's peak, needed anyway, says whether it is finite."""
+        peak = rail_peak(frames)
+        if np.isfinite(peak).all():
+            self.frames += len(frames)
+            self._clean_into(frames, out, peak)
+        else:
+            super().process_into(frames, out)
+
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
         self._clean_into(batch, out)
         return out
 
-    def _clean_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        spectrum = fft.fft(unit_peak(frames, out), axis=1, overwrite_x=True)
+    def _clean_into(self, frames: np.ndarray, out: np.ndarray, peak: np.ndarray | None = None) -> None:
+        spectrum = fft.fft(unit_peak(frames, out, peak), axis=1, overwrite_x=True)
         np.multiply(spectrum, self._gains(spectrum), out=out)
         cleaned = fft.ifft(out, axis=1, overwrite_x=True)
         if not np.may_share_memory(cleaned, out):  # SciPy promises no transform in place
