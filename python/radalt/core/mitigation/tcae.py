@@ -36,7 +36,7 @@ _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
 # What a frame's dither is drawn by: its first samples, so fine that noise 70 dB below the frame changes them.
 _FINE = 2.0**14
-_DRAW = np.array([[1, 31, 1021, 7919], [4099, 127, 257, 2053]])
+_DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))
 _LOUD = 1e15  # scale from which a network's output may leave float32
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
@@ -276,8 +276,9 @@ class Tcae(Mitigation):
         cleaned = self._network.run(len(out))
         # what a network makes of 1e38 need not fit a float32; asked first, since errstate costs as much as a pass
         with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
-            np.multiply(cleaned[:, 0], scale[:, :1], out=out.real)
-            np.multiply(cleaned[:, 1], scale[:, -1:], out=out.imag)
+            for frame, rails, factor in zip(out, cleaned, scale, strict=True):  # each stays in the cache
+                np.multiply(rails[0], factor[0], out=frame.real)
+                np.multiply(rails[1], factor[-1], out=frame.imag)
         return out
 
     def _fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
@@ -304,9 +305,13 @@ class Tcae(Mitigation):
 
         Were it the same in every frame, its spectrum would be too, and its highest cells lines that stay for seconds.
         """
-        with np.errstate(invalid="ignore"):  # not finite
-            seen = np.rint(rails[:, : _DRAW.shape[1]] * _FINE).astype(np.int64)
-        start = int(np.sum(seen * _DRAW)) % self._samples
+        first = rails[:, : len(_DRAW[0])].tolist()  # plain numbers: arrays so short take five times as long
+        start = sum(
+            draw * round(_FINE * value)
+            for draws, values in zip(_DRAW, first, strict=True)
+            for draw, value in zip(draws, values, strict=False)
+        )
+        start %= self._samples
         return self._dither[:, start : start + self._samples]
 
     def _scale(self, rails: np.ndarray, level: float) -> float | np.ndarray:
