@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
 from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
 from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
@@ -285,6 +286,27 @@ def test_gaps_are_all_there_and_what_is_left_is_untouched():
 PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)
 
 
+def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
+    n, rng = 500, np.random.default_rng(7)
+    expecting, other = DelayLine(n, 900.0, repeats=True), DelayLine(n, 900.0)
+    sweeps = rng.standard_normal((3, 2 * n)).astype(np.float32).view(np.complex64)
+    settled = 0
+    # long runs of one sweep, in which nothing is moved any more, and changes within and between the pushes
+    stream = [0] * 40 + [1] * 3 + [0] * 30 + [2] * 25 + [0, 1, 2] * 4 + [1] * 40
+    while stream:
+        count = int(rng.integers(1, MOST_BLOCKS + 1))
+        blocks = sweeps[stream[:count]].ravel()
+        del stream[:count]
+        for line in (expecting, other):
+            line.push(blocks)
+        for delay in (250.3, 899.75, 310.0):
+            got = expecting.read(delay, blocks.size // n)
+            expected = other.read(delay, blocks.size // n)
+            np.testing.assert_array_equal(np.broadcast_to(got, expected.shape), expected)
+        settled += bool(expecting._settled)
+    assert settled > 10
+
+
 @pytest.mark.parametrize("sweep_s", [1e-3, 520e-6], ids=["1 ms", "0.52 ms"])
 @pytest.mark.parametrize(
     ("settings", "more"),
@@ -300,9 +322,9 @@ PROGRAMME = Programme((500.0, 100.0), frames_per_step=3)
 @pytest.mark.parametrize("heard", [True, False], ids=["jammer", "no jammer"])
 def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(settings, more, heard, sweep_s):
     w = Waveform(sweep_s=sweep_s)
-    n, frames = w.samples_per_frame, 60
+    n, frames = w.samples_per_frame, 80
     # sweeps that repeat, change within a call, and change with every frame
-    altitudes = [0.0] * 10 + [300.0] * 7 + [120.0] * 11 + [float(a) for a in range(100, 132)]
+    altitudes = [0.0] * 10 + [300.0] * 7 + [120.0] * 31 + [float(a) for a in range(100, 132)]
     sent = np.concatenate([w.beat_shifted(a) for a in altitudes])
     rng = np.random.default_rng(5)
     jammer = rng.standard_normal(2 * sent.size).astype(np.float32).view(np.complex64) if heard else None
@@ -323,7 +345,7 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
         return [np.concatenate(got[::2]), np.concatenate(got[1::2])]
 
     counters, samples = received([1] * frames, False)
-    for frames_per_call in ([16, 16, 16, 12], [3, 5, 1, 2, 7, 13, 29]):
+    for frames_per_call in ([16, 16, 16, 16, 16], [3, 5, 1, 2, 7, 13, 29, 20]):
         again = received(frames_per_call, True)
         np.testing.assert_array_equal(again[0], counters)
         assert again[1].tobytes() == samples.tobytes()

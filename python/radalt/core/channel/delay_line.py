@@ -13,8 +13,8 @@ HALF_TAPS = 64  # fractional-delay kernel: 128 taps, flat to 97 % of the band
 STEPS = 256  # sub-sample resolution of a drifting clock
 _FINE_STEPS = 16 * STEPS  # of a fixed delay
 _TAIL = 2 * HALF_TAPS
-MOST_BLOCKS = 4  # in one push
-_SPARE_BLOCKS = 8
+MOST_BLOCKS = 8  # in one push
+_SPARE_BLOCKS = 16
 _KEPT = 4  # delays at which a repeated stream's output is remembered
 # transforms of 2048 points stay in the first-level cache and take half the time of one over a whole frame
 _TRANSFORM = 2048
