@@ -83,6 +83,7 @@ class Follower:
         later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(taps.size)))
         self._pieces = Pieces(count, length)
         self._response = self._pieces.filters(np.stack([taps, later])[:, :length])[:, None]
+        self._train = train
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude = symbols.error, 1.0
         self._left = float(np.mean(np.square(np.abs(left[train.known]))))
@@ -100,7 +101,8 @@ class Follower:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
             if known is None:
                 return None
-        train = Train(known.times, known.values, self._count, self._pulse.size)
+        train = self._train
+        train.send(known.times, known.values)
         span = train.known
         source, places = train.transforms(train.steady), train.places()
         pulses = np.zeros((2, train.length), dtype=np.complex64)
@@ -184,7 +186,7 @@ class Follower:
         """
         pulse = self._pulse
         turned = 1j * pulse
-        late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
+        late = _delayed(pulse.size) @ pulse
         both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
         first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
         angle = (its * first - both * second) / (own * its - both * both)
@@ -205,6 +207,14 @@ def _between() -> np.ndarray:
     ).astype(np.float32)
     weights.setflags(write=False)
     return weights
+
+
+@lru_cache(maxsize=4)
+def _delayed(count: int) -> np.ndarray:
+    """(count, count) complex128, read-only: what a delay changes in a pulse, per sample of delay."""
+    matrix = fft.ifft(fft.fft(np.eye(count), axis=0) * (-2j * np.pi * fft.fftfreq(count))[:, None], axis=0)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def _drift(pulses: np.ndarray) -> float:
