@@ -186,7 +186,7 @@ class Follower:
         """
         pulse = self._pulse
         turned = 1j * pulse
-        late = _delayed(pulse.size) @ pulse
+        late = fft.ifft(fft.fft(pulse) * (-2j * np.pi * fft.fftfreq(pulse.size)))
         both, own, its = (np.vdot(*pair).real for pair in ((turned, late), (pulse, pulse), (late, late)))
         first, second = np.vdot(turned, drift).real, np.vdot(late, drift).real
         angle = (its * first - both * second) / (own * its - both * both)
@@ -207,14 +207,6 @@ def _between() -> np.ndarray:
     ).astype(np.float32)
     weights.setflags(write=False)
     return weights
-
-
-@lru_cache(maxsize=4)
-def _delayed(count: int) -> np.ndarray:
-    """(count, count) complex128, read-only: what a delay changes in a pulse, per sample of delay."""
-    matrix = fft.ifft(fft.fft(np.eye(count), axis=0) * (-2j * np.pi * fft.fftfreq(count))[:, None], axis=0)
-    matrix.setflags(write=False)
-    return matrix
 
 
 def _drift(pulses: np.ndarray) -> float:

@@ -25,8 +25,8 @@ _SETTLED = 0.8  # of the residual power before, at which another round gains not
 
 @lru_cache(maxsize=1)
 def _window() -> np.ndarray:
-    """Kaiser-Bessel window, (_TABLE + 1, _WIDTH) float32, read-only: the points around each place between two."""
-    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1) - np.arange(_TABLE + 1)[:, None] / _TABLE
+    """Kaiser-Bessel window, (_WIDTH, _TABLE + 1) float32, read-only: the points around each place between two."""
+    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1)[:, None] - np.arange(_TABLE + 1) / _TABLE
     inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
     window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
     window.setflags(write=False)
@@ -53,11 +53,11 @@ def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     grid = np.zeros(points, dtype=np.complex64)
     place = points / count * times
     whole = place.astype(np.intp)
-    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=0) * values[:, None]
+    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
     whole += 1 - _WIDTH // 2
     for offset in range(_WIDTH):
         # symbols are two and more points apart, so no point is written to twice
-        grid[offset:][whole] += spread[:, offset]
+        grid[offset:][whole] += spread[offset]
     spectrum = fft.fft(grid, overwrite_x=True)
     flat = _flat(count)
     half = count - count // 2
