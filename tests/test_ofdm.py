@@ -8,7 +8,7 @@ from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitt
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.mitigation import MitigationError, create
+from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
@@ -93,6 +93,50 @@ def test_errors_are_a_few_times_those_without_interference(case):
     result = ALTIMETER.detect(ALTIMETER.spectra(single(frames)))
     assert result["valid"].all()
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 4 * 0.032
+
+
+def read_on(frames, monkeypatch, most):
+    """Frames behind a method that reads ``most`` frames on what one told of them; and how many it read so."""
+    monkeypatch.setattr(ofdm_cancel, "_READ_ON", most)
+    read, count = ofdm_cancel.read_on, []
+    with monkeypatch.context() as patch:
+        patch.setattr(ofdm_cancel, "read_on", lambda *a: (count.append(read(*a)), count[-1])[1])
+        cleaned = create("ofdm_cancel", W).process(frames.astype(np.complex64))
+    return cleaned, sum(one is not None for one in count)
+
+
+def test_what_a_frame_tells_of_the_next_ones_costs_no_accuracy(monkeypatch):
+    """The synchronisation signals of a half frame among them."""
+    frames, altitude_m = received(CASES["nr10_stream"], -40.0, 24, np.random.default_rng(78))
+    error_m = []
+    for most, fewest in ((0, 0), (7, 18)):
+        cleaned, count = read_on(frames, monkeypatch, most)
+        assert fewest <= count <= 24 * most
+        result = ALTIMETER.detect(ALTIMETER.spectra(cleaned))
+        assert result["valid"].all()
+        error_m.append(np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)))
+    assert error_m[1] < 1.15 * error_m[0]
+
+
+@pytest.mark.parametrize("change", ["turns", "fades", "echoes", "ends"])
+def test_what_changes_is_read_anew(change, monkeypatch):
+    """A path that appears between two frames, with nothing but what the frames before had told."""
+    altitude_m, frames = returns(24, 9)
+    emitters = [Interferer(NrEmitter(**NR10), -45.0, 1.0)]
+    jammer = JammerStream(W, emitters, seed=3, free_running=True, total_sir_db=None)
+    jam = np.stack([jammer.next_frame() for _ in range(24)])
+    late = jam[12:]
+    if change == "turns":
+        late *= np.exp(0.4j)
+    elif change == "fades":
+        late *= 0.8
+    elif change == "echoes":
+        late += 0.5j * np.roll(late.ravel(), 9).reshape(late.shape)
+    else:
+        late[:] = 0
+    cleaned, count = read_on(frames + jam, monkeypatch, 7)
+    assert count > 8
+    assert right(cleaned[1:], altitude_m[1:]) >= 21 / 23
 
 
 def under_noise(modulation, own_snr_db, sir_db, count, seed):

@@ -17,6 +17,7 @@ from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.receiver.segmenter import Frame, FrameSegmenter
+from radalt.core.receiver.sweep_finder import SweepFinder
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
 
@@ -238,6 +239,44 @@ def test_hidden_sweeps_leave_the_timing_unverified():
     segmenter.push(samples[80 * N :])
     assert segmenter.state == "locked" and not segmenter.timing_verified
     assert segmenter.status()["unverified_frames"] > NOTICE_FRAMES
+
+
+def hide(samples: np.ndarray, first: int, last: int) -> None:
+    """Noise 40 dB above the return in frames ``first`` to ``last`` - 1."""
+    rng = np.random.default_rng(6)
+    part = samples[first * N : last * N]
+    part += 100.0 * (rng.standard_normal(part.size) + 1j * rng.standard_normal(part.size)).astype(
+        np.complex64
+    )
+
+
+@pytest.mark.parametrize("length", [3, 4000, N])
+@pytest.mark.parametrize("shown_again", range(70, 74))
+def test_a_loss_that_interference_hid_lets_no_wrong_altitude_through(length, shown_again):
+    """Of hidden frames one in four is looked at, whichever of them the first is that shows the sweep again."""
+    programme = Programme((300.0, 500.0, 800.0), frames_per_step=40)
+    stream = lossy(programme, length)
+    hide(stream.samples, 40, shown_again)
+    seen, segmenter = segmented(stream, 5)
+    shown = [s for s in seen if s.frame.start_sample >= shown_again * N - length]
+    for result in measured(shown) if shown else ():
+        assert (
+            not result["valid"]
+            or abs(result["altitude_m"] - programme.altitude_m(result["frame_index"])) < WRONG_M
+        )
+    assert segmenter.counters["lock_losses"] == 1
+
+
+def test_hidden_sweeps_are_looked_for_in_every_fourth_frame(monkeypatch):
+    samples = received(Programme((300.0,), frames_per_step=130), False, 10.0, 4)
+    hide(samples, 40, 120)
+    segmenter = FrameSegmenter(W, Programme((300.0,), frames_per_step=130))
+    segmenter.push(samples[: 40 * N])
+    looks = []
+    correlate = SweepFinder.correlate
+    monkeypatch.setattr(SweepFinder, "correlate", lambda *a, **k: looks.append(1) or correlate(*a, **k))
+    segmenter.push(samples[40 * N : 120 * N])
+    assert 80 / 4 <= len(looks) <= 80 / 4 + 10
 
 
 class TestThroughTheBlock:

@@ -43,6 +43,9 @@ class JammerSource(gr.sync_block):
         )
         self._interferers = tuple(interferers)
         self._n = scene.waveform.samples_per_frame
+        for interferer in interferers:
+            # what emitters keep (a second of 5G NR, a recording) is made here, not in the stream's first millisecond
+            interferer.emitter.samples(self._n, scene.waveform.rate_hz, np.random.default_rng(0))
         self._limit = int(frames)
         gather_frames(self, self._n)
 

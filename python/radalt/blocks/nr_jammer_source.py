@@ -60,7 +60,6 @@ class nr_jammer_source(JammerSource):
             modulation=modulation,
             load=load,
         )
-        emitter.period(scene.waveform.rate_hz)  # generated here, not in the stream's first millisecond
         interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=start)
         super().__init__(
             "radalt_nr_jammer_source", scene, [interferer], free_running=free_running, frames=frames

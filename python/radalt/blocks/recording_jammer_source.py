@@ -65,7 +65,6 @@ class recording_jammer_source(JammerSource):
             rate_hz=rate_hz,
             datatype=datatype,
         )
-        emitter.load(scene.waveform.rate_hz)  # read here, not in the stream's first millisecond
         interferer = Interferer(emitter, sir_db=sir_db, overlap=overlap, start=start)
         super().__init__(
             "radalt_recording_jammer_source", scene, [interferer], free_running=free_running, frames=frames

@@ -42,6 +42,15 @@ def check_positive(owner: str, **values: float) -> None:
             raise ValueError(f"{owner}.{name} is {value!r}; it has to be finite and above 0")
 
 
+def around(signal: np.ndarray, start: int, count: int) -> np.ndarray:
+    """``count`` samples from number ``start`` (0..n-1) on of an (n,) signal that repeats; a view of one piece."""
+    if start + count <= signal.size:
+        return signal[start : start + count]
+    rest = count - (signal.size - start)
+    whole, last = divmod(rest, signal.size)
+    return np.concatenate([signal[start:], *[signal] * whole, signal[:last]])
+
+
 def check_count(count: int) -> int:
     """Number of samples as int; ValueError below 1."""
     if int(count) != count or count < 1:

@@ -29,6 +29,7 @@ from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.modulator import Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
+from .ofdm.steady import Reading, Steady, read_on, steady
 from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
@@ -59,6 +60,7 @@ _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; t
 _SOME = 3  # every so manieth subcarrier tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
+_READ_ON = 7  # frames that are read with what one told of them, before all is judged anew
 
 
 @dataclass
@@ -77,6 +79,8 @@ class _Lock:
     misfit: float = 0.0
     usual: float = 1.0
     sir_db: float | None = None
+    steady: Steady | None = None
+    read_on: int = 0
 
 
 @dataclass(frozen=True)
@@ -265,6 +269,17 @@ class OfdmCancel(Mitigation):
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
+        if lock.read_on and lock.steady.clear is clear:
+            grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
+            reading = read_on(lock.steady, grid, numerology)
+            if reading is not None:
+                lock.read_on -= 1
+                self.busy = 1.0
+                self._keep(lock, grid, reading, middle(reading.misread))
+                every = np.ones(len(starts), dtype=bool)
+                return self._modulator.subtract(
+                    straight.samples, straight.turn, reading.elements, every, starts, numerology
+                )
         trusted = clear & lock.used
         some = slice(None, None, _ASKED)
         asked = trusted[:, some]
@@ -374,6 +389,8 @@ class OfdmCancel(Mitigation):
         out = self._subtracted(straight, sent, grid.starts, lock.numerology)
         lock.sir_db = sent.sir_db
         lock.before = received.as_before(clear & grid.used)
+        lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
+        lock.read_on = _READ_ON if lock.steady else 0
         self._keep(lock, grid, received, middle(received.misread))
         return out
 
@@ -386,7 +403,7 @@ class OfdmCancel(Mitigation):
             straight.samples, straight.turn, sent.elements, sent.readable, starts, numerology
         )
 
-    def _keep(self, lock: _Lock, grid: Grid, received: Received, usual: float) -> None:
+    def _keep(self, lock: _Lock, grid: Grid, received: Received | Reading, usual: float) -> None:
         """Keep what the next frame needs."""
         numerology, samples = lock.numerology, self.waveform.samples_per_frame
         step = carrier_step(received.angles, received.weight, numerology)

@@ -25,6 +25,10 @@ __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
 # samples between where a sweep is and where it is seen: by the matched filter, by the correlation
 _TOLERANCE, _COARSE = 0.4, 1.0
+# A look at every delay costs as much as six transforms. After so many looks in vain, one after the other, only every so
+# manieth frame is looked at; the frames between are once one of them, or the matched filters, show the sweep again.
+_IN_VAIN, _PAUSE = 8, 4
+_NOT_LOOKED = "not looked", 0.0, _COARSE
 
 
 @dataclass
@@ -130,8 +134,10 @@ class FrameSegmenter:
         self._index = 0
         self._offset_s = 0.0
         self._discard = 0  # samples of a torn frame still to come
+        self._vain = 0  # frames since one showed the sweep
         self._held: deque[tuple[Frame, str]] = deque()
         self._slips = Slips(self.settings.confirm_frames)
+        self._pause = min(_PAUSE, self.settings.confirm_frames + 2)  # what was not looked at is still held
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
         """Altitude in metres and range rate in m/s of a sweep by its index, where a person sets it."""
@@ -276,16 +282,49 @@ class FrameSegmenter:
         if not self.settings.monitor:
             out.append(frame)
             return True
-        verdict, seen, tolerance = self._check(frame)
+        near = self._near(frame)
+        seen_before = self._vain <= _IN_VAIN
+        look = near is not None or seen_before or self._vain % self._pause == 0
+        found = self._check(frame, near) if look else _NOT_LOOKED
+        shown = found[0] in ("verified", "contradicted")
+        self._vain = 0 if shown else self._vain + 1
         self.unverified_frames = (
-            0 if verdict == "verified" and self._sent(frame.index) else self.unverified_frames + 1
+            0 if found[0] == "verified" and self._sent(frame.index) else self.unverified_frames + 1
         )
+        if shown and not seen_before:
+            counted = self._index
+            if not self._look_back(out):
+                self.counters["unlocked_frames"] += 1
+                return True
+            if self._index != counted:
+                frame.index += self._index - counted
+                found = self._check(frame, self._near(frame))
+        self._judge(frame, found, out)
+        return True
+
+    def _look_back(self, out: list[Frame]) -> bool:
+        """Judge the frames that were not looked at, now that the sweep shows; whether the lock holds."""
+        late = [frame for frame, verdict in self._held if verdict == _NOT_LOOKED[0]]
+        for _ in late:
+            self._held.pop()  # they are the last ones
+        counted = self._index
+        for number, frame in enumerate(late, 1):
+            frame.index += self._index - counted
+            near = None if self._index == counted else self._near(frame)
+            if not self._judge(frame, self._check(frame, near), out):
+                self.counters["unlocked_frames"] += len(late) - number
+                return False
+        return True
+
+    def _judge(self, frame: Frame, found: tuple[str, float, float], out: list[Frame]) -> bool:
+        """Hold a frame, and release those that are safe by what `_check` has ``found``; whether the lock holds."""
+        verdict, seen, tolerance = found
         held = self._held
         held.append((frame, verdict))
         if verdict == "contradicted" and self._slipped(frame.index, seen, tolerance):
             self._note_loss(frame.index, seen)
             self._lose_lock(len(held))
-            return True
+            return False
         if verdict == "verified":
             # a verified frame vouches for all before it; itself it waits for the next one, since it may be torn
             self._slips.rule_out(lambda: self._sent_delays(frame.index))
@@ -347,11 +386,18 @@ class FrameSegmenter:
                 frame.index += frames
         self._slips.clear()
 
-    def _check(self, frame: Frame) -> tuple[str, float, float]:
-        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance."""
+    def _near(self, frame: Frame) -> tuple[float, float] | None:
+        """Where the sweep is seen near the delay it was sent with, see `SweepFinder.shift`."""
+        sent = self._sent(frame.index)
+        return None if sent is None else self._finder.shift(frame.samples, sent, self._offset_s)
+
+    def _check(self, frame: Frame, near: tuple[float, float] | None) -> tuple[str, float, float]:
+        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance.
+
+        ``near`` is of `_near`.
+        """
         sent, rate = self._sent(frame.index), self.waveform.rate_hz
         expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
-        near = None if sent is None else self._finder.shift(frame.samples, sent, self._offset_s)
         if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
             self._strength = near[1]
             return "verified", expected, _TOLERANCE

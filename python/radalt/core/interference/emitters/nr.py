@@ -24,7 +24,7 @@ from ..nr_grid import (
     resource_grid,
     ssb_block,
 )
-from ..receiver_filter import check_count, check_receiver, resample_periodic
+from ..receiver_filter import around, check_count, check_receiver, resample_periodic
 from . import NamedEmitter, register
 
 __all__ = [
@@ -182,7 +182,7 @@ class NrEmitter(NamedEmitter, NrConfig):
         signal, residual_hz = self.period(rate_hz)
         start = rng.integers(0, signal.size)
         phase = rng.random()
-        window = signal.take(np.arange(start, start + count), mode="wrap")
+        window = around(signal, start, count)
         cycles = phase + np.arange(count) * (residual_hz / rate_hz) if residual_hz else phase
         return window * np.exp(2j * np.pi * cycles)
 

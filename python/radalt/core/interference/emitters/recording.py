@@ -14,7 +14,7 @@ import numpy as np
 from ...parsing import InputError, check_file, shown
 from ...paths import remedy
 from ..own_noise import MOST_DB, prefix_snr_db
-from ..receiver_filter import check_count, check_receiver, rate_ratio, resample_periodic
+from ..receiver_filter import around, check_count, check_receiver, rate_ratio, resample_periodic
 from . import NamedEmitter, register
 
 __all__ = ["RecordingEmitter"]
@@ -129,7 +129,7 @@ class RecordingEmitter(NamedEmitter):
         heard = self.load(rate_hz)
         start = rng.integers(0, heard.size)
         turn = np.exp(2j * np.pi * rng.random())
-        return turn * heard.take(np.arange(start, start + count), mode="wrap")
+        return turn * around(heard, start, count)
 
 
 def _open(emitter: RecordingEmitter) -> Any:

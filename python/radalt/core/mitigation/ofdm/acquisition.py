@@ -84,8 +84,9 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
 
 def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(L, subcarriers) complex64, lowest frequency first, of the windows at ``starts``; power is kept."""
-    places = starts[:, None] + numerology.samples
-    spectra = fft.fft(frame.take(places, mode="wrap"), axis=1, norm="ortho", overwrite_x=True)
+    spectra = fft.fft(
+        frame.take(numerology.places(starts), mode="wrap"), axis=1, norm="ortho", overwrite_x=True
+    )
     first = (numerology.useful + 1) // 2
     return np.concatenate([spectra[:, first:], spectra[:, :first]], axis=1)
 

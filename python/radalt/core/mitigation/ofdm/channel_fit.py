@@ -57,8 +57,9 @@ def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarr
         matrix += energy[:, None, None] * steady + 1e-30 * np.eye(order + 1)
         factor = np.linalg.solve(matrix, right.T[..., None].astype(np.complex128))[..., 0].T
     unknown = energy <= 1e-3 / energy.size * energy.sum()
-    if unknown.any():
-        factor[0, unknown], factor[1:, unknown] = 1, 0
+    np.putmask(factor[0], unknown, 1)
+    for course in factor[1:]:
+        np.putmask(course, unknown, 0)
     return factor.astype(np.complex64, copy=False)
 
 

@@ -25,7 +25,20 @@ from .lattice import (
 )
 from .numerology import Numerology
 
-__all__ = ["AGAIN", "FIRST", "Before", "Received", "astray", "demodulate", "gain", "misfit", "true_up"]
+__all__ = [
+    "AGAIN",
+    "FINER",
+    "FIRST",
+    "SURE",
+    "Before",
+    "Received",
+    "again",
+    "astray",
+    "demodulate",
+    "gain",
+    "misfit",
+    "true_up",
+]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
 # turn; in the end each subcarrier for itself
@@ -36,12 +49,12 @@ AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
-_SURE = 1.5  # error in cells, up to half a neighbour's distance
+SURE = 1.5  # error in cells, up to half a neighbour's distance
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
-_FINER = 0.01  # change of the channel for which no decision is made again
+FINER = 0.01  # change of the channel for which no decision is made again
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
 _NO_WORSE = 1.2
 _MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
@@ -178,16 +191,14 @@ def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, 
     steepest = np.abs(slope).max()
     if steepest < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope
-    turn = slope[:, None].astype(np.float32) * numerology.turn
     if steepest > _SLIGHT:
+        turn = slope[:, None].astype(np.float32) * numerology.turn
         return unit(-turn - angle[:, None].astype(np.float32)), angle, slope
-    out = np.empty(turn.shape, dtype=np.complex64)
-    np.negative(turn, out=out.imag)
-    turn *= turn
-    turn *= np.float32(-0.5)
-    np.add(turn, 1, out=out.real)
-    out *= back.astype(np.complex64)[:, None]
-    return out, angle, slope
+    terms = np.empty((len(back), 3), dtype=np.complex64)
+    terms[:, 0] = back
+    terms[:, 1] = back * (-1j * slope)
+    terms[:, 2] = back * (-0.5 * slope * slope)
+    return (terms.view(np.float32) @ numerology.moments.T).view(np.complex64), angle, slope
 
 
 def demodulate(
@@ -228,7 +239,7 @@ def demodulate(
                     heard[odd] = False
             if not first and off.mean() > _WHOLE:
                 channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
-        sure = (found.error < (0.9 if rough else 1) * _SURE) & trusted & heard
+        sure = (found.error < (0.9 if rough else 1) * SURE) & trusted & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
         model = channel * found.points
@@ -253,8 +264,8 @@ def demodulate(
         likely = _likely(found.kinds, found.capped, trusted)
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
-    if first or np.abs(angle).max() > _FINER or np.abs(course - 1).sum() > _FINER * course.size:
-        _again(found, symbols, channel, ~clear & grid.used, kinds)
+    if first or np.abs(angle).max() > FINER or np.abs(course - 1).sum() > FINER * course.size:
+        again(found, symbols, channel, ~clear & grid.used, kinds)
     return Received(
         symbols, phase, channel, _drift(channel, grid.used, noise), found.points, kinds, found.error, found.capped,
         off, noise, angles, weight.sum(axis=1), late,
@@ -332,7 +343,7 @@ def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.n
     return (capped * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))
 
 
-def _again(
+def again(
     found: Decisions, symbols: np.ndarray, channel: np.ndarray, ridge: np.ndarray, kinds: np.ndarray
 ) -> None:
     """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``found`` is set."""

@@ -10,10 +10,10 @@ from .acquisition import Grid
 from .demodulator import Received
 from .lattice import FAINT, amid, box, members, middle, power
 from .numerology import Numerology
-from .ridge import expected_return, plausible
+from .ridge import expected_return, more_noise, plausible
 from .under_noise import mean_model
 
-__all__ = ["PARTLY", "READABLE", "Emission", "emission", "faint_emission"]
+__all__ = ["MISREAD", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
 
 READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
@@ -21,13 +21,22 @@ _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
 # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
-_MISREAD = np.float32(0.2)
+MISREAD = np.float32(0.2)
 _FEW_BESIDE = 3  # subcarriers
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
+
+
+@dataclass(frozen=True)
+class Skirts:
+    """Subcarriers (K,) that are ``fine``, or ``empty`` (bool), and how much ``more`` noise than usual they have."""
+
+    fine: np.ndarray
+    empty: np.ndarray
+    more: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -44,12 +53,15 @@ class Emission:
         Share of the symbols in which the emitter sent.
     sir_db : float or None
         SIR in dB where the return is larger than a cell of the constellation, None elsewhere.
+    skirts : Skirts or None
+        Of its subcarriers.
     """
 
     elements: np.ndarray
     readable: np.ndarray
     busy: float
     sir_db: float | None = None
+    skirts: Skirts | None = None
 
 
 def emission(
@@ -89,7 +101,8 @@ def emission(
     ridge = ~clear
     ridge &= readable[:, None]
     # the receiver's skirts stand out of what noise leaves in all subcarriers
-    both = ridge & (~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1])))
+    fine = ~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1]))
+    both = ridge & fine
     partly = misread.sum() > PARTLY * misread.size
     heard = told * grid.used
     asked = both & ~_wrong(received.capped, heard, grid, numerology)
@@ -108,7 +121,8 @@ def emission(
         rest[where], sir_db = kept
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
-    return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db)
+    skirts = Skirts(fine, empty, more_noise(noise))
+    return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db, skirts)
 
 
 def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least: float) -> Emission | None:
@@ -140,4 +154,4 @@ def _over_subcarriers(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
     """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
     halves = numerology.halves(grid.starts, grid.first_long)
-    return (box(members(halves) @ ((capped - _MISREAD) * heard), _FEW_BESIDE) > 0)[halves]
+    return (box(members(halves) @ ((capped - MISREAD) * heard), _FEW_BESIDE) > 0)[halves]

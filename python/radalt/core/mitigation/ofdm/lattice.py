@@ -22,9 +22,13 @@ __all__ = [
     "members",
     "middle",
     "decide",
+    "few_points",
     "nearest",
+    "of_three",
     "power",
+    "rounded",
     "sparse",
+    "turn_to_axes",
     "unit",
 ]
 
@@ -104,6 +108,16 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
             out = out * np.float32(1 / width)
             return out.reshape(padded.shape)[..., :size]
         ahead = ahead[: -count // 2] + ahead[count // 2 :]
+
+
+def of_three(values: np.ndarray) -> np.ndarray:
+    """Sums of (..., K) float32 over each one and its two neighbours, the ends repeated."""
+    out = values.copy()
+    out[..., 1:] += values[..., :-1]
+    out[..., :-1] += values[..., 1:]
+    out[..., 0] += values[..., 0]
+    out[..., -1] += values[..., -1]
+    return out
 
 
 def amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:
@@ -210,10 +224,7 @@ def decide(
     frame, and the subcarriers (K,) bool that are asked; if so, no other is tried.
     """
     level = power(values)
-    scanty = sparse(values, level)
-    scanty_error = power(values - scanty)
-    few = box(scanty_error, BLOCK) < _SPARSE_ERROR
-    scanty_error *= 1 / FEW_CELL
+    scanty, scanty_error, few = few_points(values, level)
     asked = (trusted & ~few).astype(np.float32)
     within = members(halves)
     found = None
@@ -223,20 +234,36 @@ def decide(
     chosen = np.where(few, scanty, chosen)
     error = np.where(few, scanty_error, error)
     capped = at_most_one(error)
-    # the primary synchronisation signal stands on the axes
-    odd = np.flatnonzero(capped.sum(axis=1) > _DOUBTFUL * capped.shape[1])
-    if odd.size:
-        turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
-        turned_error = power(values[odd] - turned)
-        axes = (box(turned_error, BLOCK) < _SPARSE_ERROR) & ~few[odd]
-        chosen[odd] = np.where(axes, turned, chosen[odd])
-        error[odd] = np.where(axes, turned_error * (1 / FEW_CELL), error[odd])
-        few[odd] |= axes
-        capped[odd] = np.minimum(error[odd], 1)
-    return Decisions(chosen, error, capped, few, kinds)
+    decisions = Decisions(chosen, error, capped, few, kinds)
+    turn_to_axes(values, level, decisions)
+    return decisions
 
 
-def _rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
+def few_points(values: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nearest of the few points to (L, K) elements of power ``level``, their errors in cells, and (L, K) bool: those
+    in whose blocks these fit."""
+    points = sparse(values, level)
+    error = power(values - points)
+    few = box(error, BLOCK) < _SPARSE_ERROR
+    error *= 1 / FEW_CELL
+    return points, error, few
+
+
+def turn_to_axes(values: np.ndarray, level: np.ndarray, found: Decisions) -> None:
+    """Decide elements that stand on the axes, as the primary synchronisation signal does; ``found`` is set."""
+    odd = np.flatnonzero(found.capped.sum(axis=1) > _DOUBTFUL * found.capped.shape[1])
+    if not odd.size:
+        return
+    turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
+    error = power(values[odd] - turned)
+    axes = (box(error, BLOCK) < _SPARSE_ERROR) & ~found.few[odd]
+    found.points[odd] = np.where(axes, turned, found.points[odd])
+    found.error[odd] = np.where(axes, error * (1 / FEW_CELL), found.error[odd])
+    found.few[odd] |= axes
+    found.capped[odd] = np.minimum(found.error[odd], 1)
+
+
+def rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
     """Nearest points of one of `DENSE`, and the squared distances from them in its cells."""
     points = nearest(values, DENSE[kind])
     error = power(values - points)
@@ -248,7 +275,7 @@ def _explained(
     values: np.ndarray, asked: np.ndarray, within: np.ndarray, kind: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """As `_judged`, if all elements may be of one kind; None if those of a block in a half slot are not."""
-    points, error = _rounded(values, kind)
+    points, error = rounded(values, kind)
     blocks = np.arange(0, asked.shape[1], BLOCK)
     wrong = at_most_one(error)
     wrong -= _EXPLAINED
@@ -262,7 +289,7 @@ def _judged(
     values: np.ndarray, asked: np.ndarray, halves: np.ndarray, within: np.ndarray, kinds: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, errors and kinds of all elements as members of `DENSE`, judged from the ``asked`` (L, K) ones."""
-    points, errors = zip(*(_rounded(values, kind) for kind in range(len(DENSE))), strict=True)
+    points, errors = zip(*(rounded(values, kind) for kind in range(len(DENSE))), strict=True)
     if kinds is None:
         score = np.stack([within @ (at_most_one(error) * asked) for error in errors])
         common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)

@@ -52,6 +52,7 @@ class Numerology:
         self.subcarriers = np.fft.fftshift(np.fft.fftfreq(self.useful, 1 / self.useful)).astype(np.float32)
         self.turn = (2 * np.pi / self.useful * self.subcarriers).astype(np.float32)
         self.moments = np.kron(self.turn[:, None] ** np.arange(3), np.eye(2)).astype(np.float32)
+        self._places: tuple[bytes, np.ndarray] | None = None  # the last asked for
         self._halves: tuple[tuple[bytes, float], np.ndarray] | None = None  # the last asked for
 
     def times(self, first_long: float, samples: int) -> np.ndarray:
@@ -63,6 +64,13 @@ class Numerology:
         cycles = np.arange(-1 - first_long // self.cycle, (samples - first_long) // self.cycle + 1)
         within = np.arange(self.per_cycle) * (self.useful + self.prefix)
         return (first_long + cycles[:, None] * self.cycle + within).ravel()
+
+    def places(self, starts: np.ndarray) -> np.ndarray:
+        """Numbers of the samples of the windows at ``starts`` (L,), (L, useful) int."""
+        key = starts.tobytes()
+        if self._places is None or self._places[0] != key:
+            self._places = key, starts[:, None] + self.samples
+        return self._places[1]
 
     def halves(self, starts: np.ndarray, first_long: float) -> np.ndarray:
         """Which half slot (from a long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""

@@ -9,10 +9,10 @@ from .demodulator import Received
 from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
-__all__ = ["Ridge", "expected_return", "plausible"]
+__all__ = ["FOLD", "Ridge", "expected_return", "more_noise", "plausible", "usual_and_most"]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
-_FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
+FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
@@ -69,15 +69,26 @@ def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np
     """
     if not asked.any():
         return asked.astype(np.float32)
+    usual, most = usual_and_most(size, asked)
+    held = asked | beside
+    held &= size < most
+    return held * (usual / np.maximum(usual + more_noise(noise), FAINT))
+
+
+def usual_and_most(size: np.ndarray, asked: np.ndarray) -> tuple[np.float32, np.float32]:
+    """The usual power of what is left in the elements ``asked``, bool as ``size``, and the most that is plausible."""
     sizes = size[asked]
+    if not sizes.size:
+        return np.float32(0), np.float32(0)
     at = int(_MOSTLY * sizes.size)
     sizes.partition(at)
-    usual = sizes[at]
+    return sizes[at], _TOO_MUCH * sizes[at]
+
+
+def more_noise(noise: np.ndarray) -> np.ndarray:
+    """(K,) float32: the part of a subcarrier's noise beyond the usual that counts."""
     noise = box(noise, _BESIDE)
-    more = np.maximum(noise - np.float32(middle(noise)), 0) * _HALF
-    held = asked | beside
-    held &= size < _TOO_MUCH * usual
-    return held * (usual / np.maximum(usual + more, FAINT))
+    return np.maximum(noise - np.float32(middle(noise)), 0) * _HALF
 
 
 def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
@@ -111,7 +122,7 @@ def expected_return(
     saves the search. None where the nearest points suffice.
     """
     count = np.count_nonzero(ridge)
-    if not count or not clear.any() or (received.capped * ridge).sum() < _FOLD * count:
+    if not count or not clear.any() or (received.capped * ridge).sum() < FOLD * count:
         return None
     level = float(np.sqrt((power(received.symbols) * clear).sum() / np.count_nonzero(clear)))
     at = np.flatnonzero(ridge)

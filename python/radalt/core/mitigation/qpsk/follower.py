@@ -83,6 +83,7 @@ class Follower:
         later = fft.ifft(fft.fft(taps) * exp_cycles(0.5 * fft.fftfreq(taps.size)))
         self._pieces = Pieces(count, length)
         self._response = self._pieces.filters(np.stack([taps, later])[:, :length])[:, None]
+        self._train = train
         self._pulse = pulses[0].astype(np.complex64)
         self._error, self._amplitude = symbols.error, 1.0
         self._left = float(np.mean(np.square(np.abs(left[train.known]))))
@@ -100,7 +101,8 @@ class Follower:
             known = self._decided(outputs, clock_line(frame, 1 / self._period))
             if known is None:
                 return None
-        train = Train(known.times, known.values, self._count, self._pulse.size)
+        train = self._train
+        train.send(known.times, known.values)
         span = train.known
         source, places = train.transforms(train.steady), train.places()
         pulses = np.zeros((2, train.length), dtype=np.complex64)

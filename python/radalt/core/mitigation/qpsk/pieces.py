@@ -30,6 +30,7 @@ class Pieces:
         self.hop = -(-count // self.count)
         self._size = fft.next_fast_len(self.hop + length - 1, real=True)
         self._padded = np.zeros(self.count * self.hop + self._size, dtype=np.complex64)
+        self._overlapping = sliding_window_view(self._padded, self._size)[: self.count * self.hop : self.hop]
         self._kept = np.zeros(self.count * self.hop, dtype=np.complex64)
         self._late = np.zeros((self.count, self._size), dtype=np.complex64)
 
@@ -37,7 +38,7 @@ class Pieces:
         """(pieces, size) complex64 transforms of a (count,) frame's pieces, which are to be filtered."""
         before = self.length // 2 - 1
         self._padded[before : before + self._samples] = frame
-        return fft.fft(sliding_window_view(self._padded, self._size)[: self.count * self.hop : self.hop])
+        return fft.fft(self._overlapping)
 
     def filters(self, taps: np.ndarray) -> np.ndarray:
         """(..., size) complex64 transforms of (..., length) filters."""

@@ -87,9 +87,13 @@ class Train(Pieces):
 
     def __init__(self, times: np.ndarray, values: np.ndarray, count: int, length: int) -> None:
         super().__init__(count, length)
+        self.send(times, values)
+
+    def send(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Other symbols, in the next frame; parameters as above."""
         self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
-        self.spectrum = _spectrum(times, values, count)
+        self.spectrum = _spectrum(times, values, self._samples)
         self.steady = fft.ifft(self.spectrum)
 
     def places(self) -> np.ndarray:

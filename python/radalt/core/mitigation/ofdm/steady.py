@@ -1,0 +1,192 @@
+"""A frame of an emitter that goes on as before: what stays the same is taken from an earlier one, not judged anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .acquisition import Grid
+from .channel_fit import fit
+from .demodulator import FINER, SURE, Received, again, true_up
+from .emission import MISREAD, PARTLY, Emission
+from .lattice import (
+    FAINT,
+    Decisions,
+    at_most_one,
+    few_points,
+    members,
+    middle,
+    of_three,
+    power,
+    rounded,
+    turn_to_axes,
+)
+from .numerology import Numerology
+from .ridge import FOLD, usual_and_most
+
+__all__ = ["Reading", "Steady", "read_on", "steady"]
+
+_DOUBTFUL = 0.1  # mean error of a symbol in cells, each at most 1, from which all is judged anew
+_WORSE, _LEAST = 1.5, 0.01  # the same of the median symbol, over that of the frame in which all was judged
+_FEW = 0.003  # the same of a symbol that may have blocks of few points, read as others
+_SENDS = 0.2  # of a symbol's usual weight
+
+
+@dataclass(frozen=True)
+class Steady:
+    """What one frame tells of the next ones: one alphabet beside few points, a channel that stands still.
+
+    Attributes
+    ----------
+    clear : (L, K) bool
+        Elements that no return can be in.
+    trusted : (L, K) float32
+        1 for those of them that are in use.
+    level, told : (K,), (L,) float32
+        Weights of the subcarriers in the symbols' mean errors, and their sums.
+    kinds : (L, K) int8
+        All one of `DENSE`.
+    at, column, half : (n,) int
+        The other elements: places in (L, K), subcarriers, and places in (half slots, K).
+    fine, empty : (n,) bool
+        Which of them hold a return that can be told, and which hold nothing that was sent.
+    more : (n,) float32
+        Noise in their subcarriers beyond the usual.
+    doubt : (half slots, K) float32
+        Sums of errors from which a subcarrier is misread.
+    misread : float
+        Median error of the symbols.
+    weight : (L,) float32
+        Of the symbols.
+    """
+
+    clear: np.ndarray
+    trusted: np.ndarray
+    level: np.ndarray
+    told: np.ndarray
+    kinds: np.ndarray
+    at: np.ndarray
+    column: np.ndarray
+    half: np.ndarray
+    fine: np.ndarray
+    empty: np.ndarray
+    more: np.ndarray
+    doubt: np.ndarray
+    misread: float
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A frame that was read so; the attributes are those of `Received`, and the elements those of `Emission`."""
+
+    elements: np.ndarray
+    channel: np.ndarray
+    angles: np.ndarray
+    weight: np.ndarray
+    misread: np.ndarray
+    late: float
+
+
+def steady(
+    received: Received,
+    grid: Grid,
+    clear: np.ndarray,
+    likely: tuple[int, np.ndarray] | None,
+    sent: Emission,
+    numerology: Numerology,
+) -> Steady | None:
+    """What a frame that was ``received`` tells of the next ones; None unless it was read well and has one alphabet,
+    ``likely`` as in `Before`."""
+    misread = middle(received.misread)
+    if (
+        likely is None
+        or sent.skirts is None
+        or sent.sir_db is not None
+        or received.channel.ndim > 1
+        or received.misread.mean() > PARTLY
+        or not sent.readable.all()
+        or sent.busy < 1
+    ):
+        return None
+    trusted = (clear & grid.used).astype(np.float32)
+    level = power(received.channel)
+    at = np.flatnonzero(~clear)
+    row, column = np.divmod(at, clear.shape[1])
+    halves = numerology.halves(grid.starts, grid.first_long)
+    skirts = sent.skirts
+    return Steady(
+        clear,
+        trusted,
+        level,
+        trusted @ level,
+        np.full(clear.shape, likely[0], dtype=np.int8),
+        at,
+        column,
+        halves[row] * clear.shape[1] + column,
+        skirts.fine[column],
+        skirts.empty[column],
+        skirts.more[column],
+        MISREAD * (members(halves) @ trusted),
+        misread,
+        received.weight,
+    )
+
+
+def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None:
+    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise."""
+    symbols, channel = grid.symbols, grid.channel
+    values = symbols * (1 / channel)
+    points, error = rounded(values, int(known.kinds[0, 0]))
+    capped = at_most_one(error)
+    misread = (capped * known.trusted) @ known.level / known.told
+    halves = numerology.halves(grid.starts, grid.first_long)
+    few = np.zeros(values.shape, dtype=bool)
+    odd = np.flatnonzero(misread > _WORSE * known.misread + _FEW)
+    if odd.size:  # they have blocks of few points, if no more has changed
+        part = values[odd]
+        level = power(part)
+        chosen, far, some = few_points(part, level)
+        found = Decisions(
+            np.where(some, chosen, points[odd]), np.where(some, far, error[odd]), None, some, None
+        )
+        found.capped = at_most_one(found.error)
+        turn_to_axes(part, level, found)
+        points[odd], error[odd], capped[odd], few[odd] = found.points, found.error, found.capped, some
+        misread[odd] = (found.capped * known.trusted[odd]) @ known.level / known.told[odd]
+    if not (misread.max() < _DOUBTFUL and middle(misread) < _WORSE * known.misread + _LEAST):
+        return None
+    asked = capped * known.trusted
+    sure = (error < SURE) * known.trusted
+    model = channel * points
+    weight = power(model) * sure
+    said = weight.sum(axis=1)
+    if (said < _SENDS * known.weight).any():
+        return None
+    agreement = symbols * model.conj()
+    agreement *= sure
+    turn, angle, slope = true_up(agreement, numerology)
+    symbols, phase = symbols * turn, grid.phase * turn
+    agreement *= turn
+    factor = fit(agreement.sum(axis=0)[None], weight.sum(axis=0)[None], 0, 1)[0]
+    channel = channel * factor
+    if np.abs(angle).max() > FINER or np.abs(factor - 1).sum() > FINER * factor.size:
+        again(Decisions(points, error, capped, few, known.kinds), symbols, channel, ~known.clear, known.kinds)
+    at, column = known.at, known.column
+    wrong = of_three(members(halves) @ asked - known.doubt) > 0
+    told = known.fine & ~wrong.ravel().take(known.half)
+    # where the return is wider than a cell, more has to be asked
+    if (capped.ravel().take(at) * told).sum() > FOLD * np.count_nonzero(told):
+        return None
+    here = symbols.ravel().take(at)
+    rest = here - channel.take(column) * points.ravel().take(at)
+    np.copyto(rest, here, where=known.empty)
+    size = power(rest)
+    usual, most = usual_and_most(size, told)
+    told |= known.empty
+    told &= size < most
+    rest *= told * (usual / np.maximum(usual + known.more, FAINT))
+    symbols.ravel()[at] -= rest
+    symbols *= phase.conj()
+    return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))
