@@ -259,6 +259,7 @@ def test_a_signal_that_repeats_goes_on_at_its_end(start, count):
 
 def test_what_an_emitter_keeps_is_made_before_the_stream_starts():
     from gnuradio import radalt
+
     from gnuradio.radalt.core.interference.emitters import nr
     from gnuradio.radalt.core.scene import parse_scene
 
