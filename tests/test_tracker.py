@@ -489,6 +489,59 @@ def test_a_track_starts_where_a_grating_lobe_wins_the_votes_but_not_the_power():
         assert tracker._is_side_lobe(block, found, ghosts=True) is ghost
 
 
+def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
+    """Its rest ends with the altitudes it was trained for: near the end of the span one side alone shows power."""
+    rng = np.random.default_rng(33)
+    tables = AltitudeTracker(ALTIMETER).integrator
+    ratio = rng.exponential(size=(40, 2, ALTIMETER.beat_hz.size)).astype(np.float32)
+    level = np.ones(ALTIMETER.beat_hz.size, dtype=np.float32)
+    level[tables.last - 60 :], level[tables.last :] = 4.0, 0.2
+    here, lobe = tables.last - 12, np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
+    level[here - 4 : here + 5] += 12.0 * lobe
+    for second, said in ((0.0, False), (8.0, True)):
+        level[here - 24 : here - 15] += second * lobe  # 100 m below
+        block = tables.integrate(ratio * level, np.arange(40.0))
+        found = block.measure(block.strongest(np.abs(tables._up - here) <= 2))
+        assert block.second_return(found, 30, 0.25, 0.1) is said
+
+
+def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():
+    """A network leaves two ends of a sweep: the lobe of one half, 20 m off, passes for 35 m/s where 150 are allowed."""
+    tracker = AltitudeTracker(FAST)
+    ratio = np.random.default_rng(34).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+    ratio[:, 0, 150] = 6.0
+    ratio[::4, 1, 150] = 50.0  # twice the lobe's power, in a quarter of the frames: fewer votes
+    ratio[:, 1, 154] = 5.0
+    block = tracker.integrator.integrate(ratio, np.arange(40.0))
+    assert block.strongest().cells == (150, 154)
+    weakest = block.table == block.table[tracker.integrator._valid].min()
+    for allowed in (weakest, ~tracker.integrator._valid):  # less than noise gives, or nothing at all
+        np.testing.assert_array_equal(block.prominent(allowed), allowed & tracker.integrator._valid)
+    start = block.measure(block.strongest(np.abs(tracker.integrator._down - 150) < 2))
+    tracker._at, tracker._before, tracker._shift_m, tracker._lead_s = np.arange(40), None, 0.0, 0.02
+    track = tracker._start(block, tracker._calibrated(start), 19.5)
+    found = tracker._continue(track, block, 59.5)
+    assert np.abs(found.cells - 150.0).max() < 1.0
+
+
+def test_a_poor_altitude_widens_the_level_by_its_share_and_not_for_itself():
+    """Errors of one sign do not average out: equal ones stay whole; ten times as much at once has little weight."""
+    found = Measurement(0.0, 0.0, 4.0, 1.0, 10.0, np.zeros(2), 1.0, 0)
+    kalman = Kalman(np.zeros(2), np.diag([4.0, 1.0]), pulled=np.array([2.0, 0.0]))
+
+    def take(variance_m2):
+        kalman.predict(0.04, 5.0)
+        kalman.update(replace(found, altitude_variance_m2=variance_m2), 0.02, with_speed=True)
+        return kalman.pulled[0]
+
+    for _ in range(20):
+        assert take(4.0) == pytest.approx(2.0)
+    assert 2.0 < take(400.0) < 2.2
+    for _ in range(20):
+        last = take(1.0)  # better ones since: the old ones are forgotten as fast as the filter forgets them
+    assert 1.0 < last < 1.2
+
+
 def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
     """5 MHz NR 60 dB above the return repeats every 20 ms: this draw has a false line of 5.5 deviations all along."""
     nr5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)

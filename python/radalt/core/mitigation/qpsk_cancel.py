@@ -28,7 +28,7 @@ _WORTH = 4.0  # of power where it sends: a method that takes away less may take 
 _SENDS = 0.1  # of the mean power of what was sent
 _LIMIT = 6.0  # times the median power: what is left where a burst begins
 _JUMP = 100.0  # of power, which no emitter that goes on makes in a frame
-_FEW = 5  # every so manieth sample tells the median
+_FEW = 25  # every so manieth sample tells the median
 _SHORTEST = 1024  # samples in a frame
 
 

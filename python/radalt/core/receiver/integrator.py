@@ -292,16 +292,20 @@ class Block:
 
         After compression a return and its grating lobes are alike; without compression one frame could decide.
         """
-        table = np.where(allowed, self.table, -np.inf)
-        near = table >= _NEARLY * table.max()
-        rows = np.nonzero(near.any(axis=1))[0]
         t = self.tables
-        power = np.zeros(table.shape)
-        for row in rows:
-            sums, floor, _ = self._sums(int(t.rows[row, 0]))
-            power[row] = sums[0, t._up[row]] / floor[0] + sums[1, t._down[row]] / floor[1]
+        table = np.where(allowed, self.table, -np.inf)
+        top = table.max()
+        row, column = np.nonzero((table >= min(_NEARLY * top, top)) & (table > -np.inf))
+        cells, speed = (t._up[row, column], t._down[row, column]), t.rows[row, 0]
+        power = np.empty(row.size)
+        for k in np.unique(speed).tolist():
+            at = speed == k
+            sums, floor, _ = self._sums(k)
+            power[at] = sum(sums[half, cells[half][at]] / floor[half] for half in range(2))
         mask = np.zeros(table.shape, dtype=bool)
-        mask.flat[np.where(near, power, -1.0).argmax()] = True
+        if row.size:
+            best = power.argmax()
+            mask[row[best], column[best]] = True
         return mask
 
     def at_peaks(self, allowed: np.ndarray) -> np.ndarray:
@@ -426,6 +430,13 @@ class Block:
         apart = np.abs(steps) >= 1.5 * t.resolution_cells
         both = np.minimum(*here) > 0.25 * over  # the two halves show it
         stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        if not np.any(apart & both & stands):
+            return False
+        # what a network leaves falls off beyond the span it was trained for: that is no return
+        around = [ndimage.median_filter(power[h], size=t._background, mode="nearest") for h in range(2)]
+        level = [np.interp(found.cells[h] + steps, cells, around[h]) / floor[h] - 1.0 for h in range(2)]
+        over = over - np.maximum(0.5 * (level[0] + level[1]), 0.0)
+        stands &= (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
         return bool(np.any(apart & both & stands))
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:

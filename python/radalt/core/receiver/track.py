@@ -26,12 +26,14 @@ class Kalman:
     mean: np.ndarray
     covariance: np.ndarray
     nis: float = 1.0  # innovation squared over its variance, averaged over ten blocks
+    # error of the mean if every altitude had been off by its own standard deviation, to the same side
+    pulled: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def predict(self, seconds: float, acceleration: float) -> None:
         """Move on by ``seconds``."""
         step = np.array([[1.0, seconds], [0.0, 1.0]])
         push = np.array([0.5 * seconds**2, seconds]) * acceleration
-        self.mean = step @ self.mean
+        self.mean, self.pulled = step @ self.mean, step @ self.pulled
         self.covariance = step @ self.covariance @ step.T + np.outer(push, push)
 
     def innovation(self, found: Measurement, lead_s: float) -> tuple[float, float]:
@@ -45,15 +47,16 @@ class Kalman:
         """Take a measurement, of altitude alone or of speed as well."""
         rest, variance = self.innovation(found, lead_s)
         self.nis += 0.1 * (rest**2 / variance - self.nis)
-        self._correct(np.array([1.0, -lead_s]), rest, variance)
+        self._correct(np.array([1.0, -lead_s]), rest, variance, float(np.sqrt(found.altitude_variance_m2)))
         if with_speed:
             row = np.array([0.0, 1.0])
             rest = found.speed_m_per_s - self.mean[1]
             self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
 
-    def _correct(self, row: np.ndarray, rest: float, variance: float) -> None:
+    def _correct(self, row: np.ndarray, rest: float, variance: float, pull: float = 0.0) -> None:
         gain = self.covariance @ row / variance
         self.mean = self.mean + gain * rest
+        self.pulled = self.pulled + gain * (pull - row @ self.pulled)
         self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
 

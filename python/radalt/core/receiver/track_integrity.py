@@ -49,9 +49,9 @@ class Integrity:
     **Protection level.** The sum of a systematic part of 1 m, of the extent, and of two bounds, each at half the stated
     risk:
 
-    - *noise*: ``k sigma`` of the filtered altitude or of one measurement, whichever is greater (interference that goes
-      on pulls every measurement alike), widened by the filter's innovations where they exceed what it expects (track
-      consistency);
+    - *noise*: ``k sigma`` of the filtered altitude, by errors that are independent or all of one sign, whichever is
+      greater (interference that goes on pulls every measurement alike), widened by the filter's innovations where they
+      exceed what it expects (track consistency);
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
@@ -171,7 +171,7 @@ class Integrity:
     def protection_m(self, track: Track) -> float:
         """See the class: noise and ambiguity, each at half the risk, and the extent."""
         t = self.integrator
-        variance = max(track.filter.covariance[0, 0], track.latest.altitude_variance_m2)
+        variance = max(track.filter.covariance[0, 0], track.filter.pulled[0] ** 2)
         variance *= max(1.0, track.filter.nis)
         noise = self._noise_sigmas * float(np.sqrt(variance))
         cells, _ = self.farthest(track)

@@ -282,7 +282,7 @@ class AltitudeTracker:
     ) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the return is not there."""
         mask = self._gate(track)
-        found = block.best(block.at_peaks(mask))
+        found = block.best(block.prominent(block.at_peaks(mask)))  # a grating lobe may win the votes
         track.seen = False
         if found is None:
             return None
@@ -357,7 +357,8 @@ class AltitudeTracker:
         covariance = np.diag([found.altitude_variance_m2 + (spread * self._lead_s) ** 2, spread**2])
         # a first Doppler may be a grating lobe's: the speed starts from what is allowed
         mean = np.array([found.altitude_m, 0.0])
-        track = Track(Kalman(mean, covariance), Evidence(self.settings.memory_outputs))
+        pulled = np.array([np.sqrt(found.altitude_variance_m2), 0.0])
+        track = Track(Kalman(mean, covariance, pulled=pulled), Evidence(self.settings.memory_outputs))
         track.evidence.add(*block.differences(found, self._reach))
         track.take(found, middle)
         return track
