@@ -41,7 +41,7 @@ def _parser() -> Parser:
         "--flights",
         type=number(int, 0, 1000),
         default=10,
-        help="of 0.4 s per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
+        help="of 1 s per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
     )
     add("--seed", type=number(int, 0, MAX_SEED), default=271_828, help="default: %(default)s")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=3600.0)
@@ -75,9 +75,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _describe(rows: Sequence[dict]) -> str:
     """A measured point in a line."""
     if "flight" in rows[0]:
-        last = [r for r in rows if r["method"] == rows[-1]["method"]]
+        names = "method", "allowed_m_per_s"
+        last = [r for r in rows if all(r[name] == rows[-1][name] for name in names)]
         available = sum(r["availability"] for r in last) / len(last)
-        return f"{rows[0]['flight']}, tracked, {rows[-1]['method']}: available {available:.2f}"
+        where = f"{rows[0]['flight']}, tracked, {rows[-1]['method']}, {rows[-1]['allowed_m_per_s']:g} m/s"
+        return f"{where}: available {available:.2f}"
     found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
     row = rows[0]
     name = f"mixture without {row['removed']}" if "removed" in row else row.get("kind") or row["case"]

@@ -116,7 +116,9 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     assert "10 MHz, 64QAM" in text and "## Behind the tracker" in text and "## Where it stops" in text
     for name in ("pd.png", "frame.png", "rows.csv"):
         assert (tmp_path / "a" / name).stat().st_size > 1000
-    assert len((tmp_path / "a" / "tracked.csv").read_text().splitlines()) == 1 + 5  # a flight, five methods
+    assert (
+        len((tmp_path / "a" / "tracked.csv").read_text().splitlines()) == 1 + 15
+    )  # five methods, three speeds
     rows = study.measure(study.points()[0])
     held = [row for row in rows if row["method"] == "ofdm_cancel"]
     assert [row["sir_db"] for row in held] == list(SIRS_DB)

@@ -134,8 +134,10 @@ def _error(row: Row) -> str:
 def _tracked(rows: Sequence[Row]) -> str:
     """Per-frame altitudes and the tracker's of all flights, by interference and method."""
     lines = []
-    for flight, method in dict.fromkeys((r["flight"], r["method"]) for r in rows):
-        mine = [r for r in rows if (r["flight"], r["method"]) == (flight, method)]
+    names = "flight", "method", "allowed_m_per_s"
+    for key in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
+        mine = [r for r in rows if tuple(r[name] for name in names) == key]
+        flight, method, allowed = key
         frames, correct, wrong = (
             sum(r[name] for r in mine) for name in ("trials", "correct", "wrong_frames")
         )
@@ -144,11 +146,15 @@ def _tracked(rows: Sequence[Row]) -> str:
         shares = (
             number(correct / frames, 3),
             number(wrong / frames, 3),
+            number((total.rate("computed") - total.rate("wrong_5m")) / (1.0 - CONFIRMING), 3),
             number(total.availability / (1.0 - CONFIRMING), 3),
         )
-        lines.append([FLIGHTS[flight].title, method, *shares, total.outputs, *counts])
-    header = ["interference", "method", "Pd per frame", "wrong and valid per frame", "available", "outputs"]
-    return table([*header, "wrong by 5 m (bound)", "hazardous (bound)"], lines)
+        first = np.median([np.inf if r["first_s"] is None else r["first_s"] for r in mine])
+        after = f"{first:.2f}" if np.isfinite(first) else "–"
+        lines.append([FLIGHTS[flight].title, method, f"{allowed:g}", *shares, after, total.outputs, *counts])
+    header = ["interference", "method", "allowed, m/s", "Pd per frame", "wrong and valid per frame"]
+    tracked = ["Pd tracked", "available", "first after, s", "outputs"]
+    return table([*header, *tracked, "wrong by 5 m (bound)", "hazardous (bound)"], lines)
 
 
 def _genie(rows: Sequence[Row]) -> str:

@@ -46,7 +46,7 @@ class CancellationStudy(Study):
     frames : int
         Per case and SIR.
     flights : int
-        Of 0.4 s per kind of interference, behind the tracker.
+        Of 1 s per kind of interference, behind the tracker.
     seed : int
     """
 

@@ -16,21 +16,31 @@ from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation
 from ...core.receiver.altimeter import shared_altimeter
-from ...core.receiver.tracker import AltitudeTracker
+from ...core.receiver.tracker import AltitudeTracker, TrackerSettings
 from ...core.returns.point import point_return
 from ..results.chain import Chain
-from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity
+from ..results.integrity import COUNTS, Integrity, alert_limit_m, integrity, time_to_first_s
 from ..results.rows import Columns
 from ..results.score import score_frames
 from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
-__all__ = ["CONFIRMING", "FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
+__all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
 
 _CHUNK = 40  # frames of an output
-FRAMES = 10 * _CHUNK  # of a flight
-CONFIRMING = 0.2  # of its outputs cannot be there yet: a track is confirmed by three
+FRAMES = 25 * _CHUNK  # of a flight
+CONFIRMING = 2 / 25  # of its outputs cannot be there yet: a track is confirmed by three
+ALLOWED_M_PER_S = (10.0, 20.0, 150.0)  # by altimeter and tracker; flown are up to the first
 TRACKED_COLUMNS = Columns(
-    ("flight", "method", "trials", "correct", "wrong_frames", *Integrity().row()),
+    (
+        "flight",
+        "method",
+        "allowed_m_per_s",
+        "trials",
+        "correct",
+        "wrong_frames",
+        "first_s",
+        *Integrity().row(),
+    ),
     text=frozenset({"flight", "method"}),
     whole=frozenset({"trials", "correct", "wrong_frames", *COUNTS}),
 )
@@ -65,7 +75,10 @@ def _method(name: str) -> Mitigation:
 
 
 def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dict[str, Any]]:
-    """One flight of `FRAMES` frames through ``FLIGHTS[name]``: a row per method, all of the same frames."""
+    """One flight of `FRAMES` frames through ``FLIGHTS[name]``: a row per method and allowed speed.
+
+    All see the same frames.
+    """
     flight, n = FLIGHTS[name], WAVEFORM.samples_per_frame
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S)
     altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(FRAMES)
@@ -76,8 +89,12 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dic
     )
     stream.next_frame()  # it begins within this one
     altimeter = shared_altimeter(WAVEFORM, Chain("none", "none").settings)
-    trackers = {method: AltitudeTracker(altimeter) for method in methods}
-    results, outputs = {m: [] for m in methods}, {m: [] for m in methods}
+    trackers = {
+        (method, speed): AltitudeTracker(altimeter, TrackerSettings(max_vertical_speed_m_per_s=speed))
+        for method in methods
+        for speed in ALLOWED_M_PER_S
+    }
+    results, outputs = {key: [] for key in trackers}, {key: [] for key in trackers}
     for method in methods:
         _method(method).reset()
     for first in range(0, FRAMES, _CHUNK):
@@ -97,19 +114,29 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dic
         for method in methods:
             spectra = altimeter.spectra(_method(method).process(frames))
             before = None if method == "none" else received
-            results[method].append(altimeter.detect(spectra))
-            outputs[method].append(trackers[method].process(spectra, received=before))
+            for limit in ALLOWED_M_PER_S:
+                key = method, limit
+                results[key].append(altimeter.detect(spectra, vertical_speed_m_per_s=(-limit, limit)))
+                outputs[key].append(trackers[key].process(spectra, received=before))
     return [
-        _row(name, m, np.concatenate(results[m]), np.concatenate(outputs[m]), altitude_m) for m in methods
+        _row(name, *key, np.concatenate(results[key]), np.concatenate(outputs[key]), altitude_m)
+        for key in trackers
     ]
 
 
 def _row(
-    name: str, method: str, results: np.ndarray, outputs: np.ndarray, altitude_m: np.ndarray
+    name: str,
+    method: str,
+    allowed_m_per_s: float,
+    results: np.ndarray,
+    outputs: np.ndarray,
+    altitude_m: np.ndarray,
 ) -> Mapping[str, Any]:
     """Per-frame score, and the tracker's, of one flight."""
     score = score_frames(results, altitude_m)
     truth_m = altitude_m[outputs["frame_index"]]
     judged = integrity(outputs, truth_m, alert_limit_m(truth_m)).row()
     frames = {"trials": score.trials, "correct": score.correct, "wrong_frames": score.wrong}
-    return TRACKED_COLUMNS.row({"flight": name, "method": method, **frames, **judged})
+    first_s = time_to_first_s(outputs, WAVEFORM.sweep_s)
+    where = {"flight": name, "method": method, "allowed_m_per_s": allowed_m_per_s, "first_s": first_s}
+    return TRACKED_COLUMNS.row({**where, **frames, **judged})
