@@ -13,7 +13,7 @@ from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.pulsed_radar import PulsedRadarEmitter
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from radalt.core.interference.receiver_filter import around, resample_periodic
+from radalt.core.interference.receiver_filter import resample_periodic
 
 RATE_HZ = 7.5e6
 
@@ -249,21 +249,3 @@ def test_multipath_adds_its_profile_to_an_emitters_names():
     through = FadedEmitter(emitter=plain, channel=FadingChannel(profile="EVA"))
     assert through.label == f"{plain.label}_EVA" == "qpsk_rectangular_EVA"
     assert through.title(7.5e6) == "QPSK, rectangular pulses, 26.7 % of the band through EVA"
-
-
-@pytest.mark.parametrize(("start", "count"), [(0, 10), (3, 4), (7, 3), (7, 4), (9, 35)])
-def test_a_signal_that_repeats_goes_on_at_its_end(start, count):
-    signal = np.arange(10.0)
-    assert (around(signal, start, count) == (start + np.arange(count)) % 10).all()
-
-
-def test_what_an_emitter_keeps_is_made_before_the_stream_starts():
-    from gnuradio import radalt
-
-    from gnuradio.radalt.core.interference.emitters import nr
-    from gnuradio.radalt.core.scene import parse_scene
-
-    made = nr._received.cache_info().misses
-    carrier = {"channel_bandwidth_hz": 5e6, "cell_id": 877, "sir_db": -20.0, "free_running": True}
-    radalt.mixture_jammer_source(parse_scene({"interference": {"nr": carrier}}))
-    assert nr._received.cache_info().misses == made + 1
