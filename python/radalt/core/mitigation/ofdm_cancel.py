@@ -25,8 +25,9 @@ from .ofdm.demodulator import (
 )
 from .ofdm.echoes import grown
 from .ofdm.emission import PARTLY, READABLE, Emission, emission, faint_emission
+from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
-from .ofdm.modulator import Modulator
+from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
@@ -81,6 +82,8 @@ class _Lock:
     sir_db: float | None = None
     steady: Steady | None = None
     read_on: int = 0
+    front_end: FrontEnd | None = None
+    heard_through: bool = False  # whether the front end was looked for
 
 
 @dataclass(frozen=True)
@@ -264,12 +267,14 @@ class OfdmCancel(Mitigation):
         """A frame without its OFDM, followed from the frame before; None if that signal is gone."""
         lock = self._lock
         numerology = lock.numerology
+        if lock.front_end:
+            frame = lock.front_end.without(frame)
         starts, ramp = self._ramp(lock)
         straight = self._without(frame, lock.carrier, numerology)
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        if lock.read_on and lock.steady.clear is clear:
+        if lock.read_on and lock.heard_through and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
             reading = read_on(lock.steady, grid, numerology)
             if reading is not None:
@@ -310,7 +315,22 @@ class OfdmCancel(Mitigation):
             or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
             return None
+        if not lock.heard_through:
+            lock.front_end, lock.heard_through = self._front_end(straight, grid, received, numerology), True
         return self._less(straight, grid, clear, received, lock)
+
+    def _front_end(
+        self, straight: _Straight, grid: Grid, received: Received, numerology: Numerology
+    ) -> FrontEnd | None:
+        """What the receiver adds, by the symbols of a frame that were read."""
+        elements = received.channel * received.points * received.phase.conj()
+        model = self._modulator.samples(elements, received.misread <= READABLE, grid.starts, numerology)
+        rest = (straight.samples - model) * (model != 0)
+        if straight.turn is not None:
+            model, rest = model * straight.turn.conj(), rest * straight.turn.conj()
+        level = power(rest)
+        rest *= level <= np.float32(BLANKED) * middle(level)
+        return front_end(model, rest)
 
     @staticmethod
     def _angles(symbols: np.ndarray, starts: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:

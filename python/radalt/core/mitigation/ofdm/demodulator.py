@@ -187,7 +187,12 @@ def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, 
     mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
-    slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
+    # the elements asked are not centred: angle and slope are found together
+    first, whole, square = first * back, np.maximum((mean * back).real, 1e-30), (second * back).real
+    slope = first.imag / np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
+    finer = slope * first.real / whole
+    angle = angle - finer
+    back = back * np.exp(1j * finer)
     steepest = np.abs(slope).max()
     if steepest < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope

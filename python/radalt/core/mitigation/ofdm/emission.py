@@ -10,7 +10,7 @@ from .acquisition import Grid
 from .demodulator import Received
 from .lattice import FAINT, amid, box, members, middle, power
 from .numerology import Numerology
-from .ridge import expected_return, more_noise, plausible
+from .ridge import expected_return, plausible, whitened
 from .under_noise import mean_model
 
 __all__ = ["MISREAD", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
@@ -36,7 +36,7 @@ class Skirts:
 
     fine: np.ndarray
     empty: np.ndarray
-    more: np.ndarray
+    white: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def emission(
         rest[where], sir_db = kept
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
-    skirts = Skirts(fine, empty, more_noise(noise))
+    skirts = Skirts(fine, empty, whitened(noise))
     return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db, skirts)
 
 
