@@ -52,6 +52,7 @@ _PAUSE = 4  # every so manieth frame is looked at from then on
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
+_STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
@@ -310,7 +311,7 @@ class OfdmCancel(Mitigation):
         told = received.capped[:, some][asked & (received.points[:, some] != 0)]
         if (
             not told.size
-            or told.mean() > READABLE
+            or told.mean() > _STRAYED
             or usual > min(READABLE, max(3 * lock.usual, _DOUBTFUL))
             or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
