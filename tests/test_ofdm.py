@@ -150,6 +150,13 @@ def test_a_followed_clock_of_its_own_costs_no_accuracy():
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
 
 
+@pytest.mark.parametrize("case", ["nr10_burst", "nr10_idle"])
+def test_a_short_burst_that_cannot_be_read_is_blanked(case):
+    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, 13]))
+    assert right(frames, altitude_m) < 0.2
+    assert right(single(frames), altitude_m) > 0.95
+
+
 def test_angle_and_slope_are_exact_where_one_side_alone_is_asked():
     numerology = Numerology(W.rate_hz, 15e3)
     late = np.array([0.015, -0.03])

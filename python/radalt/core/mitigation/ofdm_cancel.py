@@ -24,7 +24,7 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.emission import PARTLY, READABLE, Emission, emission, faint_emission
+from .ofdm.emission import PARTLY, READABLE, SHORT, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.modulator import BLANKED, Modulator
@@ -36,6 +36,8 @@ from .ofdm.tones import without_tones
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_FAINTLY = 4.5  # so much tells OFDM of a few symbols
+_LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
 _CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -105,7 +107,8 @@ class OfdmCancel(Mitigation):
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
     could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
-    Of QPSK that such noise hides the mean is subtracted, given what was received.
+    Of QPSK that such noise hides the mean is subtracted, given what was received. Short bursts that cannot be read are
+    blanked.
 
     Parameters
     ----------
@@ -159,6 +162,7 @@ class OfdmCancel(Mitigation):
         super().reset()
         self.found = self.followed = 0
         self.busy = 0.0
+        self._contrast = 0.0  # of the prefix, in the last frame that was searched
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
@@ -172,8 +176,17 @@ class OfdmCancel(Mitigation):
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
             cancelled = self.cancel(frame)
-            row[:] = frame if cancelled is None else cancelled
+            row[:] = self._unread(frame) if cancelled is None else cancelled
         return out
+
+    def _unread(self, frame: np.ndarray) -> np.ndarray:
+        """A frame without the short and loud burst in it that may be OFDM, but could not be read; or as it is."""
+        if not self._contrast > _FAINTLY:
+            return frame
+        level = power(frame)
+        loud = level > np.float32(BLANKED) * middle(level)
+        blanked = np.count_nonzero(loud) < SHORT * loud.size and level[loud].sum() > _LOUD * level.sum()
+        return np.where(loud, 0, frame) if blanked else frame
 
     def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
@@ -218,6 +231,7 @@ class OfdmCancel(Mitigation):
                 prefix, numerology, ridge = found, kind, its_ridge
             if found.contrast > _CERTAIN:
                 break
+        self._contrast = prefix.contrast
         if prefix.contrast < _CONTRAST:
             self._vain = 0
             return None

@@ -50,8 +50,8 @@ class Steady:
         The other elements: places in (L, K), subcarriers, and places in (half slots, K).
     fine, empty : (n,) bool
         Which of them hold a return that can be told, and which hold nothing that was sent.
-    more : (n,) float32
-        Noise in their subcarriers beyond the usual.
+    white : (n,) float32
+        Factors that bring their subcarriers' noise down to the usual.
     doubt : (half slots, K) float32
         Sums of errors from which a subcarrier is misread.
     misread : float
