@@ -10,6 +10,8 @@ from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChan
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.demodulator import true_up
+from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
@@ -137,6 +139,42 @@ def test_what_changes_is_read_anew(change, monkeypatch):
     cleaned, count = read_on(frames + jam, monkeypatch, 7)
     assert count > 8
     assert right(cleaned[1:], altitude_m[1:]) >= 21 / 23
+
+
+def test_a_followed_clock_of_its_own_costs_no_accuracy():
+    """Two radios: the clock slips by a sample in 70 frames, and the receiver adds an image and a constant."""
+    frames, altitude_m = received(CASES["nr10_radios"], -40.0, 40, np.random.default_rng([77, 12]))
+    method = create("ofdm_cancel", W)
+    result = ALTIMETER.detect(ALTIMETER.spectra(method.process(frames)))
+    assert method.followed > 35
+    assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
+
+
+@pytest.mark.parametrize("case", ["nr10_burst", "nr10_idle"])
+def test_a_short_burst_that_cannot_be_read_is_blanked(case):
+    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, 13]))
+    assert right(frames, altitude_m) < 0.2
+    assert right(single(frames), altitude_m) > 0.95
+
+
+def test_angle_and_slope_are_exact_where_one_side_alone_is_asked():
+    numerology = Numerology(W.rate_hz, 15e3)
+    late = np.array([0.015, -0.03])
+    turned = np.exp(1j * (0.2 + late[:, None] * numerology.turn)).astype(np.complex64)
+    turned[:, :100] = 0
+    _, angles, slopes = true_up(turned, numerology)
+    assert angles == pytest.approx(0.2, abs=1e-4)
+    assert slopes == pytest.approx(late, rel=2e-3)
+
+
+def test_a_receivers_image_and_constant_are_told_from_chance():
+    rng = np.random.default_rng(31)
+    sent, rest = (100 * noise(1, rng)[0]).astype(np.complex64), noise(1, rng)[0].astype(np.complex64)
+    assert front_end(sent, rest) is None
+    found = front_end(sent, rest + 0.004j * sent.conj() + 0.3)
+    assert found.image == pytest.approx(0.004j, abs=5e-4)
+    assert found.constant == pytest.approx(0.3, abs=0.05)
+    assert np.abs(found.without(sent + 0.004j * sent.conj() + 0.3) - sent).mean() < 0.06
 
 
 def under_noise(modulation, own_snr_db, sir_db, count, seed):

@@ -261,6 +261,12 @@ def test_an_emitter_that_changes_is_read_again_in_the_next_frame(later, place):
     assert method.followed >= 3 + len(frames) - changed - 1
 
 
+def test_what_an_emitter_still_fills_of_a_frame_is_read_when_another_begins():
+    frames, clean = going_on((PLAIN, 3 * N + 4 * N // 5), (PLAIN, 2 * N - 4 * N // 5))
+    changed = create("qpsk_cancel", W).process(frames)[3]
+    assert left(changed[None, : 3 * N // 4], clean[3:4, : 3 * N // 4])[0] < 0.3
+
+
 def test_an_emitter_that_ends_leaves_frames_as_they_were_and_is_found_when_it_begins_again():
     frames, clean = going_on((PLAIN, 3 * N + 2500), (None, 3 * N), (PLAIN, 4 * N - 2500))
     method = create("qpsk_cancel", W)

@@ -24,9 +24,10 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.echoes import grown
-from .ofdm.emission import PARTLY, READABLE, Emission, emission, faint_emission
+from .ofdm.emission import PARTLY, READABLE, SHORT, Emission, emission, faint_emission
+from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
-from .ofdm.modulator import Modulator
+from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
@@ -35,6 +36,8 @@ from .ofdm.tones import without_tones
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
+_FAINTLY = 4.5  # so much tells OFDM of a few symbols
+_LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
 _CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -51,6 +54,7 @@ _PAUSE = 4  # every so manieth frame is looked at from then on
 _MOST_READINGS = 8  # of a frame whose channel moves
 _MENDS = 0.97  # of the error that was left, for one more reading
 _READ = 0.02  # mean error of all symbols, where nothing is left to be mended
+_STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
@@ -81,6 +85,8 @@ class _Lock:
     sir_db: float | None = None
     steady: Steady | None = None
     read_on: int = 0
+    front_end: FrontEnd | None = None
+    heard_through: bool = False  # whether the front end was looked for
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,8 @@ class OfdmCancel(Mitigation):
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
     could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
-    Of QPSK that such noise hides the mean is subtracted, given what was received.
+    Of QPSK that such noise hides the mean is subtracted, given what was received. Short bursts that cannot be read are
+    blanked.
 
     Parameters
     ----------
@@ -155,6 +162,7 @@ class OfdmCancel(Mitigation):
         super().reset()
         self.found = self.followed = 0
         self.busy = 0.0
+        self._contrast = 0.0  # of the prefix, in the last frame that was searched
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
@@ -168,8 +176,17 @@ class OfdmCancel(Mitigation):
         out = np.empty_like(batch)
         for row, frame in zip(out, batch, strict=True):
             cancelled = self.cancel(frame)
-            row[:] = frame if cancelled is None else cancelled
+            row[:] = self._unread(frame) if cancelled is None else cancelled
         return out
+
+    def _unread(self, frame: np.ndarray) -> np.ndarray:
+        """A frame without the short and loud burst in it that may be OFDM, but could not be read; or as it is."""
+        if not self._contrast > _FAINTLY:
+            return frame
+        level = power(frame)
+        loud = level > np.float32(BLANKED) * middle(level)
+        blanked = np.count_nonzero(loud) < SHORT * loud.size and level[loud].sum() > _LOUD * level.sum()
+        return np.where(loud, 0, frame) if blanked else frame
 
     def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
@@ -214,6 +231,7 @@ class OfdmCancel(Mitigation):
                 prefix, numerology, ridge = found, kind, its_ridge
             if found.contrast > _CERTAIN:
                 break
+        self._contrast = prefix.contrast
         if prefix.contrast < _CONTRAST:
             self._vain = 0
             return None
@@ -264,12 +282,14 @@ class OfdmCancel(Mitigation):
         """A frame without its OFDM, followed from the frame before; None if that signal is gone."""
         lock = self._lock
         numerology = lock.numerology
+        if lock.front_end:
+            frame = lock.front_end.without(frame)
         starts, ramp = self._ramp(lock)
         straight = self._without(frame, lock.carrier, numerology)
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        if lock.read_on and lock.steady.clear is clear:
+        if lock.read_on and lock.heard_through and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
             reading = read_on(lock.steady, grid, numerology)
             if reading is not None:
@@ -305,12 +325,27 @@ class OfdmCancel(Mitigation):
         told = received.capped[:, some][asked & (received.points[:, some] != 0)]
         if (
             not told.size
-            or told.mean() > READABLE
+            or told.mean() > _STRAYED
             or usual > min(READABLE, max(3 * lock.usual, _DOUBTFUL))
             or np.count_nonzero(misread > max(2 * _DOUBTFUL, 2 * usual)) > _LOST * misread.size
         ):
             return None
+        if not lock.heard_through:
+            lock.front_end, lock.heard_through = self._front_end(straight, grid, received, numerology), True
         return self._less(straight, grid, clear, received, lock)
+
+    def _front_end(
+        self, straight: _Straight, grid: Grid, received: Received, numerology: Numerology
+    ) -> FrontEnd | None:
+        """What the receiver adds, by the symbols of a frame that were read."""
+        elements = received.channel * received.points * received.phase.conj()
+        model = self._modulator.samples(elements, received.misread <= READABLE, grid.starts, numerology)
+        rest = (straight.samples - model) * (model != 0)
+        if straight.turn is not None:
+            model, rest = model * straight.turn.conj(), rest * straight.turn.conj()
+        level = power(rest)
+        rest *= level <= np.float32(BLANKED) * middle(level)
+        return front_end(model, rest)
 
     @staticmethod
     def _angles(symbols: np.ndarray, starts: np.ndarray, clear: np.ndarray, lock: _Lock) -> np.ndarray | None:

@@ -53,6 +53,8 @@ SURE = 1.5  # error in cells, up to half a neighbour's distance
 _GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
+_FAINTER = 0.3  # of the strongest symbol's weight, from which a symbol tells how late all are
+_TOGETHER = 0.05  # samples by which symbols differ that are equally late
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 FINER = 0.01  # change of the channel for which no decision is made again
 _FITS = 0.1  # mean error in cells at which no other gain is looked for
@@ -187,7 +189,20 @@ def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, 
     mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
-    slope = (first * back).imag / np.maximum((second * back).real, 1e-30)
+    # the elements asked are not centred: angle and slope are found together
+    first, whole, square = first * back, np.maximum((mean * back).real, 1e-30), (second * back).real
+    slope = first.imag / np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
+    # all symbols come equally late: one that seems not to was misread
+    common = middle(slope[whole > _FAINTER * whole.max()])
+    alone = np.abs(slope - common) > _TOGETHER
+    if alone.any():
+        slope[alone] = common
+        straight = (agreement[alone] * unit(np.float32(-common) * numerology.turn)).sum(axis=1)
+        angle[alone] = np.angle(straight + 1e-30)
+        back[alone], first[alone] = np.exp(-1j * angle[alone]), 0
+    finer = slope * first.real / whole
+    angle = angle - finer
+    back = back * np.exp(1j * finer)
     steepest = np.abs(slope).max()
     if steepest < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope

@@ -10,14 +10,16 @@ from .acquisition import Grid
 from .demodulator import Received
 from .lattice import FAINT, amid, box, members, middle, power
 from .numerology import Numerology
-from .ridge import expected_return, more_noise, plausible
+from .ridge import expected_return, plausible, whitened
 from .under_noise import mean_model
 
-__all__ = ["MISREAD", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
+__all__ = ["MISREAD", "PARTLY", "READABLE", "SHORT", "Emission", "Skirts", "emission", "faint_emission"]
 
 READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
+SHORT = 0.4  # of a frame's symbols
+_SHORTLY = 0.2  # median error in so short a burst, from which it is better blanked
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
 # mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
@@ -32,11 +34,11 @@ _STANDS_OUT = 4.0  # times the median
 
 @dataclass(frozen=True)
 class Skirts:
-    """Subcarriers (K,) that are ``fine``, or ``empty`` (bool), and how much ``more`` noise than usual they have."""
+    """Subcarriers (K,) that are ``fine``, or ``empty`` (bool), and the factors that make their noise ``white``."""
 
     fine: np.ndarray
     empty: np.ndarray
-    more: np.ndarray
+    white: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,10 @@ def emission(
     loud = own.sum(axis=1)
     sending = sent & (loud > _IDLE * loud.max())
     readable = sending & (misread <= READABLE)
+    short = np.count_nonzero(sending) < SHORT * sending.size
     if (
         not readable.any()
-        or middle(misread[sending]) > _MOSTLY
+        or middle(misread[sending]) > (_SHORTLY if short else _MOSTLY)
         or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
     ):
         return None
@@ -121,7 +124,7 @@ def emission(
         rest[where], sir_db = kept
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
-    skirts = Skirts(fine, empty, more_noise(noise))
+    skirts = Skirts(fine, empty, whitened(noise))
     return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db, skirts)
 
 

@@ -9,7 +9,7 @@ from .demodulator import Received
 from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
-__all__ = ["FOLD", "Ridge", "expected_return", "more_noise", "plausible", "usual_and_most"]
+__all__ = ["FOLD", "Ridge", "expected_return", "most_plausible", "plausible", "whitened"]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
@@ -21,7 +21,6 @@ _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # every so manieth element is asked for the SIR
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
 _TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
-_HALF = np.float32(0.5)  # of the noise counts, since the usual power is high
 _BESIDE = 3  # subcarriers of which noise is alike
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
@@ -65,30 +64,29 @@ def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np
 
     ``size`` (L, K) is its power, in elements that were ``asked`` (read) or are ``beside`` the band in use (L, K, bool).
     A return has the same modulus in all elements, so one far beyond the usual power was misread. A subcarrier with more
-    ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, as in a Wiener filter.
+    ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, until it has no more than usual.
     """
     if not asked.any():
         return asked.astype(np.float32)
-    usual, most = usual_and_most(size, asked)
     held = asked | beside
-    held &= size < most
-    return held * (usual / np.maximum(usual + more_noise(noise), FAINT))
+    held &= size < most_plausible(size, asked)
+    return held * whitened(noise)
 
 
-def usual_and_most(size: np.ndarray, asked: np.ndarray) -> tuple[np.float32, np.float32]:
-    """The usual power of what is left in the elements ``asked``, bool as ``size``, and the most that is plausible."""
+def most_plausible(size: np.ndarray, asked: np.ndarray) -> np.float32:
+    """The most power that is plausible of what is left in the elements ``asked``, bool as ``size``."""
     sizes = size[asked]
     if not sizes.size:
-        return np.float32(0), np.float32(0)
+        return np.float32(0)
     at = int(_MOSTLY * sizes.size)
     sizes.partition(at)
-    return sizes[at], _TOO_MUCH * sizes[at]
+    return _TOO_MUCH * sizes[at]
 
 
-def more_noise(noise: np.ndarray) -> np.ndarray:
-    """(K,) float32: the part of a subcarrier's noise beyond the usual that counts."""
+def whitened(noise: np.ndarray) -> np.ndarray:
+    """(K,) float32 factors, at most 1, that bring a subcarrier's noise down to the usual noise."""
     noise = box(noise, _BESIDE)
-    return np.maximum(noise - np.float32(middle(noise)), 0) * _HALF
+    return np.minimum(np.sqrt(np.float32(middle(noise)) / np.maximum(noise, FAINT)), 1)
 
 
 def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:

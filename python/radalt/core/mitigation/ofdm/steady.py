@@ -11,7 +11,6 @@ from .channel_fit import fit
 from .demodulator import FINER, SURE, Received, again, true_up
 from .emission import MISREAD, PARTLY, Emission
 from .lattice import (
-    FAINT,
     Decisions,
     at_most_one,
     few_points,
@@ -23,7 +22,7 @@ from .lattice import (
     turn_to_axes,
 )
 from .numerology import Numerology
-from .ridge import FOLD, usual_and_most
+from .ridge import FOLD, most_plausible
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
 
@@ -51,8 +50,8 @@ class Steady:
         The other elements: places in (L, K), subcarriers, and places in (half slots, K).
     fine, empty : (n,) bool
         Which of them hold a return that can be told, and which hold nothing that was sent.
-    more : (n,) float32
-        Noise in their subcarriers beyond the usual.
+    white : (n,) float32
+        Factors that bring their subcarriers' noise down to the usual.
     doubt : (half slots, K) float32
         Sums of errors from which a subcarrier is misread.
     misread : float
@@ -71,7 +70,7 @@ class Steady:
     half: np.ndarray
     fine: np.ndarray
     empty: np.ndarray
-    more: np.ndarray
+    white: np.ndarray
     doubt: np.ndarray
     misread: float
     weight: np.ndarray
@@ -127,7 +126,7 @@ def steady(
         halves[row] * clear.shape[1] + column,
         skirts.fine[column],
         skirts.empty[column],
-        skirts.more[column],
+        skirts.white[column],
         MISREAD * (members(halves) @ trusted),
         misread,
         received.weight,
@@ -183,10 +182,10 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     rest = here - channel.take(column) * points.ravel().take(at)
     np.copyto(rest, here, where=known.empty)
     size = power(rest)
-    usual, most = usual_and_most(size, told)
+    most = most_plausible(size, told)
     told |= known.empty
     told &= size < most
-    rest *= told * (usual / np.maximum(usual + known.more, FAINT))
+    rest *= told * known.white
     symbols.ravel()[at] -= rest
     symbols *= phase.conj()
     return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))

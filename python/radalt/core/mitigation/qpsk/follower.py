@@ -24,6 +24,7 @@ _COHERENT = 0.7  # of the blocks' fourth powers: less is another carrier, or non
 _ERROR = 0.08  # of the points' power; symbols at random have 0.3
 _WORSE, _LEAST = 2.0, 0.03  # error over that of the first frame, and what may be in any case
 _WORST = 0.25  # of a block of symbols: the emitter begins, ends or jumps there
+_MOSTLY = 0.6  # of the frame's blocks: with fewer it is looked for anew
 _ALIKE = 0.3
 _GAIN = 0.02  # of what is left, beside what noise gives: less waits for the next frame
 _SHARE = 0.3  # of such a step that is kept: the mean over frames has less noise
@@ -152,6 +153,13 @@ class Follower:
         weights = _between().take(np.rint((place - whole) * _STEPS).astype(np.intp), axis=1)
         whole -= 1
         before = sum(weight * outputs[offset:].take(whole) for offset, weight in enumerate(weights))
+        return self._read(times, before)
+
+    def _read(self, times: np.ndarray, before: np.ndarray, *, whole: bool = True) -> _Known | None:
+        """Symbols of the equaliser's outputs (K,) ``before`` their carrier is taken out, at (K,) ``times``.
+
+        Of a ``whole`` frame a part may be another emitter's, or none's: the rest is read alone.
+        """
         turn = turning(self._carrier, times.size)
         straight = before * turn.conj()
         used = times.size - times.size % _BLOCK
@@ -174,6 +182,16 @@ class Follower:
         rails = wrong[:used].view(np.float32).reshape(-1, 2 * _BLOCK)
         error = np.einsum("bk,bk->b", rails, rails) / _BLOCK
         limit = min(_ERROR, max(_WORSE * self._error, _LEAST))
+        good = error < min(_WORST, 2 * limit)
+        if whole and not good.all():
+            own = _longest(good)
+            if own.stop - own.start < _MOSTLY * error.size:
+                return None
+            # where the other part meets it, a block may be of both
+            first = own.start + (own.start > 0)
+            last = own.stop - 1 if own.stop < error.size else None
+            own = slice(first * _BLOCK, None if last is None else last * _BLOCK)
+            return self._read(times[own], before[own], whole=False)
         if not (error.mean() < limit and error.max() < _WORST) or likeness(points) > _ALIKE:
             return None
         return _Known(times, points * turn, amplitude)
@@ -207,6 +225,13 @@ def _between() -> np.ndarray:
     ).astype(np.float32)
     weights.setflags(write=False)
     return weights
+
+
+def _longest(good: np.ndarray) -> slice:
+    """The longest run of a (n,) bool array."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]])))
+    runs = edges.reshape(-1, 2)
+    return slice(*max(runs, key=lambda run: run[1] - run[0])) if runs.size else slice(0, 0)
 
 
 def _drift(pulses: np.ndarray) -> float:
