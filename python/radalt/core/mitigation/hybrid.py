@@ -1,4 +1,4 @@
-"""OFDM or QPSK that fills the frame is cancelled; all other frames go to the network, or to it and whitening."""
+"""OFDM, QPSK or both that fill the frame are cancelled; all others go to the network, or to it and whitening."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .interference_detector import InterferenceDetector
+from .joint import JointCancel
 from .ofdm.tones import without_tones
 from .ofdm_cancel import OfdmCancel
 from .qpsk_cancel import QpskCancel
@@ -34,7 +35,8 @@ class Hybrid(Mitigation):
     looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
-    quiet part.
+    quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. It takes thousands of transforms for
+    a frame that holds both, which no live path has.
 
     Parameters
     ----------
@@ -64,6 +66,7 @@ class Hybrid(Mitigation):
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
         self._ofdm = OfdmCancel(waveform, span_m=span_m)
         self._qpsk = QpskCancel(waveform)
+        self._joint = JointCancel(waveform, span_m=span_m)
         self._other = _OTHERS[other](waveform)
         self._beside = Whitening(waveform) if other == "tcae" else None
         self._detector = InterferenceDetector(waveform)
@@ -123,11 +126,15 @@ class Hybrid(Mitigation):
         return self._elsewhere(frame, toneless)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
-        """(N,) frame that holds nothing to cancel behind the other method; ``heard`` is it without its tones."""
-        if self._beside is None:
-            return self._other.process(heard)
-        out = self._other.process(frame)
+        """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
+        out = self._other.process(heard if self._beside is None else frame)
         if not (_lasts(frame) and self._detector.residual_db(out[None])[0] > _UNCLEAR_DB):
+            return out
+        both = self._joint.cancel(heard)
+        if both is not None:
+            self.cancelled += 1
+            return both
+        if self._beside is None:
             return out
         if heard is not frame:
             out = self._other.process(heard)
