@@ -19,6 +19,7 @@ __all__ = ["Hybrid"]
 _BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
 _SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
+_DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
@@ -128,13 +129,14 @@ class Hybrid(Mitigation):
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
         out = self._other.process(heard if self._beside is None else frame)
-        if not (_lasts(frame) and self._detector.residual_db(out[None])[0] > _UNCLEAR_DB):
+        left_db = self._detector.residual_db(out[None])[0]
+        if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
         both = self._joint.cancel(heard)
         if both is not None:
             self.cancelled += 1
             return both
-        if self._beside is None:
+        if self._beside is None or not left_db > _UNCLEAR_DB:
             return out
         if heard is not frame:
             out = self._other.process(heard)

@@ -37,7 +37,7 @@ _SKEWED = 0.3  # error of an OFDM symbol whose phase is searched
 _TURNS = np.exp(1j * np.pi / 36 * np.arange(-9, 9)).astype(np.complex64)
 _TURNED = 0.04  # error that a turn has to gain
 _SPOILT = 0.2  # error of an OFDM symbol that is blanked
-_ENOUGH = 0.6  # of the OFDM symbols have to be read
+_ENOUGH = 0.7  # of the OFDM symbols have to be read
 
 
 @dataclass(frozen=True)
@@ -192,6 +192,10 @@ class JointCancel:
                     return None
             else:
                 ofdm = self._ofdm.again(ofdm, left * (1 / level))
+                if ofdm.received.misread.mean() > _AMISS:
+                    anew = self._ofdm.read(left * (1 / level))
+                    if anew is not None and anew.received.misread.mean() < ofdm.received.misread.mean():
+                        ofdm = anew
             better = self._other(frame, level, ofdm, train, pulse, outputs, points)
             if better is not points:
                 points = better
