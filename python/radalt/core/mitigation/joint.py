@@ -25,6 +25,7 @@ _CLEARER = 10.0  # the same, where that is subtracted
 _ERROR = 0.2  # of the points' power, at first; symbols at random have 0.3
 _ALIKE = 0.3  # correlation of neighbouring points: more is no data
 _STARTS = (0, 1, -1)  # half symbols off the middle, from which the equaliser begins
+_FAINTEST = 0.2  # of the frame's amplitude without QPSK: less, and `QpskCancel` reads that alone
 _ROUNDS = 4
 _READ = 0.02  # mean error of all OFDM symbols, where nothing is left to be mended
 _MENDS = 0.97  # of the error that was left, for one more round
@@ -37,7 +38,7 @@ _SKEWED = 0.3  # error of an OFDM symbol whose phase is searched
 _TURNS = np.exp(1j * np.pi / 36 * np.arange(-9, 9)).astype(np.complex64)
 _TURNED = 0.04  # error that a turn has to gain
 _SPOILT = 0.2  # error of an OFDM symbol that is blanked
-_ENOUGH = 0.7  # of the OFDM symbols have to be read
+_ENOUGH = 0.65  # of the OFDM symbols have to be read
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,7 @@ class JointCancel:
             left = frame - pulse.heard(points)
             if ofdm is None:
                 level = np.float32(np.sqrt(np.vdot(left, left).real / left.size))
-                ofdm = self._ofdm.read(left * (1 / level))
+                ofdm = self._ofdm.read(left * (1 / level)) if level > _FAINTEST else None
                 if ofdm is None:
                     return None
             else:
