@@ -36,13 +36,13 @@ def frames_under(emitters, sir_db, count, seed):
 
 
 def in_narrow_noise(count, seed):
-    """Points of QPSK, and the same under noise of a quarter of their band, 5 dB below it and 11 dB below the points."""
+    """Points of QPSK, and the same under noise of a quarter of their band, 7 dB below them."""
     rng = np.random.default_rng(seed)
     points = nearest(rng.standard_normal((count, 2)).astype(np.float32).view(np.complex64)[:, 0])
     noise = np.fft.fft(rng.standard_normal((count, 2)).view(np.complex128)[:, 0])
     noise[count // 8 : -(count // 8)] = 0
     noise = np.fft.ifft(noise)
-    noise *= 10 ** (-11 / 20) / np.sqrt(np.mean(np.abs(noise) ** 2))
+    noise *= 10 ** (-7 / 20) / np.sqrt(np.mean(np.abs(noise) ** 2))
     return points, (points + noise + 0.02 * rng.standard_normal(count)).astype(np.complex64)
 
 
@@ -76,18 +76,20 @@ def test_a_mixture_that_cannot_be_read_goes_where_it_went_before(monkeypatch):
     frames = (frames + 10 ** ((35 - 3 - 6 - 3) / 20) * noise).astype(np.complex64)
     asked = []
     cancel = JointCancel.cancel
-    monkeypatch.setattr(JointCancel, "cancel", lambda self, frame: asked.append(cancel(self, frame)))
-    before = create("hybrid", W).process(frames)
+    monkeypatch.setattr(
+        JointCancel, "cancel", lambda self, frame: asked.append(cancel(self, frame)) or asked[-1]
+    )
+    cleaned = create("hybrid", W).process(frames)
     assert asked == [None, None]
-    monkeypatch.undo()
-    np.testing.assert_array_equal(create("hybrid", W).process(frames), before)
+    np.testing.assert_array_equal(create("hybrid", W, joint=False).process(frames), cleaned)
+    assert len(asked) == 2  # nothing is asked where it is left out
 
 
-@pytest.mark.parametrize("level", [0.0, 1e-15, 1e15])
+@pytest.mark.parametrize("level", [0.0, 1e-15, 1e15, 1e18])
 def test_any_level_is_taken(level):
     frame = frames_under([QPSK["received"], NR], -40.0, 1, 5)[0][0]
     out = JointCancel(W).cancel(frame * np.float32(level))
-    assert (out is None) == (level == 0)
+    assert (out is None) == (level in (0.0, 1e18))  # of the last one squares do not fit
     if out is not None:
         assert 0 < np.mean(np.abs(out / np.float32(level)) ** 2) < 4
 
@@ -95,7 +97,7 @@ def test_any_level_is_taken(level):
 def test_errors_narrower_than_the_symbol_rate_are_predicted_and_vanish():
     points, outputs = in_narrow_noise(2000, 6)
     alone = nearest(outputs)
-    assert np.count_nonzero(alone != points) >= 10
+    assert np.count_nonzero(alone != points) > 20
     assert np.abs(decide_sequence(outputs, alone) - points).max() < 1e-3
 
 

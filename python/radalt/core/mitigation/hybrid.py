@@ -36,13 +36,15 @@ class Hybrid(Mitigation):
     looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
-    quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. It takes thousands of transforms for
-    a frame that holds both, which no live path has.
+    quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some
+    5,000 transforms, which no live path has.
 
     Parameters
     ----------
     other : str
         For all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
+    joint : bool
+        Whether QPSK and OFDM in one band are read jointly. False is for live paths, which would drop such frames.
     span_m : float or None
         See `OfdmCancel`.
 
@@ -62,12 +64,14 @@ class Hybrid(Mitigation):
     batch = 1  # the network's last bits depend on the batch
     runs_network = True
 
-    def __init__(self, waveform: Waveform, *, other: str = "tcae", span_m: float | None = None) -> None:
+    def __init__(
+        self, waveform: Waveform, *, other: str = "tcae", joint: bool = True, span_m: float | None = None
+    ) -> None:
         if other not in _OTHERS:
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
         self._ofdm = OfdmCancel(waveform, span_m=span_m)
         self._qpsk = QpskCancel(waveform)
-        self._joint = JointCancel(waveform, span_m=span_m)
+        self._joint = JointCancel(waveform, span_m=span_m) if joint else None
         self._other = _OTHERS[other](waveform)
         self._beside = Whitening(waveform) if other == "tcae" else None
         self._detector = InterferenceDetector(waveform)
@@ -132,7 +136,7 @@ class Hybrid(Mitigation):
         left_db = self._detector.residual_db(out[None])[0]
         if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
-        both = self._joint.cancel(heard)
+        both = self._joint.cancel(heard) if self._joint is not None else None
         if both is not None:
             self.cancelled += 1
             return both

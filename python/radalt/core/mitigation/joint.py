@@ -39,6 +39,7 @@ _TURNS = np.exp(1j * np.pi / 36 * np.arange(-9, 9)).astype(np.complex64)
 _TURNED = 0.04  # error that a turn has to gain
 _SPOILT = 0.2  # error of an OFDM symbol that is blanked
 _ENOUGH = 0.65  # of the OFDM symbols have to be read
+_TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ class JointCancel:
 
     Notes
     -----
-    A frame costs thousands of transforms of its length. Each is read for itself.
+    A frame that holds both costs some 5,000 transforms of its length, one without QPSK 6. Each is read for itself.
     """
 
     def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:
@@ -152,9 +153,10 @@ class JointCancel:
 
     def cancel(self, frame: np.ndarray) -> np.ndarray | None:
         """(N,) complex64 frame, of which tones are taken away, less QPSK and OFDM; None if it is not both of them."""
-        level = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
-        if not level > 0:
+        mean = float(np.vdot(frame, frame).real) / frame.size
+        if not _TINY < mean < np.inf:
             return None
+        level = np.float32(np.sqrt(mean))
         frame = frame * (1 / level)
         found = _first(frame)
         if found is None:
@@ -181,8 +183,7 @@ class JointCancel:
                 # where the other signal was read, symbols are decided without it
                 edges = self._ofdm.edges(ofdm, frame.size)
                 row = np.searchsorted(edges, train.times) - 1
-                read = np.append(ofdm.received.misread < _AMISS, False)[row]
-                read &= row >= 0
+                read = np.append(ofdm.received.misread < _AMISS, False)[row]  # False before the first, too
                 points = np.where(read, nearest(train.outputs(heard, heard - qpsk)), points)
             pulse = Pulse(heard, train, points, inside)
             left = frame - pulse.heard(points)
