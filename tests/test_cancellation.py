@@ -127,9 +127,9 @@ def test_study_end_to_end(tmp_path, monkeypatch):
 
 
 def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
-    """Tones are fitted and subtracted anyway, so what limits a mixture is QPSK and NR in one band."""
+    """QPSK and NR in one band are read in turns, which is never better than NR alone."""
     held, without = (mixture_without(removed, -45.0, 6, [5]) for removed in ("nothing", "QPSK"))
-    assert held["pd"] < 0.5 < 0.8 < without["pd"]
+    assert 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
     assert set(CancellationStudy().tables["genie"].names) == set(held)
     assert cancellation._describe([without]).startswith("mixture without QPSK, hybrid: Pd ")
     whole = [point.case for point in CancellationStudy().points() if point.table == "genie"]
