@@ -136,7 +136,8 @@ class Hybrid(Mitigation):
         left_db = self._detector.residual_db(out[None])[0]
         if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
-        both = self._joint.cancel(heard) if self._joint is not None else None
+        asked = self._joint is not None and _spread(heard) > _SPREAD  # two signals have no even modulus
+        both = self._joint.cancel(heard) if asked else None
         if both is not None:
             self.cancelled += 1
             return both
