@@ -279,6 +279,19 @@ def test_hidden_sweeps_are_looked_for_in_every_fourth_frame(monkeypatch):
     assert 80 / 4 <= len(looks) <= 80 / 4 + 10
 
 
+@pytest.mark.parametrize("glimpse", range(64, 72))
+def test_every_hidden_frame_comes_out_once(glimpse):
+    """Whichever frame shows the sweep in between, those not looked at are judged then, and none twice."""
+    programme = Programme((300.0,), frames_per_step=100)
+    samples = received(programme, False, 10.0, 4)
+    hide(samples, 40, glimpse)
+    hide(samples, glimpse + 3, 90)
+    seen, segmenter = segmented(Stream(programme, False, False, samples, []), 5)
+    indices = [s.frame.index for s in seen]
+    assert indices == list(range(indices[0], indices[0] + len(indices)))
+    assert len(indices) >= 95 and segmenter.counters["lock_losses"] == 0
+
+
 class TestThroughTheBlock:
     """The same streams through GNU Radio, tags as the radio sets them; every other one lacks the tag of its start."""
 

@@ -303,10 +303,10 @@ class FrameSegmenter:
         return True
 
     def _look_back(self, out: list[Frame]) -> bool:
-        """Judge the frames that were not looked at, now that the sweep shows; whether the lock holds."""
-        late = [frame for frame, verdict in self._held if verdict == _NOT_LOOKED[0]]
-        for _ in late:
-            self._held.pop()  # they are the last ones
+        """Judge the frames from the first that was not looked at, now that the sweep shows; whether the lock holds."""
+        held = self._held
+        looked = next((n for n, (_, verdict) in enumerate(held) if verdict == _NOT_LOOKED[0]), len(held))
+        late = [held.pop()[0] for _ in range(len(held) - looked)][::-1]
         counted = self._index
         for number, frame in enumerate(late, 1):
             frame.index += self._index - counted
