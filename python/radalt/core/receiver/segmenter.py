@@ -157,18 +157,25 @@ class FrameSegmenter:
     def push(self, samples: np.ndarray) -> list[Frame]:
         """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use."""
         out: list[Frame] = []
-        taken = 0
-        while taken < samples.size:
-            end = self._first + self._filled
-            if self._buffer.size - end < samples.size - taken and self._first:
-                self._buffer[: self._filled] = self._buffer[self._first : end].copy()
-                self._first, end = 0, self._filled
-            count = min(samples.size - taken, self._buffer.size - end)
-            self._buffer[end : end + count] = samples[taken : taken + count]
-            self._filled += count
-            taken += count
-            # samples may be anything: the verdicts look at what came of them
-            with np.errstate(invalid="ignore", over="ignore"):
+        taken, n = 0, self._n
+        # samples may be anything: the verdicts look at what came of them
+        with np.errstate(invalid="ignore", over="ignore"):
+            while taken < samples.size:
+                left = samples.size - taken
+                if self.state == LOCKED and not (self._filled or self._discard) and left >= n:
+                    self._emit(samples[taken : taken + n].astype(np.complex64), out)
+                    taken += n
+                    continue
+                end = self._first + self._filled
+                if self._buffer.size - end < left and self._first:
+                    self._buffer[: self._filled] = self._buffer[self._first : end].copy()
+                    self._first, end = 0, self._filled
+                count = min(left, self._buffer.size - end)
+                if self.state == LOCKED and self._filled < n:  # whole frames need not wait in the buffer
+                    count = min(count, self._discard + n - self._filled)
+                self._buffer[end : end + count] = samples[taken : taken + count]
+                self._filled += count
+                taken += count
                 while self._step(out):
                     pass
         self.counters["frames"] += len(out)
@@ -233,7 +240,10 @@ class FrameSegmenter:
         if self._filled < self._n:
             return False
         if self.state == LOCKED:
-            return self._emit(out)
+            samples = self._waiting(0, self._n).copy()
+            self._first += self._n
+            self._filled -= self._n
+            return self._emit(samples, out)
         if self.state == RESYNC:
             return self._confirm_index()
         return self._wait_for_sync()
@@ -276,9 +286,10 @@ class FrameSegmenter:
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
-    def _emit(self, out: list[Frame]) -> bool:
-        frame = Frame(self._index, self._origin, self._waiting(0, self._n).copy(), self._offset_s)
-        self._next_frame()
+    def _emit(self, samples: np.ndarray, out: list[Frame]) -> bool:
+        frame = Frame(self._index, self._origin, samples, self._offset_s)
+        self._origin += self._n
+        self._index += 1
         if not self.settings.monitor:
             out.append(frame)
             return True
