@@ -11,13 +11,13 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.joint import JointCancel
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import true_up
 from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
 from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
 from gnuradio.radalt.core.mitigation.ofdm.under_noise import mean_points
+from gnuradio.radalt.core.mitigation.ofdm.upright import true_up
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform

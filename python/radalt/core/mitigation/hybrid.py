@@ -1,4 +1,4 @@
-"""OFDM, QPSK or both that fill the frame are cancelled; all others go to the network, or to it and whitening."""
+"""OFDM, QPSK or both that are no short bursts are cancelled; all others go to the network, or to it and whitening."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from .whitening import Whitening
 
 __all__ = ["Hybrid"]
 
-_BURST = 0.45  # of a frame: of a shorter burst the other method leaves enough of the sweep
-_SPREAD = 0.06  # of the modulus while it sends: less no filter leaves, but the network was trained on it
+# of a frame: of a shorter burst the other method leaves enough of the sweep
+_OFDM_BURST, _QPSK_BURST = 0.45, 0.25
+_SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
@@ -75,7 +76,6 @@ class Hybrid(Mitigation):
         self._other = _OTHERS[other](waveform)
         self._beside = Whitening(waveform) if other == "tcae" else None
         self._detector = InterferenceDetector(waveform)
-        self._knows_paper = other == "tcae"  # QPSK switched on the sample grid, without a filter
         super().__init__(waveform)
 
     def reset(self) -> None:
@@ -110,7 +110,7 @@ class Hybrid(Mitigation):
         out = None
         if last is not None:
             out = last.follow(frame) if last is self._qpsk else last.cancel(frame, toneless=True)
-            if out is not None and last.busy >= _BURST:
+            if out is not None and self._fills(last):
                 self._last = last
                 self.cancelled += 1
                 return out
@@ -121,14 +121,16 @@ class Hybrid(Mitigation):
         for method in (self._ofdm, self._qpsk):
             if method is last is self._ofdm and (out is not None or toneless is frame):
                 continue  # it has had this frame
-            if method is self._qpsk and self._knows_paper and _spread(toneless) < _SPREAD:
-                continue
             out = method.cancel(toneless, toneless=True)
-            if out is not None and method.busy >= _BURST:
+            if out is not None and self._fills(method):
                 self._last = method if toneless is frame else None
                 self.cancelled += 1
                 return out
         return self._elsewhere(frame, toneless)
+
+    def _fills(self, method: OfdmCancel | QpskCancel) -> bool:
+        """Whether what a method cancelled fills so much of the frame that no other method is better."""
+        return method.busy >= (_QPSK_BURST if method is self._qpsk else _OFDM_BURST)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""

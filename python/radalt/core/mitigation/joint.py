@@ -9,8 +9,9 @@ import numpy as np
 
 from ..waveform import Waveform
 from .ofdm.acquisition import Grid, transforms
-from .ofdm.demodulator import AGAIN, MORE, Received, misfit, once_more
+from .ofdm.demodulator import AGAIN, MORE, Received, once_more
 from .ofdm.echoes import grown
+from .ofdm.gain import misfit
 from .ofdm.lattice import DENSE
 from .ofdm_cancel import OfdmCancel
 from .qpsk.clock import Clock, find_clocks
@@ -55,6 +56,8 @@ class _Ofdm:
 
 class _OfdmReader(OfdmCancel):
     """Reads a frame and subtracts nothing; each frame for itself."""
+
+    _unequal = False  # what QPSK leaves would pass for users of other powers
 
     def read(self, frame: np.ndarray) -> _Ofdm | None:
         """OFDM of an (N,) frame of unit power, None without."""

@@ -13,24 +13,22 @@ from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, 
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
-    MORE,
-    MOVING,
     Before,
     Received,
-    astray,
     demodulate,
-    gain,
-    misfit,
     once_more,
 )
+from .ofdm.drift import change_of_all, moves
 from .ofdm.echoes import grown
-from .ofdm.emission import PARTLY, READABLE, SHORT, Emission, emission, faint_emission
+from .ofdm.emission import READABLE, SHORT, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
+from .ofdm.gain import gain, misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
+from .ofdm.thorough import READ, read_thoroughly
 from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
@@ -45,25 +43,23 @@ _UNEVEN = 1.5
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
-_HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
 _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
-_PAUSE = 4  # every so manieth frame is looked at from then on
-_MOST_READINGS = 8  # of a frame whose channel moves
-_MENDS = 0.97  # of the error that was left, for one more reading
-_READ = 0.02  # mean error of all symbols, where nothing is left to be mended
+_PAUSE = 4  # from then on one frame in four is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
 _COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
-_ASKED = 7  # every so manieth subcarrier is asked for the gain
+_ASKED = 7  # one subcarrier in seven tells the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
-_SOME = 3  # every so manieth subcarrier tells the symbols' phases
+_SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
+_MOST_STILL = 4  # rounds in which the change within symbols is told and taken away
+_STILLER = 0.8  # of the error is left, for one more
 _READ_ON = 7  # frames that are read with what one told of them, before all is judged anew
 
 
@@ -136,6 +132,7 @@ class OfdmCancel(Mitigation):
 
     name = "ofdm_cancel"
     style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
+    _unequal = True  # whether users may have powers of their own
 
     def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:
         wide = SPACINGS_HZ[-1]
@@ -266,14 +263,7 @@ class OfdmCancel(Mitigation):
                 return self._subtracted(straight, sent, grid.starts, numerology)
             if best > _HOPELESS:
                 return None
-        doubtful = received.drift is not None or astray(received.capped, clear & grid.used).mean() > _HARDLY
-        if doubtful and received.misread.mean() > _READ:
-            quarter = len(grid.starts) // 4
-            amid = grid.around(slice(quarter, len(grid.starts) - quarter))
-            moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
-            if moving.misread.mean() < received.misread.mean():
-                received = moving
-            received = self._settled(grid, clear, received, numerology)
+        received = read_thoroughly(grid, clear, received, numerology, unequal=self._unequal)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._less(straight, grid, clear, received, lock)
@@ -386,33 +376,30 @@ class OfdmCancel(Mitigation):
         turn = turn.ravel()[: frame.size]
         return _Straight(frame * turn, turn)
 
-    @staticmethod
-    def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
-        """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
-        if received.misread.mean() > PARTLY:
-            received = grown(grid, clear, received, numerology)
-        for _ in range(_MOST_READINGS if received.misread.mean() > PARTLY else 0):
-            better = once_more(grid, clear, received, numerology, MORE)
-            if better.misread.mean() > _MENDS * received.misread.mean():
-                break
-            received = better
-        return received
-
     def _still(
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[_Straight, Received]:
         """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
-        if received.drift is None:
-            return straight, received
-        moving = received.drift * received.points * received.phase.conj() * grid.used
-        spread = self._modulator.samples(moving, received.weight > 0, grid.starts, numerology)
-        samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
-        symbols = transforms(samples, grid.starts, numerology) * received.phase
-        received = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
-        # what that change hid can be read now
-        if received.misread.mean() > _READ:
-            received = grown(grid, clear, received, numerology)
-        return replace(straight, samples=samples), received
+        still = straight
+        for number in range(_MOST_STILL):
+            drift = change_of_all(received, grid)
+            if drift is None:
+                break
+            change = drift * received.points * received.phase.conj() * grid.used
+            spread = self._modulator.samples(change, received.weight > 0, grid.starts, numerology)
+            samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
+            symbols = transforms(samples, grid.starts, numerology) * received.phase
+            before = received.noise
+            finer = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+            if finer.noise > before and (number or not moves(received, grid)):
+                break
+            still, received = replace(straight, samples=samples), finer
+            # what that change hid can be read now
+            if received.misread.mean() > READ:
+                received = grown(grid, clear, received, numerology)
+            if received.noise > _STILLER * before:
+                break
+        return still, received
 
     def _less(
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock

@@ -14,6 +14,7 @@ from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
 from .qpsk.follower import Follower, can_follow
+from .qpsk.held import Held, find_held
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
@@ -28,7 +29,8 @@ _WORTH = 4.0  # of power where it sends: a method that takes away less may take 
 _SENDS = 0.1  # of the mean power of what was sent
 _LIMIT = 6.0  # times the median power: what is left where a burst begins
 _JUMP = 100.0  # of power, which no emitter that goes on makes in a frame
-_FEW = 25  # every so manieth sample tells the median
+_CLEAR = 0.99  # of a frame: where so much is left unblanked, every sample is a point
+_FEW = 25  # one sample in 25 tells the median
 _SHORTEST = 1024  # samples in a frame
 
 
@@ -36,9 +38,20 @@ _SHORTEST = 1024  # samples in a frame
 class _Lock:
     """An emitter that is followed: what frames are divided by, and whether they had tones on top."""
 
-    follower: Follower
+    follower: Follower | Held
     scale: np.float32
     tones: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What is left of a frame, blanked where it stands out; its mean power before that; what follows the emitter."""
+
+    out: np.ndarray
+    left: float
+    follower: Follower | Held | None
+    depth_db: float
+    busy: float
 
 
 class QpskCancel(Mitigation):
@@ -47,8 +60,10 @@ class QpskCancel(Mitigation):
     Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An
     equaliser that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The
     pulse is fitted to the frame by least squares, with channel, filters and their drift over the frame, and
-    subtracted. Tones on top are subtracted before. An emitter that fills the frame is followed into the next ones:
-    clock, carrier, equaliser and pulse are known there and only corrected. Frames without QPSK pass bit for bit.
+    subtracted. Tones on top are subtracted before. QPSK that is switched on the sample grid, which no filter leaves, is
+    decided sample by sample. An emitter that fills the frame is followed into the next ones: clock, carrier, equaliser
+    and pulse are known there and only corrected, and one that begins anew within a frame is read on both sides. Frames
+    without QPSK pass bit for bit.
     So do frames in which the return is too strong for safe decisions (an SIR above some -10 dB), which the
     altimeter reads without help. What is not QPSK stays: noise of the emitter, other interference.
 
@@ -107,9 +122,32 @@ class QpskCancel(Mitigation):
         tones = rest is not None
         frame = rest if tones else frame
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
-        if not scale > 0:
+        if not 0 < scale < np.inf:
             return None
         frame = frame * (1 / scale)  # a complex division costs four times that
+        found = self._held(frame)
+        if found is None or np.count_nonzero(found.out) < _CLEAR * frame.size:
+            tried = [one for one in (found, self._impulses(frame)) if one is not None]
+            found = min(tried, key=lambda one: one.left, default=None)
+        if found is None:
+            return None
+        self.depth_db, self.busy = found.depth_db, found.busy
+        self.cancelled += 1
+        if found.follower is not None:
+            self._lock = _Lock(found.follower, scale, tones)
+        return found.out * scale
+
+    def _held(self, frame: np.ndarray) -> _Found | None:
+        """QPSK of a frame of unit power, every sample of which is a point."""
+        found = find_held(frame)
+        if found is None:
+            return None
+        left, model, busy, follower = found
+        out = self._worth(left, model, slice(0, frame.size), busy)
+        return None if out is None else self._result(out, left, follower)
+
+    def _impulses(self, frame: np.ndarray) -> _Found | None:
+        """QPSK of any pulse in a frame of unit power."""
         clocks = find_clocks(frame, _CONTRAST)
         if self._known is not None:  # the same emitter first
             clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
@@ -117,15 +155,18 @@ class QpskCancel(Mitigation):
             for symbols in self._symbols(Equaliser(frame, clock), clock):
                 model, train, pulses = heard(frame, symbols)
                 left = frame - model
-                out = self._worth(left, model, train.known, busy=symbols.busy)
+                out = self._worth(left, model, train.known, symbols.busy)
                 if out is None:
                     continue
                 self._known = clock.rate, symbols.weights
-                self.cancelled += 1
-                if symbols.busy == 1 and can_follow(symbols, pulses):
-                    self._lock = _Lock(Follower(clock, symbols, pulses, train, left), scale, tones)
-                return out * scale
+                follows = symbols.busy == 1 and can_follow(symbols, pulses)
+                follower = Follower(clock, symbols, pulses, train, left) if follows else None
+                return self._result(out, left[train.known], follower)
         return None
+
+    def _result(self, out: np.ndarray, left: np.ndarray, follower: Follower | Held | None) -> _Found:
+        size = float(np.vdot(left, left).real) / max(left.size, 1)
+        return _Found(out, size, follower if self.busy == 1 else None, self.depth_db, self.busy)
 
     def follow(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
         """The same if the emitter of the frame before goes on; None if it does not, or there was none."""
@@ -138,7 +179,7 @@ class QpskCancel(Mitigation):
         if not 1 / _JUMP < level < _JUMP:
             return None
         found = lock.follower.follow(frame * (1 / lock.scale))
-        out = None if found is None else self._worth(*found, busy=1.0)
+        out = None if found is None else self._worth(*found)
         if out is None:
             return None
         self._lock = lock
@@ -161,18 +202,23 @@ class QpskCancel(Mitigation):
             if symbols.error < _ERROR and symbols.alike < _ALIKE:
                 yield symbols
 
-    def _worth(self, left: np.ndarray, model: np.ndarray, known: slice, *, busy: float) -> np.ndarray | None:
+    def _worth(
+        self, left: np.ndarray, model: np.ndarray, known: slice | np.ndarray, busy: float = 1.0
+    ) -> np.ndarray | None:
         """What is left of a frame, blanked where symbols are cut; None if little was taken away."""
-        out = np.zeros_like(left)
-        out[known] = left[known]
-        level = power(out)
-        sent = power(model[known])
-        mean = sent.mean()
-        there = (sent > _SENDS * mean).astype(np.float32)
-        gain = float(mean * sent.size / max(level[known] @ there, 1e-30))
+        made, rest = model[known], left[known]
+        level = power(rest)
+        if busy < 1:
+            sent = power(made)
+            mean = sent.mean()
+            there = (sent > _SENDS * mean).astype(np.float32)
+            gain = float(mean * sent.size / max(level @ there, 1e-30))
+        else:
+            gain = float(np.vdot(made, made).real / max(np.vdot(rest, rest).real, 1e-30))
         if not gain >= _WORTH:
             return None
-        out[level > np.float32(_LIMIT) * middle(level[known][::_FEW])] = 0
+        out = np.zeros_like(left)
+        out[known] = rest * (level <= np.float32(_LIMIT) * middle(level[::_FEW]))
         self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), busy
         return out
 

@@ -8,36 +8,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .acquisition import Grid
+from .amplitudes import decide_scaled
 from .channel_fit import fit, mended, sums
 from .lattice import (
     CELL,
     DENSE,
     FEW_CELL,
     Decisions,
-    at_most_one,
     box,
     decide,
     middle,
     nearest,
     power,
     sparse,
-    unit,
 )
 from .numerology import Numerology
+from .upright import true_up
 
 __all__ = [
     "AGAIN",
     "FINER",
     "FIRST",
+    "SCALED",
     "SURE",
     "Before",
     "Received",
     "again",
     "astray",
     "demodulate",
-    "gain",
-    "misfit",
-    "true_up",
+    "once_more",
 ]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
@@ -45,27 +44,20 @@ __all__ = [
 FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0), (1, 1, 1.0))
 MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
 MORE = ((9, 2, 1.0), (3, 2, 1.0))
+SCALED = ((15, 0, 1.0), (5, 0, 1.0), (1, 0, 1.0))
 AGAIN = ()
 _ORDERS = 3  # 0, 1, 2: tried in the end
+_MOSTLY_READ = 0.05  # mean error with which an order that helps is no chance
 _HELPS = 0.9  # of the error left, for a higher order to be taken
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 SURE = 1.5  # error in cells, up to half a neighbour's distance
-_GAINS = (1.025 ** np.arange(-14, 15)).astype(np.float32)
-_STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
-_SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
-_FAINTER = 0.3  # of the strongest symbol's weight, from which a symbol tells how late all are
-_TOGETHER = 0.05  # samples by which symbols differ that are equally late
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 FINER = 0.01  # change of the channel for which no decision is made again
-_FITS = 0.1  # mean error in cells at which no other gain is looked for
-_NO_WORSE = 1.2
-_MOVES = 0.05  # of the error, what a channel's motion within a symbol has to add to it
 _BETTER = 0.8  # of the error, for a mended channel to be taken
 _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
-_SENT = 0.1  # power above which an element is not silent; the faintest points of 256QAM have less
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
@@ -80,10 +72,13 @@ class Before:
         The one of `DENSE` that most elements had, and the subcarriers that could be read.
     steady : float
         ``noise`` of `Received` where the channel stood still, 0 where it moved.
+    scaled : bool
+        Whether its users had amplitudes of their own.
     """
 
     likely: tuple[int, np.ndarray] | None
     steady: float
+    scaled: bool = False
 
 
 @dataclass
@@ -96,8 +91,6 @@ class Received:
         As in `Grid`, with finer phases.
     channel : (K,) or (L, K) complex64
         One for all symbols where it stands still.
-    drift : (L, K) complex64 or None
-        Change of the channel from symbol to symbol; None where it stands still.
     points : (L, K) complex64
         Decided points.
     kinds : (L, K) int8
@@ -116,12 +109,13 @@ class Received:
         Weight of each symbol's angle; 0 for a symbol that fits no alphabet.
     late : float
         Samples by which the symbols came late.
+    amplitudes : (2, L, K) float32 or None
+        As in `decide_scaled`, where users' powers differ; None where one lattice was tried. Points have them.
     """
 
     symbols: np.ndarray
     phase: np.ndarray
     channel: np.ndarray
-    drift: np.ndarray | None
     points: np.ndarray
     kinds: np.ndarray
     error: np.ndarray
@@ -131,11 +125,13 @@ class Received:
     angles: np.ndarray
     weight: np.ndarray
     late: float
+    amplitudes: np.ndarray | None = None
 
     def as_before(self, trusted: np.ndarray) -> Before:
         """What it tells of the next frame, by its ``trusted`` (L, K) elements."""
         steady = self.noise if self.channel.ndim == 1 else 0.0
-        return Before(_likely(self.kinds, self.capped, trusted), steady)
+        scaled = self.amplitudes is not None
+        return Before(None if scaled else _likely(self.kinds, self.capped, trusted), steady, scaled)
 
 
 def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
@@ -151,82 +147,19 @@ def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple
     return kind, ~astray(capped, trusted)
 
 
-def misfit(values: np.ndarray, asked: np.ndarray, alphabets: Sequence[int] = DENSE) -> float:
-    """Mean squared distance of elements from the nearest point of QPSK or ``alphabets``, in cells, each at most 1.
-
-    Of the ``values`` (L, n) only those ``asked`` (L, n) count, and silent ones tell nothing. Some 0.3 for elements that
-    were not sent from these alphabets, or are not set upright.
-    """
-    level = power(values)
-    sent = level > _SENT
-    sent &= asked
-    count = np.count_nonzero(sent)
-    if not count:
-        return 1.0
-    least = power(values - sparse(values, level)) * (1 / FEW_CELL)
-    for dense in alphabets:
-        np.minimum(least, power(values - nearest(values, dense)) * (1 / CELL[dense]), out=least)
-    return float((at_most_one(least) * sent).sum()) / count
-
-
-def gain(values: np.ndarray, asked: np.ndarray, before: float) -> tuple[np.float32, float]:
-    """Factor within 0.7..1.4 by which (L, n) elements fit the alphabets best, and the `misfit` that is left.
-
-    The received power varies with what is sent, so the channel of an earlier frame is right only up to this factor.
-    With a misfit no worse than ``before`` it is taken as right.
-    """
-    left = misfit(values, asked)
-    if left < max(_FITS, _NO_WORSE * before):
-        return np.float32(1), left
-    return min(((factor, misfit(values * factor, asked)) for factor in _GAINS), key=lambda tried: tried[1])
-
-
-def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples.
-
-    ``agreement`` (L, K) complex64 is received times conjugate model; zero where not to be used.
-    """
-    mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
-    angle = np.angle(mean + 1e-30)
-    back = np.exp(-1j * angle)
-    # the elements asked are not centred: angle and slope are found together
-    first, whole, square = first * back, np.maximum((mean * back).real, 1e-30), (second * back).real
-    slope = first.imag / np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
-    # all symbols come equally late: one that seems not to was misread
-    common = middle(slope[whole > _FAINTER * whole.max()])
-    alone = np.abs(slope - common) > _TOGETHER
-    if alone.any():
-        slope[alone] = common
-        straight = (agreement[alone] * unit(np.float32(-common) * numerology.turn)).sum(axis=1)
-        angle[alone] = np.angle(straight + 1e-30)
-        back[alone], first[alone] = np.exp(-1j * angle[alone]), 0
-    finer = slope * first.real / whole
-    angle = angle - finer
-    back = back * np.exp(1j * finer)
-    steepest = np.abs(slope).max()
-    if steepest < _STRAIGHT:
-        return back.astype(np.complex64)[:, None], angle, slope
-    if steepest > _SLIGHT:
-        turn = slope[:, None].astype(np.float32) * numerology.turn
-        return unit(-turn - angle[:, None].astype(np.float32)), angle, slope
-    terms = np.empty((len(back), 3), dtype=np.complex64)
-    terms[:, 0] = back
-    terms[:, 1] = back * (-1j * slope)
-    terms[:, 2] = back * (-0.5 * slope * slope)
-    return (terms.view(np.float32) @ numerology.moments.T).view(np.complex64), angle, slope
-
-
 def demodulate(
     grid: Grid,
     clear: np.ndarray,
     numerology: Numerology,
     turns: Sequence[tuple[int, int, float]],
     before: Before | None = None,
+    scaled: bool = False,
 ) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
-    ``before`` spares what the frame before makes unlikely.
+    ``before`` spares what the frame before makes unlikely. ``scaled`` lets users have amplitudes of their own, in a
+    channel that stands still.
     """
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     count = len(symbols)
@@ -235,13 +168,13 @@ def demodulate(
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
     first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    late, likely = 0.0, before and before.likely
-    for number, (width, order, share) in enumerate((*turns, (1, -1, 1.0))):
+    late, likely, scaled = 0.0, before and before.likely, scaled or bool(before and before.scaled)
+    for number, (width, order, share) in enumerate(_steps(turns, scaled)):
         values = symbols * (1 / channel)
         rough = first and not number
         # while the gain is rough, the outer points are the uncertain ones
         trusted = clear & (power(values) < 1) if rough else clear
-        found = decide(values, trusted, halves, likely=likely)
+        found, amplitudes = _decided(values, channel, trusted, halves, likely, scaled)
         off = _misread(found.capped, clear, channel)
         last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
@@ -249,11 +182,11 @@ def demodulate(
             if number == 1 or not first:
                 # set upright for the next turn; what this one decided of them is wrong
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
-                if odd.size:
-                    symbols, phase, angles = _upright(symbols, phase, angles, odd)
-                    heard[odd] = False
+                symbols, phase, angles = _upright(symbols, phase, angles, odd)
+                heard[odd] = False
             if not first and off.mean() > _WHOLE:
-                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
+                if not scaled:  # a step may be another user's
+                    channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         sure = (found.error < (0.9 if rough else 1) * SURE) & trusted & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
@@ -267,8 +200,9 @@ def demodulate(
             angles = angles + angle
         weight = power(model) * sure
         if last:
+            steady = np.inf if scaled else before.steady if before else 0.0
             factor, noise = _best_order(
-                symbols, agreement, weight, times, sure, before.steady if before else 0.0
+                symbols, agreement, weight, times, sure, steady, read=off.mean() < _MOSTLY_READ
             )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
@@ -280,11 +214,18 @@ def demodulate(
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > FINER or np.abs(course - 1).sum() > FINER * course.size:
-        again(found, symbols, channel, ~clear & grid.used, kinds)
+        again(found, symbols, channel, ~clear & grid.used, kinds, amplitudes)
     return Received(
-        symbols, phase, channel, _drift(channel, grid.used, noise), found.points, kinds, found.error, found.capped,
-        off, noise, angles, weight.sum(axis=1), late,
+        symbols, phase, channel, found.points, kinds, found.error, found.capped,
+        off, noise, angles, weight.sum(axis=1), late, amplitudes,
     )  # fmt: skip
+
+
+def _steps(turns: Sequence[tuple[int, int, float]], scaled: bool) -> list[tuple[int, int, float]]:
+    """The turns and the last one; with ``scaled`` the channel has no course in time."""
+    return [
+        (width, min(order, 0) if scaled else order, share) for width, order, share in (*turns, (1, -1, 1.0))
+    ]
 
 
 def once_more(
@@ -293,14 +234,29 @@ def once_more(
     received: Received,
     numerology: Numerology,
     turns: Sequence[tuple[int, int, float]],
+    scaled: bool = False,
 ) -> Received:
     """`demodulate` again, from what was ``received`` before on the same ``grid``."""
     grid = replace(
         grid, symbols=received.symbols, phase=received.phase, channel=received.channel, angles=received.angles
     )
-    again = demodulate(grid, clear, numerology, turns)
+    again = demodulate(grid, clear, numerology, turns, scaled=scaled or received.amplitudes is not None)
     again.late += received.late
     return again
+
+
+def _decided(
+    values: np.ndarray,
+    channel: np.ndarray,
+    trusted: np.ndarray,
+    halves: np.ndarray,
+    likely: tuple[int, np.ndarray] | None,
+    scaled: bool,
+) -> tuple[Decisions, np.ndarray | None]:
+    """`decide`, or `decide_scaled` with its amplitudes."""
+    if scaled:
+        return decide_scaled(values, np.abs(channel), trusted, halves)
+    return decide(values, trusted, halves, likely=likely), None
 
 
 def _standing(
@@ -320,15 +276,6 @@ def _standing(
         symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
     )
     return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
-
-
-def _drift(channel: np.ndarray, used: np.ndarray, noise: float) -> np.ndarray | None:
-    """(L, K) change of the channel from symbol to symbol; None where it matters less than the error ``noise``."""
-    if channel.ndim < 2:
-        return None
-    drift = np.gradient(channel, axis=0)
-    # a change evenly spread over a symbol leaves a twelfth of its power to other subcarriers
-    return drift if power(drift)[:, used].mean() / 12 > _MOVES * noise else None
 
 
 def _bridged(
@@ -359,13 +306,21 @@ def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.n
 
 
 def again(
-    found: Decisions, symbols: np.ndarray, channel: np.ndarray, ridge: np.ndarray, kinds: np.ndarray
+    found: Decisions,
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    ridge: np.ndarray,
+    kinds: np.ndarray,
+    amplitudes: np.ndarray | None = None,
 ) -> None:
     """Decide the elements of the ``ridge`` (L, K) again, with a finer channel; ``found`` is set."""
     at = np.flatnonzero(ridge)
     here = channel[at % channel.size] if channel.ndim == 1 else channel.ravel()[at]
     values = symbols.ravel()[at] / here
     kinds, few = kinds.ravel()[at], found.few.ravel()[at]
+    if amplitudes is not None:
+        own = np.where(few, amplitudes[1].ravel()[at], amplitudes[0].ravel()[at])
+        values /= own
     usual = kinds[kinds.size // 2] if kinds.size else 0
     chosen = nearest(values, DENSE[usual])
     for kind, dense in enumerate(DENSE):
@@ -376,7 +331,7 @@ def again(
     chosen[part] = sparse(values[part], power(values[part]))
     cells = _CELLS[kinds]
     cells[part] = FEW_CELL
-    np.put(found.points, at, chosen)
+    np.put(found.points, at, chosen if amplitudes is None else chosen * own)
     np.put(found.error, at, power(values - chosen) / cells)
     np.minimum(found.error, 1, out=found.capped)
 
@@ -388,6 +343,8 @@ def _best_order(
     times: np.ndarray,
     sure: np.ndarray,
     steady: float,
+    *,
+    read: bool = False,
 ) -> tuple[np.ndarray, float]:
     """Coefficients of the order with the least error, and that error per element.
 
@@ -408,7 +365,9 @@ def _best_order(
                 rest += (one.conj() * other).real * left[i + j]
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         if rest >= _HELPS * least:
-            break
+            if not read:
+                break
+            continue  # a course may be even in time
         best, least = factor, rest
         if rest < _STEADY * steady:
             break
@@ -419,6 +378,8 @@ def _upright(
     symbols: np.ndarray, phase: np.ndarray, angles: np.ndarray, odd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same with the symbols ``odd`` turned by an eighth."""
+    if not odd.size:
+        return symbols, phase, angles
     symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
     symbols[odd] *= _EIGHTH
     phase[odd] *= _EIGHTH

@@ -11,7 +11,7 @@ from .numerology import Numerology
 __all__ = ["BLANKED", "Modulator"]
 
 BLANKED = 6.0  # times the median power: what is left where symbols meet
-_FEW = 25  # every so manieth sample tells the median
+_FEW = 25  # one sample in 25 tells the median
 
 
 class Modulator:

@@ -13,12 +13,14 @@ __all__ = ["FOLD", "Ridge", "expected_return", "most_plausible", "plausible", "w
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
+_SOME_FOLD = 0.05  # the same where weak users' cells are smaller than others'
+_ASTRAY = 0.01  # share of elements whose alphabet was misjudged, which may be anything
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
-_SAMPLE = 4  # every so manieth element is asked for the SIR
+_SAMPLE = 4  # one element in four tells the SIR
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
 _TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
 _BESIDE = 3  # subcarriers of which noise is alike
@@ -119,13 +121,18 @@ def expected_return(
     elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
     saves the search. None where the nearest points suffice.
     """
-    count = np.count_nonzero(ridge)
-    if not count or not clear.any() or (received.capped * ridge).sum() < FOLD * count:
+    count, amplitudes = np.count_nonzero(ridge), received.amplitudes
+    least = FOLD if amplitudes is None else _SOME_FOLD
+    if not count or not clear.any() or (received.capped * ridge).sum() < least * count:
         return None
     level = float(np.sqrt((power(received.symbols) * clear).sum() / np.count_nonzero(clear)))
     at = np.flatnonzero(ridge)
     still = received.channel.ndim == 1
     channel = received.channel[at % received.channel.size] if still else received.channel.ravel()[at]
+    scanty_points = SPARSE_POINTS[:, None]
+    if amplitudes is not None:
+        dense, few = (each.ravel()[at] for each in amplitudes)
+        channel, scanty_points = channel * dense, scanty_points * (few / dense)
     values = received.symbols.ravel()[at] / channel
     size = power(channel)
     kinds = received.kinds.ravel()[at]
@@ -147,15 +154,16 @@ def expected_return(
     square = (rests[0] ** 2)[:, None] + rests[1] ** 2
     square *= size
     prior = inside[0][:, None] * (inside[1] / np.array(DENSE, dtype=np.float32)[kinds])
-    few_rests = values - SPARSE_POINTS[:, None]
+    few_rests = values - scanty_points
     few_square = power(few_rests) * size
     some = (np.ascontiguousarray(part[..., ::_SAMPLE]) for part in (square, prior, few_square))
     some_square, some_prior, some_few = some
+    anything = np.float32(_ASTRAY / (np.pi * level**2))
 
     def evidence(sir_db: float) -> float:
         many = (_density(some_square, modulus(sir_db), received.noise) * some_prior).sum(axis=(0, 1))
         few = _SPARSE_PRIOR @ _density(some_few, modulus(sir_db), received.noise)
-        return float(np.mean(np.log(np.maximum(many, few) + FAINT)))
+        return float(np.mean(np.log(np.maximum(many, few) + anything)))
 
     sir_db = float(max(tried, key=evidence))
     if sir_db == _SIR_DB[0]:

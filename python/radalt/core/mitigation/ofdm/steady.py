@@ -8,7 +8,7 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit
-from .demodulator import FINER, SURE, Received, again, true_up
+from .demodulator import FINER, SURE, Received, again
 from .emission import MISREAD, PARTLY, Emission
 from .lattice import (
     Decisions,
@@ -23,6 +23,7 @@ from .lattice import (
 )
 from .numerology import Numerology
 from .ridge import FOLD, most_plausible
+from .upright import true_up
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
 

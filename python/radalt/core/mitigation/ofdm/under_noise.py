@@ -6,9 +6,9 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit, sums
-from .demodulator import true_up
 from .lattice import FAINT, box, middle, power
 from .numerology import Numerology
+from .upright import true_up
 
 __all__ = ["mean_model", "mean_points"]
 

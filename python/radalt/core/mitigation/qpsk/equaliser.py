@@ -176,8 +176,11 @@ def nearest(outputs: np.ndarray) -> np.ndarray:
 def turning(cycles: float, count: int) -> np.ndarray:
     """(count,) complex64 of ``cycles`` per symbol: products of few long and few short steps."""
     short = int(np.sqrt(count)) + 1
-    long, steps = exp_cycles(cycles * np.array([[short], [1]]) * np.arange(short))
-    return (long[:, None] * steps).ravel()[:count]
+    steps = np.arange(short)
+    long = short * cycles % 1.0 * steps
+    angles = np.concatenate([long - np.rint(long), cycles * steps % 1.0])
+    turns = unit((2 * np.pi * angles).astype(np.float32))
+    return (turns[:short, None] * turns[short:]).ravel()[:count]
 
 
 def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -194,6 +197,7 @@ def decide(outputs: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndar
     size = 4 * fft.next_fast_len(fourth.size)
     spectrum = fft.fft(fourth, size)
     line = int(np.abs(spectrum).argmax())
+    line -= size * (2 * line > size)
     index = np.arange(outputs.size)
     turn = turning(line / size / 4, outputs.size)
     carrier = turn * turn

@@ -27,8 +27,10 @@ class Pieces:
         self.length = length
         self._samples = count
         self.count = _BATCH * max(1, round(count / (_BATCH * _PIECE)))
-        self.hop = -(-count // self.count)
-        self._size = fft.next_fast_len(self.hop + length - 1, real=True)
+        self.hop = _even(-(-count // self.count))
+        self._size = _even(fft.next_fast_len(self.hop + length - 1, real=True))
+        while fft.next_fast_len(self._size, real=True) > self._size:
+            self._size += 2
         self._padded = np.zeros(self.count * self.hop + self._size, dtype=np.complex64)
         self._overlapping = sliding_window_view(self._padded, self._size)[: self.count * self.hop : self.hop]
         self._kept = np.zeros(self.count * self.hop, dtype=np.complex64)
@@ -51,7 +53,7 @@ class Pieces:
 
     def compared(self, frame: np.ndarray, span: slice) -> np.ndarray:
         """(pieces, size) complex64 transforms of the samples of a (count,) frame in ``span``, with what is filtered."""
-        self._kept[:] = 0
+        self._kept[: span.start] = self._kept[span.stop :] = 0
         self._kept[span] = frame[span]
         self._late[:, self.length - 1 : self.length - 1 + self.hop] = self._kept.reshape(-1, self.hop)
         return fft.fft(self._late)
@@ -59,3 +61,8 @@ class Pieces:
     def lags(self, products: np.ndarray) -> np.ndarray:
         """(..., length) correlations from (..., size) conjugate transforms of pieces times those compared, summed."""
         return fft.ifft(products)[..., : self.length]
+
+
+def _even(count: int) -> int:
+    """It, or the next number."""
+    return count + count % 2

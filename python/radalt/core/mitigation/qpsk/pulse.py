@@ -5,17 +5,15 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
+from .between import RATE, impulses_flat, spread
 from .equaliser import Symbols
 from .pieces import Pieces
 
 __all__ = ["Train", "heard"]
 
-_WIDTH = 6  # points per symbol on the grid of impulses
-_RATE = 1.5  # points per sample of that grid, at least
-_BETA = np.pi * _WIDTH * (1 - 0.5 / _RATE)  # Kaiser-Bessel window: images are 90 dB down
-_TABLE = 2048  # steps of that window per point
 _SYMBOLS = 14  # that a pulse lasts
 _FEWEST, _MOST = 64, 192  # samples that a pulse lasts
 _LOADING = 1e-4  # of the symbols' power: outside their band there is nothing to be fitted to
@@ -23,45 +21,22 @@ _ROUNDS = 4
 _SETTLED = 0.8  # of the residual power before, at which another round gains nothing
 
 
-@lru_cache(maxsize=1)
-def _window() -> np.ndarray:
-    """Kaiser-Bessel window, (_WIDTH, _TABLE + 1) float32, read-only: the points around each place between two."""
-    distance = np.arange(1 - _WIDTH // 2, _WIDTH // 2 + 1)[:, None] - np.arange(_TABLE + 1) / _TABLE
-    inside = np.maximum(1 - (2 * distance / _WIDTH) ** 2, 0)
-    window = (np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)).astype(np.float32)
-    window.setflags(write=False)
-    return window
+@lru_cache(maxsize=8)
+def _flat(count: int, points: int) -> np.ndarray:
+    """(count,) float32, read-only: what the bins of a frame are multiplied by, made of a grid of so many points."""
+    factors = impulses_flat(fft.fftfreq(count) * count / points)
+    factors.setflags(write=False)
+    return factors
 
 
-@lru_cache(maxsize=4)
-def _flat(count: int) -> np.ndarray:
-    """(count,) float32, read-only: one over the transform of that window."""
-    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
-    turns = np.pi * _WIDTH * fft.fftfreq(count) * count / points
-    argument = np.sqrt(_BETA**2 - turns**2)
-    flat = (np.i0(_BETA) / _WIDTH * argument / np.sinh(argument)).astype(np.float32)
-    flat.setflags(write=False)
-    return flat
-
-
-def _spectrum(times: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(count,) complex64 transform of an impulse per symbol at its exact time, below half the sample rate.
-
-    Impulses are spread over a finer grid (A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14(6), 1993).
-    """
-    points = fft.next_fast_len(int(np.ceil(_RATE * count)))
-    grid = np.zeros(points, dtype=np.complex64)
-    place = points / count * times
-    whole = place.astype(np.intp)
-    spread = _window().take(np.rint((place - whole) * _TABLE).astype(np.intp), axis=1) * values
-    whole += 1 - _WIDTH // 2
-    for offset in range(_WIDTH):
-        # symbols are two and more points apart, so no point is written to twice
-        grid[offset:][whole] += spread[offset]
-    spectrum = fft.fft(grid, overwrite_x=True)
-    flat = _flat(count)
+def _bins(grid: np.ndarray, count: int) -> np.ndarray:
+    """(..., count) complex64 transforms, below half the sample rate, of (..., points) of a finer grid."""
+    spectrum, factors = fft.fft(grid), _flat(count, grid.shape[-1])
+    out = np.empty((*grid.shape[:-1], count), dtype=np.complex64)
     half = count - count // 2
-    return np.concatenate([spectrum[:half] * flat[:half], spectrum[half - count :] * flat[half:]])
+    np.multiply(spectrum[..., :half], factors[:half], out=out[..., :half])
+    np.multiply(spectrum[..., half - count :], factors[half:], out=out[..., half:])
+    return out
 
 
 class Train(Pieces):
@@ -77,8 +52,6 @@ class Train(Pieces):
 
     Attributes
     ----------
-    spectrum, steady : (count,) complex64
-        The impulses' transform, and their samples.
     known : slice
         Samples in which all symbols are known.
     middle, half : float
@@ -87,14 +60,29 @@ class Train(Pieces):
 
     def __init__(self, times: np.ndarray, values: np.ndarray, count: int, length: int) -> None:
         super().__init__(count, length)
+        hop, size = round(RATE * self.hop), round(RATE * self._size)
+        self._grid = np.zeros(self.count * hop + size, dtype=np.complex64)
+        self._windows = sliding_window_view(self._grid, size)[: self.count * hop : hop]
         self.send(times, values)
 
     def send(self, times: np.ndarray, values: np.ndarray) -> None:
         """Other symbols, in the next frame; parameters as above."""
         self.known = slice(int(times[0]) + self.length // 2, int(times[-1]) - self.length // 2)
         self.middle, self.half = (times[-1] + times[0]) / 2, (times[-1] - times[0]) / 2
-        self.spectrum = _spectrum(times, values, self._samples)
-        self.steady = fft.ifft(self.spectrum)
+        self._times, self._values = times, values
+
+    def spectrum(self) -> np.ndarray:
+        """(count,) complex64, transform of the impulses."""
+        points = fft.next_fast_len(int(np.ceil(RATE * self._samples)))
+        grid = np.zeros(points, dtype=np.complex64)
+        spread(grid, points / self._samples * self._times, self._values)
+        return _bins(grid, self._samples)
+
+    def sources(self) -> np.ndarray:
+        """(pieces, size) complex64 transforms of the impulses in pieces, which are to be filtered."""
+        self._grid[:] = 0
+        spread(self._grid, RATE * self._times + RATE * (self.length // 2 - 1), self._values)
+        return _bins(self._windows, self._size)
 
     def places(self) -> np.ndarray:
         """(pieces,) float32: where between -1 and 1 the middle of each piece is."""
@@ -113,7 +101,8 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     length = 2 * round(_SYMBOLS * float(symbols.times[1] - symbols.times[0]) / 2)
     length = min(max(length, _FEWEST), _MOST)
     train = Train(symbols.times, symbols.values, count, length)
-    spectrum, known = train.spectrum, train.known
+    spectrum, known = train.spectrum(), train.known
+    steady = fft.ifft(spectrum)
     # the transform of a real sequence: half of it says all
     lag_zero_first = (
         fft.rfft(spectrum.real**2 + spectrum.imag**2)[:length].conj().astype(np.complex128) / count
@@ -128,7 +117,7 @@ def heard(frame: np.ndarray, symbols: Symbols) -> tuple[np.ndarray, Train, np.nd
     span = slice(begin, max(begin, end))
     scale = sent.size / max(1, np.count_nonzero((sent > begin) & (sent < end)))
     weights = scale * np.array([[1], [3]])
-    sources = np.stack([train.transforms(train.steady), train.transforms(train.steady * ramp)])
+    sources = np.stack([train.transforms(steady), train.transforms(steady * ramp)])
     pulses = np.zeros((2, length), dtype=np.complex128)
     left, model = frame, np.zeros_like(frame)
     rest = np.inf

@@ -70,7 +70,7 @@ class Impulses:
 
     def source(self, points: np.ndarray) -> np.ndarray:
         """See `SymbolTrain`."""
-        return self._train(points * self._turn).steady
+        return fft.ifft(self._train(points * self._turn).spectrum())
 
     def _train(self, values: np.ndarray) -> Train:
         return Train(self.times, values, self._count, self.length)

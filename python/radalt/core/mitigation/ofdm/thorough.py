@@ -1,0 +1,70 @@
+"""A frame that its first reading leaves doubtful: users of unequal powers, or a channel that moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .acquisition import Grid
+from .demodulator import AGAIN, MORE, MOVING, SCALED, Received, astray, demodulate, once_more
+from .drift import moves
+from .echoes import grown
+from .emission import PARTLY
+from .lattice import middle
+from .numerology import Numerology
+
+__all__ = ["READ", "read_thoroughly"]
+
+READ = 0.02  # mean error of all symbols, where nothing is left to be mended
+_WELL = 0.013  # the same of most symbols, where only some symbols are misread
+_NEARLY = 0.1  # mean error at first where unequal powers explain a frame; other faults leave 0.15 and more
+_EVENED = 0.7  # of the error is left in the end
+_HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
+_MOST_READINGS = 8  # of a frame whose channel moves
+_MENDS = 0.97  # of the error that was left, for one more reading
+
+
+def read_thoroughly(
+    grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology, *, unequal: bool = True
+) -> Received:
+    """A frame as it was ``received``, or read with what else may be in it: ``unequal`` powers, a moving channel."""
+    scaled = _scaled(grid, clear, received, numerology) if unequal else None
+    if scaled is not None:
+        return scaled
+    doubtful = moves(received, grid) or astray(received.capped, clear & grid.used).mean() > _HARDLY
+    if not doubtful or received.misread.mean() <= READ:
+        return received
+    quarter = len(grid.starts) // 4
+    amid = grid.around(slice(quarter, len(grid.starts) - quarter))
+    moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
+    if moving.misread.mean() < received.misread.mean():
+        received = moving
+    return _settled(grid, clear, received, numerology)
+
+
+def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received | None:
+    """The frame read with users of unequal powers; None where these do not explain what was misread."""
+    # the ends of a burst are misread, too, but they are few
+    if received.misread.mean() < READ or middle(received.misread) < _WELL:
+        return None
+    scaled = demodulate(grid, clear, numerology, SCALED[:1], scaled=True)
+    if scaled.misread.mean() > _NEARLY:
+        return None
+    for turns in (SCALED[1:], AGAIN):
+        finer = once_more(grid, clear, scaled, numerology, turns)
+        if finer.misread.mean() < scaled.misread.mean():
+            scaled = finer
+    return scaled if scaled.misread.mean() < min(PARTLY, _EVENED * received.misread.mean()) else None
+
+
+def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
+    """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
+    if received.misread.mean() > PARTLY:
+        received = grown(grid, clear, received, numerology)
+    for _ in range(_MOST_READINGS if received.misread.mean() > PARTLY else 0):
+        better = once_more(grid, clear, received, numerology, MORE)
+        if better.misread.mean() > _MENDS * received.misread.mean():
+            break
+        received = better
+    return received
