@@ -213,6 +213,24 @@ def test_ragged_chunks_give_what_one_chunk_gives_bit_for_bit(drops):
     assert ragged.counters == one.counters
 
 
+def test_what_was_lent_may_be_overwritten():
+    """Frames are views of a chunk that is lent; those that are kept, or held back, outlive it bit for bit."""
+    stream = received(Programme((800.0, 50.0), 40), 3, DropSettings())
+    expected = FrameSegmenter(W, Programme((800.0, 50.0), 40)).push(stream)
+    segmenter = FrameSegmenter(W, Programme((800.0, 50.0), 40))
+    got, views = [], 0
+    for at in range(0, stream.size, 5 * N):
+        chunk = stream[at : at + 5 * N].copy()
+        found = segmenter.push(chunk, lend=True)
+        views += sum(np.may_share_memory(f.samples, chunk) for f in found)
+        for frame in found:
+            frame.keep(chunk)
+        chunk[:] = np.nan
+        got += found
+    assert views > len(got) / 2
+    assert [f.samples.tobytes() for f in got] == [f.samples.tobytes() for f in expected]
+
+
 # -- lost samples, tagged ---------------------------------------------------------------------------------------------
 
 
@@ -387,7 +405,10 @@ def test_programme_is_preamble_trials_and_synchronisation_in_order():
         (lambda: Programme(()), "altitude.programme_m is empty"),
         (lambda: Programme((-3.0,)), "altitude.programme_m holds -3.0"),
         (lambda: Programme((3.0,), 0), "altitude.frames 0 has to be at least 1"),
-        (lambda: Programme((3.0,), sync_every_frames=10, sync_frames=4), "sync_frames 4 at least 8"),
+        (
+            lambda: Programme((3.0,), sync_every_frames=10, sync_frames=4),
+            "sync_frames 4 has to be at least 8",
+        ),
     ],
 )
 def test_impossible_settings_are_refused(make, said):

@@ -170,25 +170,29 @@ class frame_segmenter(gr.basic_block):
             bite = bite[: max(1, room) * out.shape[1]]
         elif not bite.size:
             time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
-        self._take(bite)
+        lend = room > 0  # frames are views of the input then, until they are in the output
+        self._take(bite, lend)
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
         self.consume(0, bite.size)
         done = self._hand_on(out)
+        if lend:
+            for frame in self._ready:
+                frame.keep(bite)
         self._report()
         return done
 
-    def _take(self, samples: np.ndarray) -> None:
+    def _take(self, samples: np.ndarray, lend: bool) -> None:
         first = self.nitems_read(0)
         at = 0
         for tag in self.get_tags_in_window(0, 0, samples.size, SENT_KEY):
             self._on_sent(tag.value)
         for tag in sorted(self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY), key=lambda t: t.offset):
             cut = tag.offset - first
-            self._ready.extend(self.segmenter.push(samples[at:cut]))
+            self._ready.extend(self.segmenter.push(samples[at:cut], lend=lend))
             self._ready.extend(self._on_time(tag.value))
             at = cut
-        self._ready.extend(self.segmenter.push(samples[at:]))
+        self._ready.extend(self.segmenter.push(samples[at:], lend=lend))
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
         """Take an altitude set by hand from the source's tag, unless `follow` was called with another."""
@@ -208,13 +212,13 @@ class frame_segmenter(gr.basic_block):
         return self.segmenter.jump(counter - self.segmenter.sample_counter)
 
     def _hand_on(self, out: np.ndarray) -> int:
-        done = 0
+        done, first = 0, self.nitems_written(0)
         while self._ready and done < len(out) - self._kept_free:
             frame = self._ready.popleft()
             out[done] = frame.samples
             self._inspect(frame)
             sent_m = self._known(frame.index)[0] if self._known is not None else float("nan")
-            self.add_item_tag(0, self.nitems_written(0) + done, FRAME_KEY, frame_tag(frame, sent_m))
+            self.add_item_tag(0, first + done, FRAME_KEY, frame_tag(frame, sent_m))
             done += 1
         if self.drop_when_slow:
             self._drop()

@@ -10,46 +10,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..programme import Programme
 from ..waveform import Waveform, altitude_to_delay_s
+from .frame import Frame
 from .segmenter_settings import SegmenterSettings
 from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
-from .sweep_finder import ALONE, SweepFinder
+from .sweep_check import NOT_LOOKED, SweepCheck
+from .sweep_finder import SweepFinder
 
 __all__ = ["Frame", "FrameSegmenter", "SegmenterSettings"]
 
 ACQUIRING, LOCKED, LOST, RESYNC = "acquiring", "locked", "lost", "resync"
-# samples between where a sweep is and where it is seen: by the matched filter, by the correlation
-_TOLERANCE, _COARSE = 0.4, 1.0
-# A look at every delay costs as much as six transforms. After so many looks in vain, one after the other, only every so
-# manieth frame is looked at; the frames between are once one of them, or the matched filters, show the sweep again.
+# A look at every delay costs as much as six transforms. After eight looks in vain, one after the other, one frame in
+# four is looked at; the frames between are once one of them, or the matched filters, show the sweep again.
 _IN_VAIN, _PAUSE = 8, 4
-_NOT_LOOKED = "not looked", 0.0, _COARSE
-
-
-@dataclass
-class Frame:
-    """One whole frame at known timing.
-
-    Attributes
-    ----------
-    index : int
-        Sweep number since the transmitter's start.
-    start_sample : int
-        Sample counter at the frame's first sample, lost samples included.
-    samples : (N,) complex64
-    offset_s : float
-        Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it.
-    """
-
-    index: int
-    start_sample: int
-    samples: np.ndarray
-    offset_s: float
 
 
 class FrameSegmenter:
@@ -104,26 +81,14 @@ class FrameSegmenter:
         self.true_delay, self.point_target = true_delay, point_target
         self._n = waveform.samples_per_frame
         self._finder = SweepFinder(waveform, settings, true_delay=true_delay)
-        self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
+        self._check = SweepCheck(waveform, settings, self._finder, max_altitude_m)
         # room for some frames beyond the longest wait, so that what is left over is moved once in a while
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
-        self.counters = dict.fromkeys(
-            (
-                "frames",
-                "torn",
-                "discontinuities",
-                "lost_samples",
-                "lock_losses",
-                "unlocked_frames",
-                "acquisitions",
-                "index_corrections",
-            ),
-            0,
-        )
+        names = "frames torn discontinuities lost_samples lock_losses unlocked_frames acquisitions index_corrections"
+        self.counters = dict.fromkeys(names.split(), 0)
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
         self.lock_loss = ""
-        self._strength = 0.0  # of the last sweep that was seen near where it was sent
         self.reset()
 
     def reset(self, first_sample: int = 0) -> None:
@@ -154,8 +119,12 @@ class FrameSegmenter:
         self._slips.clear()
         self.state = ACQUIRING
 
-    def push(self, samples: np.ndarray) -> list[Frame]:
-        """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use."""
+    def push(self, samples: np.ndarray, *, lend: bool = False) -> list[Frame]:
+        """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use.
+
+        With ``lend`` frames may be views of ``samples``, which saves a copy of each. Whoever overwrites these calls
+        `Frame.keep` for the frames that are still to be used; those that the segmenter holds back are safe.
+        """
         out: list[Frame] = []
         taken, n = 0, self._n
         # samples may be anything: the verdicts look at what came of them
@@ -163,7 +132,7 @@ class FrameSegmenter:
             while taken < samples.size:
                 left = samples.size - taken
                 if self.state == LOCKED and not (self._filled or self._discard) and left >= n:
-                    self._emit(samples[taken : taken + n].astype(np.complex64), out)
+                    self._emit(samples[taken : taken + n].astype(np.complex64, copy=not lend), out)
                     taken += n
                     continue
                 end = self._first + self._filled
@@ -178,6 +147,9 @@ class FrameSegmenter:
                 taken += count
                 while self._step(out):
                     pass
+        if lend:
+            for frame, _ in self._held:
+                frame.keep(samples)
         self.counters["frames"] += len(out)
         return out
 
@@ -293,15 +265,14 @@ class FrameSegmenter:
         if not self.settings.monitor:
             out.append(frame)
             return True
-        near = self._near(frame)
+        sent = self._sent(frame.index)
+        near = self._check.near(samples, sent, self._offset_s)
         seen_before = self._vain <= _IN_VAIN
         look = near is not None or seen_before or self._vain % self._pause == 0
-        found = self._check(frame, near) if look else _NOT_LOOKED
+        found = self._check.verdict(samples, sent, self._offset_s, near) if look else NOT_LOOKED
         shown = found[0] in ("verified", "contradicted")
         self._vain = 0 if shown else self._vain + 1
-        self.unverified_frames = (
-            0 if found[0] == "verified" and self._sent(frame.index) else self.unverified_frames + 1
-        )
+        self.unverified_frames = 0 if found[0] == "verified" and sent else self.unverified_frames + 1
         if shown and not seen_before:
             counted = self._index
             if not self._look_back(out):
@@ -309,26 +280,25 @@ class FrameSegmenter:
                 return True
             if self._index != counted:
                 frame.index += self._index - counted
-                found = self._check(frame, self._near(frame))
+                found = self._look(frame)
         self._judge(frame, found, out)
         return True
 
     def _look_back(self, out: list[Frame]) -> bool:
         """Judge the frames from the first that was not looked at, now that the sweep shows; whether the lock holds."""
         held = self._held
-        looked = next((n for n, (_, verdict) in enumerate(held) if verdict == _NOT_LOOKED[0]), len(held))
+        looked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_LOOKED[0]), len(held))
         late = [held.pop()[0] for _ in range(len(held) - looked)][::-1]
         counted = self._index
         for number, frame in enumerate(late, 1):
             frame.index += self._index - counted
-            near = None if self._index == counted else self._near(frame)
-            if not self._judge(frame, self._check(frame, near), out):
+            if not self._judge(frame, self._look(frame, near=self._index != counted), out):
                 self.counters["unlocked_frames"] += len(late) - number
                 return False
         return True
 
     def _judge(self, frame: Frame, found: tuple[str, float, float], out: list[Frame]) -> bool:
-        """Hold a frame, and release those that are safe by what `_check` has ``found``; whether the lock holds."""
+        """Hold a frame, and release those that are safe by what `SweepCheck` has ``found``; whether the lock holds."""
         verdict, seen, tolerance = found
         held = self._held
         held.append((frame, verdict))
@@ -397,35 +367,11 @@ class FrameSegmenter:
                 frame.index += frames
         self._slips.clear()
 
-    def _near(self, frame: Frame) -> tuple[float, float] | None:
-        """Where the sweep is seen near the delay it was sent with, see `SweepFinder.shift`."""
+    def _look(self, frame: Frame, *, near: bool = True) -> tuple[str, float, float]:
+        """`SweepCheck.verdict` of a frame under the index that it has now; matched filters only if ``near``."""
         sent = self._sent(frame.index)
-        return None if sent is None else self._finder.shift(frame.samples, sent, self._offset_s)
-
-    def _check(self, frame: Frame, near: tuple[float, float] | None) -> tuple[str, float, float]:
-        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance.
-
-        ``near`` is of `_near`.
-        """
-        sent, rate = self._sent(frame.index), self.waveform.rate_hz
-        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * rate
-        if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
-            self._strength = near[1]
-            return "verified", expected, _TOLERANCE
-        peak, significance, alone = self._finder.correlate(frame.samples, expected + self._offset_s * rate)
-        delay = float((peak if peak < self._n // 2 else peak - self._n) - self._offset_s * rate)
-        present = significance >= 0.6 * self.settings.lock_threshold and alone >= ALONE
-        # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
-        if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
-            self._strength = near[1]
-            # at the end of its reach it may be the flank of a sweep up to a sample farther away
-            tolerance = _COARSE if abs(near[0]) >= 2 else _TOLERANCE
-            return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
-        if not present:
-            return "undetermined", 0.0, _COARSE
-        self._finder.quality_db = 10.0 * np.log10(significance)
-        inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
-        return ("verified" if inside else "contradicted"), delay, _COARSE
+        found = self._check.near(frame.samples, sent, self._offset_s) if near else None
+        return self._check.verdict(frame.samples, sent, self._offset_s, found)
 
     # -- lock lost ------------------------------------------------------------------------------------------------
 

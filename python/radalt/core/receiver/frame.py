@@ -1,0 +1,35 @@
+"""A sweep's worth of received samples and when it came in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["Frame"]
+
+
+@dataclass
+class Frame:
+    """One whole frame at known timing.
+
+    Attributes
+    ----------
+    index : int
+        Sweep number since the transmitter's start.
+    start_sample : int
+        Sample counter at the frame's first sample, lost samples included.
+    samples : (N,) complex64
+    offset_s : float
+        Delay of the sweep against the frame's first sample, a fraction of a sample; the altimeter subtracts it.
+    """
+
+    index: int
+    start_sample: int
+    samples: np.ndarray
+    offset_s: float
+
+    def keep(self, lent: np.ndarray) -> None:
+        """Take samples of its own where they are a view of ``lent``, see `FrameSegmenter.push`."""
+        if np.may_share_memory(self.samples, lent):
+            self.samples = self.samples.copy()

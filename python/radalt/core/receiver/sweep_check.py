@@ -1,0 +1,84 @@
+"""Whether a frame shows its sweep where it was sent to be: one verdict per frame, which never moves the timing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..waveform import Waveform, altitude_to_delay_s
+from .segmenter_settings import SegmenterSettings
+from .sweep_finder import ALONE, SweepFinder
+
+__all__ = ["NOT_LOOKED", "SweepCheck"]
+
+# samples between where a sweep is and where it is seen: by the matched filter, by the correlation
+_TOLERANCE, _COARSE = 0.4, 1.0
+NOT_LOOKED = "not looked", 0.0, _COARSE
+
+
+class SweepCheck:
+    """Holds the sweep that a frame shows against the one that was sent.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : SegmenterSettings
+    finder : SweepFinder
+        Of the same sweep.
+    max_altitude_m : float
+        Highest altitude, for frames of which nobody knows what was sent.
+    """
+
+    def __init__(
+        self, waveform: Waveform, settings: SegmenterSettings, finder: SweepFinder, max_altitude_m: float
+    ) -> None:
+        self._rate, self._n = waveform.rate_hz, waveform.samples_per_frame
+        self._finder = finder
+        self._present = 0.6 * settings.lock_threshold
+        self._max_delay_samples = float(altitude_to_delay_s(max_altitude_m)) * waveform.rate_hz
+        self._strength = 0.0  # of the last sweep that was seen near where it was sent
+
+    def near(
+        self, samples: np.ndarray, sent: tuple[float, float] | None, offset_s: float
+    ) -> tuple[float, float] | None:
+        """Where the sweep is seen near the delay it was sent with, see `SweepFinder.shift`; None if unknown.
+
+        Parameters
+        ----------
+        samples : (N,) complex64
+        sent : (float, float) or None
+            Altitude in metres and range rate in m/s that the frame was sent for, where that is known.
+        offset_s : float
+            Delay of the sweep against the frame's first sample.
+        """
+        return None if sent is None else self._finder.shift(samples, sent, offset_s)
+
+    def verdict(
+        self,
+        samples: np.ndarray,
+        sent: tuple[float, float] | None,
+        offset_s: float,
+        near: tuple[float, float] | None,
+    ) -> tuple[str, float, float]:
+        """``verified``, ``contradicted`` or ``undetermined``; delay at which the sweep is seen; its tolerance.
+
+        Delays are in samples, less ``offset_s``. ``near`` is what `near` returned for the same frame.
+        """
+        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self._rate
+        if near is not None and near[0] == 0 and near[1] >= 0.5 * self._strength:
+            self._strength = near[1]
+            return "verified", expected, _TOLERANCE
+        offset = offset_s * self._rate
+        peak, significance, alone = self._finder.correlate(samples, expected + offset)
+        delay = float((peak if peak < self._n // 2 else peak - self._n) - offset)
+        present = significance >= self._present and alone >= ALONE
+        # a torn frame shows some of its sweep where it was sent, and a sweep farther away its flank
+        if near is not None and not (present and abs(delay - expected - near[0]) > 2.5):
+            self._strength = near[1]
+            # at the end of its reach it may be the flank of a sweep up to a sample farther away
+            tolerance = _COARSE if abs(near[0]) >= 2 else _TOLERANCE
+            return ("contradicted" if near[0] else "verified"), expected + near[0], tolerance
+        if not present:
+            return "undetermined", 0.0, _COARSE
+        self._finder.quality_db = 10.0 * np.log10(significance)
+        inside = sent is None and -1.5 <= delay <= self._max_delay_samples + 1.5
+        return ("verified" if inside else "contradicted"), delay, _COARSE
