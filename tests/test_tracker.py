@@ -9,7 +9,8 @@ from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.placement import Interferer
 from radalt.core.interference.stream import JammerStream
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from radalt.core.receiver.integrator import Entry, Integrator, Measurement
+from radalt.core.receiver.integrator import Integrator
+from radalt.core.receiver.summed_block import Entry, Measurement
 from radalt.core.receiver.track import Evidence, Kalman, Track
 from radalt.core.receiver.track_integrity import Integrity, _exceeds
 from radalt.core.receiver.tracker import AltitudeTracker, State, Status, TrackerSettings
@@ -275,6 +276,76 @@ def test_a_step_of_a_weak_return_is_contradicted_by_the_latest_frames():
     """Ten of forty frames show the new altitude: too few for a second return at -28 dB, but they are the latest."""
     path = np.where(np.arange(200) < 190, 500.0, 600.0)
     outputs = tracked(flight(np.random.default_rng(25), path, -28.0))
+    assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
+
+
+def exponential(seed: int, frames: int = 40) -> np.ndarray:
+    """Normalised spectra of noise for `FAST`."""
+    rng = np.random.default_rng(seed)
+    return rng.exponential(size=(frames, 2, FAST.beat_hz.size)).astype(np.float32)
+
+
+def test_a_half_that_shows_the_return_in_few_frames_counts_and_one_that_shows_nothing_does_not():
+    """Three frames of forty are few votes: behind a network they may be all that a half sweep has left."""
+    tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=20.0)
+    ratio = exponential(36)
+    ratio[:, 0, 150] = 12.0
+    alone = tables.integrate(ratio, np.arange(40.0)).strongest().strength
+    ratio[[5, 15, 25], 1, 150] = 60.0
+    block = tables.integrate(ratio, np.arange(40.0))
+    assert alone < 12.0 and block.strongest().strength == pytest.approx(block.table.max())
+
+
+def started(tracker: AltitudeTracker, up: int, down: int, seed: int) -> Track:
+    """A track of one block that shows a pair of cells."""
+    tracker._at, tracker._before, tracker._shift_m, tracker._lead_s = np.arange(40), None, 0.0, 0.02
+    block = showing(tracker, up, down, seed)
+    return tracker._start(block, tracker._calibrated(block.best()), 19.5)
+
+
+def showing(tracker: AltitudeTracker, up: int, down: int, seed: int):
+    """A block that shows a pair of cells, each with its neighbours."""
+    ratio = exponential(seed)
+    for half, cell in enumerate((up, down)):
+        ratio[:, half, cell - 1 : cell + 2] += np.array([6.0, 12.0, 6.0], dtype=np.float32)
+    return tracker.integrator.integrate(ratio, np.arange(40.0))
+
+
+def test_a_pair_of_another_doppler_is_no_continuation_while_the_speed_is_unknown():
+    """Up a cell higher and down a cell lower is the same altitude and 17 m/s more; four of each are another pair."""
+    for apart, same in ((0, True), (1, True), (4, False)):
+        tracker = AltitudeTracker(FAST)
+        track = started(tracker, 150, 150, 37)
+        found = tracker._continue(track, showing(tracker, 150 + apart, 150 - apart, 38), 59.5)
+        assert (found is not None) is same
+
+
+def test_a_track_whose_doppler_its_altitudes_contradict_twice_no_longer_holds_its_place():
+    """A pair of lobes passes for 70 m/s, but its altitudes have been level for a second."""
+    tracker = AltitudeTracker(FAST)
+    track = started(tracker, 154, 146, 39)
+    for k in range(25):
+        level = replace(track.latest, altitude_variance_m2=0.01)
+        track.take(level, 40.0 * k)
+    for block, seen in ((40, True), (41, False)):
+        assert tracker._continue(track, showing(tracker, 154, 146, block), 1039.5) is None
+        assert track.seen is seen
+
+
+def test_a_candidate_does_not_keep_another_return_from_becoming_one():
+    tracker = AltitudeTracker(FAST)
+    frames = flight(np.random.default_rng(42), np.full(80, 300.0), -10.0)
+    frames[40:] += 2.0 * point_return(W, np.full(40, 700.0))
+    tracker.process(FAST.spectra(frames))
+    found = sorted(c.latest.altitude_m for c in tracker._candidates)
+    np.testing.assert_allclose(found, [300.0, 700.0], atol=2.0)
+
+
+@pytest.mark.parametrize("after", [12, 15])
+def test_a_step_of_half_a_cell_that_leaves_the_peak_of_the_block_is_noticed(after):
+    """12 m at -26 dB: the block's peak stays at the old altitude, its last quarter has moved by more than the level."""
+    path = np.where(np.arange(400) < 400 - after, 500.0, 512.0)
+    outputs = tracked(flight(np.random.default_rng(43), path, -26.0))
     assert outputs["status"][-2] == Status.NORMAL and outputs["status"][-1] == Status.NO_COMPUTED_DATA
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .integrator import Measurement
+from .summed_block import Measurement
 
 __all__ = ["Evidence", "Kalman", "Track"]
 
@@ -136,7 +136,7 @@ class Track:
     evidence: Evidence
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
-    confirmed: bool = False
+    contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)

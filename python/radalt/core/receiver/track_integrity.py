@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from .integrator import Block, Entry, Integrator, Measurement
+from .integrator import Integrator
+from .summed_block import Block, Entry, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
-from .integrator import Block, Integrator, Measurement
+from .integrator import Integrator
+from .summed_block import Block, Measurement
 from .track import Evidence, Kalman, Track
 from .track_integrity import SPARE_SIGMAS, Integrity, noise_threshold
 from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
@@ -31,6 +32,8 @@ _ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
 _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
+_CANDIDATES = 2  # beside the track: a grating lobe's may hold one place for as long as it lasts
+_LOBE_BLOCKS = 2  # in a row in which altitudes contradict the Doppler: what stands there is a grating lobe
 
 
 class AltitudeTracker:
@@ -79,6 +82,8 @@ class AltitudeTracker:
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
         self._reach = t.last - t.first
+        # a speed lies that far from its row's at most
+        self._slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
         self._integrity = Integrity(t, settings, self.sweep_s)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
@@ -90,7 +95,7 @@ class AltitudeTracker:
     def reset(self) -> None:
         """Forget the track and the frames that wait."""
         self._track: Track | None = None
-        self._candidate: Track | None = None
+        self._candidates: list[Track] = []
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
@@ -183,14 +188,14 @@ class AltitudeTracker:
 
     def _judge(self, last: int) -> tuple:
         s = self.settings
-        for track in (self._track, self._candidate):
+        for track in (self._track, *self._candidates):
             if track is not None:
                 track.filter.predict(s.output_s, s.acceleration_m_per_s2)
         at = np.nonzero(self._here == 1)[0]
         if at.size:
             at = at[np.abs(self._offset_s[at] - self._offset_s[at[-1]]) <= _SAME_TIMING_S]
         if 2 * at.size < self.frames:
-            self._candidate = None
+            self._candidates = []
             state = self._missed()
             failed = 2 * np.sum(self._here == 1) < self.frames - self._started_at
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
@@ -217,10 +222,12 @@ class AltitudeTracker:
         else:
             state = State.SEARCH
         self._try_others(block, middle)
-        if self._track is None and self._candidate is not None:
+        if self._track is None and self._candidates:
             state = State.CONFIRM if state == State.SEARCH else state
-            if self._candidate.confirmed:
-                self._track, self._candidate = self._candidate, None
+            confirmed = [c for c in self._candidates if c.hits >= self.settings.confirm_outputs]
+            if confirmed:
+                self._track = max(confirmed, key=lambda c: c.latest.power)
+                self._candidates = [c for c in self._candidates if c is not self._track]
                 state = State.TRACK
                 normal = self._undisputed(self._track, block, self._track.latest)
         status = Status.NORMAL if normal else Status.NO_COMPUTED_DATA
@@ -248,13 +255,18 @@ class AltitudeTracker:
         sigma = np.sqrt(row @ f.covariance @ row + track.latest.altitude_variance_m2)
         expected = row @ f.mean + self._shift_m
         mask = np.abs(t.altitude_m - expected) <= min(_GATE_SIGMAS * sigma, self._widest_m) + 0.51 * t.cell_m
-        return mask & self._speeds(track)[:, None]
+        return mask & (self._speeds(track) & self._same_pair(track))[:, None]
 
     def _speeds(self, track: Track) -> np.ndarray:
         """Rows of the table whose speed a track may have."""
         t, f = self.integrator, track.filter
-        slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
-        return np.abs(t.row_speed - f.mean[1]) <= _GATE_SIGMAS * np.sqrt(f.covariance[1, 1]) + slack
+        return np.abs(t.row_speed - f.mean[1]) <= _GATE_SIGMAS * np.sqrt(f.covariance[1, 1]) + self._slack
+
+    def _same_pair(self, track: Track) -> np.ndarray:
+        """Rows of the table of the track's latest Doppler: peak and lobes move alike, so a pair keeps its own."""
+        t, last = self.integrator, track.latest
+        spread = _GATE_SIGMAS * np.sqrt(last.speed_variance_m2_per_s2) + self._slack if t.doppler else np.inf
+        return np.abs(t.row_speed - last.speed_m_per_s) <= spread
 
     def _inside(self, track: Track, found: Measurement) -> bool:
         """Whether a measurement lies within a track's gate."""
@@ -298,8 +310,11 @@ class AltitudeTracker:
         track.take(found, middle)
         lowest, highest = self._integrity.open_cells(track)
         if lowest > highest:  # its Doppler is none that its altitudes allow: a lobe's
+            track.contradicted += 1
+            track.seen = track.contradicted < _LOBE_BLOCKS
             track.latest, track.measured_at = before
             return None
+        track.contradicted = 0
         _, open_speed = self._integrity.farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
@@ -332,24 +347,30 @@ class AltitudeTracker:
     # -- initiator and deleter ------------------------------------------------------------------------------------
 
     def _try_others(self, block: Block, middle: float) -> None:
-        """Carry the candidate on, or start one from the strongest return that is not the track's."""
-        candidate, track = self._candidate, self._track
-        if candidate is not None:
-            if self._continue(candidate, block, middle) is None or candidate.filter.nis > _INCONSISTENT:
-                self._candidate = candidate = None
-            elif candidate.hits >= self.settings.confirm_outputs:
-                candidate.confirmed = True
-        if track is not None and track.missed == 0 and track.latest is not None:
-            allowed = block.away_from(track.latest)
-        else:
-            allowed = np.ones(block.table.shape, dtype=bool)
-        if candidate is None:
+        """Carry the candidates on, and start one from the strongest return that is not the track's or theirs."""
+        track, enough = self._track, self.settings.confirm_outputs
+        here = [track] if track is not None and track.missed == 0 else []
+        kept: list[Track] = []
+        for candidate in sorted(self._candidates, key=lambda c: -c.hits):
+            found = self._continue(candidate, block, middle)
+            fits = found is not None and candidate.filter.nis <= _INCONSISTENT
+            if fits and not self._is_followed(found, here + kept):
+                kept.append(candidate)
+        if track is not None and not track.seen and any(c.hits >= enough for c in kept):
+            self._track = None  # the ground has stepped: the old altitude is no longer there
+        if len(kept) < _CANDIDATES:
+            allowed = block.away_from(track.latest) if here else np.ones(block.table.shape, dtype=bool)
             found = block.best(block.prominent(allowed))
             strong = found is not None and found.strength >= self._integrity.search_threshold
-            if strong and self._possible(found) and not self._is_side_lobe(block, found, ghosts=True):
-                self._candidate = self._start(block, self._calibrated(found), middle)
-        elif candidate.confirmed and track is not None and not track.seen:
-            self._track = None  # the ground has stepped: the old altitude is no longer there
+            strong = strong and self._possible(found) and not self._is_followed(found, kept)
+            if strong and not self._is_side_lobe(block, found, ghosts=True):
+                kept.append(self._start(block, self._calibrated(found), middle))
+        self._candidates = kept
+
+    def _is_followed(self, found: Measurement, tracks: list[Track]) -> bool:
+        """Whether one of these tracks is that of the return that was measured."""
+        cells = self.integrator.resolution_cells
+        return any(np.max(np.abs(found.cells - c.latest.cells)) <= cells for c in tracks)
 
     def _start(self, block: Block, found: Measurement, middle: float) -> Track:
         t = self.integrator
@@ -380,6 +401,9 @@ class AltitudeTracker:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
         if track.hits < self.settings.confirm_outputs and found.strength < self._integrity.search_threshold:
             return False  # back from coasting: few weak returns in a row may be noise
+        moved_m, sigma_m = block.moved_since(found)
+        if abs(moved_m) > max(self._integrity.protection_m(track), _GATE_SIGMAS * sigma_m):
+            return False  # a step of the ground that leaves the peak of the whole block where it was
         here_m = found.altitude_m + self._shift_m
         received = self._received_block if self._beside else None
         return self._integrity.undisputed(

@@ -20,7 +20,27 @@ __all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "LinkSpec", "TerrainSpec"
 
 @dataclass(frozen=True)
 class TrajectorySpec:
-    """Which flight; see `Trajectory.load`. ``start_s`` and ``end_s`` cut it (None: as it is)."""
+    """Which flight.
+
+    Parameters
+    ----------
+    file : str
+        CSV with a track, or with ADS-B state vectors.
+    aircraft : str or None
+        The icao24 address or callsign to take from a file of several.
+    altitude : str
+        Which altitude of ADS-B state vectors: ``"geo"`` (GNSS) or ``"baro"`` (barometric).
+    altitude_offset_m : float
+        Added to the file's altitudes: minus the geoid undulation where they are above the ellipsoid.
+    angle_of_attack_deg : float
+        Pitch above the path's own angle.
+    max_gap_s : float
+        Longest gap between two rows that is interpolated.
+    start_s : float or None
+        Where the flight begins, in the file's time; None: at its first row.
+    end_s : float or None
+        Where it ends; None: at its last row.
+    """
 
     file: str = "approach_kord_10c.csv"
     aircraft: str | None = None
@@ -34,7 +54,17 @@ class TrajectorySpec:
 
 @dataclass(frozen=True)
 class TerrainSpec:
-    """Which ground: DTED files, or with none a flat earth at ``flat_m`` above mean sea level."""
+    """Which ground.
+
+    Parameters
+    ----------
+    files : tuple of str
+        DTED files, as many cells as the flight crosses; none for a flat earth.
+    void : str
+        What to do about posts without a height: ``"error"`` refuses them, ``"fill"`` interpolates.
+    flat_m : float
+        Elevation of the flat earth above mean sea level.
+    """
 
     files: tuple[str, ...] = ("hilly_n41w089.dt0", "hilly_n41w088.dt0")
     void: str = "error"
@@ -43,7 +73,21 @@ class TerrainSpec:
 
 @dataclass(frozen=True)
 class AntennaSpec:
-    """A Gaussian beam, or a pattern file; see `GaussianAntenna`, `TabulatedAntenna.load`, `TerrainReturn`."""
+    """The altimeter's antenna: a Gaussian beam, or a pattern file.
+
+    Parameters
+    ----------
+    beamwidth_deg : float
+        Full width of the beam at half power.
+    gain_dbi : float
+        Gain in the middle of the beam.
+    two_way : bool
+        The beamwidth is that of transmission and reception together.
+    pattern : str or None
+        File of a measured pattern, in place of the Gaussian beam.
+    tilt_deg : float
+        Tilt of the antenna against the aircraft's vertical axis.
+    """
 
     beamwidth_deg: float = 40.0
     gain_dbi: float = 10.0
@@ -54,7 +98,17 @@ class AntennaSpec:
 
 @dataclass(frozen=True)
 class GroundSpec:
-    """Reflectivity by model and land type, shifted by ``level_db``; see `reflectivity`."""
+    """How the ground reflects.
+
+    Parameters
+    ----------
+    model : str
+        Reflectivity against the angle of incidence.
+    land : str
+        Type of land.
+    level_db : float
+        Added to the model's reflectivity.
+    """
 
     model: str = "morchin"
     land: str = "urban_low_relief"
@@ -63,7 +117,17 @@ class GroundSpec:
 
 @dataclass(frozen=True)
 class LinkSpec:
-    """Transmitter, losses and receiver; see `RadarLink` for the source of the values."""
+    """Transmitter, losses and receiver; `RadarLink` names the source of the values.
+
+    Parameters
+    ----------
+    transmit_w : float
+        Transmitted power.
+    losses_db : float
+        Cable and other losses, both ways together.
+    noise_figure_db : float
+        Of the receiver.
+    """
 
     transmit_w: float = 0.4
     losses_db: float = 6.0
@@ -72,7 +136,7 @@ class LinkSpec:
 
 @dataclass(frozen=True)
 class LandingSpec:
-    """A landing.
+    """A landing: what is flown over what, with which antenna and transmitter.
 
     Parameters
     ----------

@@ -215,12 +215,10 @@ def ground_return(
     return TerrainReturn(terrain, waveform, antenna, ground, **options)(state)
 
 
-def ground_returns(
-    scene: TerrainReturn, states: Iterable[AircraftState], *, first_frame: int = 0
-) -> Iterator[GroundReturn]:
+def ground_returns(scene: TerrainReturn, states: Iterable[AircraftState]) -> Iterator[GroundReturn]:
     """Frames along a trajectory, one at a time so that a long approach needs no memory.
 
     Frames that follow each other by ``sweep_s`` are coherent: their phases come from the geometry alone.
     """
-    for index, state in enumerate(states, start=first_frame):
+    for index, state in enumerate(states):
         yield scene(state, frame_index=index)

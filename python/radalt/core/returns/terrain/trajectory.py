@@ -288,6 +288,11 @@ def _one_aircraft(
     path: Path, rows: list[dict[str, str]], column: str | None, wanted: str | None
 ) -> list[dict[str, str]]:
     if column is None:
+        if wanted is not None:
+            allowed = " or ".join(COLUMNS["aircraft"])
+            raise TrajectoryError(
+                f"{path.name}: aircraft {wanted!r} is asked for, but there is no column {allowed}; leave it out"
+            )
         return rows
     seen = Counter(row[column].strip().lower() for row in rows)
     if wanted is None and len(seen) > 1:

@@ -1,0 +1,353 @@
+"""What the sums over one block of frames show: the strongest return, others beside it, their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+if TYPE_CHECKING:  # it makes blocks
+    from .integrator import Integrator
+
+__all__ = ["Block", "Entry", "Measurement", "upper_median"]
+
+_VARIANCE = 0.1763  # of log(1 + x), x exponential of mean 1
+_MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
+_NEARLY = 0.8  # of the greatest strength
+_STILL = 0.6  # cells that a return may move in a block without being followed by the evidence
+_BOTH = 0.1  # least share of the stronger half's power over noise that the weaker has to show
+# least deviations of the power in its cells: behind a network, lower ones are shown without a return
+_STANDS_OUT = 6.0
+_LATEST = 4  # the last of so many parts of a block has to agree with the whole
+
+
+def upper_median(values: np.ndarray) -> np.ndarray:
+    """Upper median over the last axis; `numpy.median` takes three times as long for rows this short."""
+    middle = values.shape[-1] // 2
+    return np.partition(values, middle, axis=-1)[..., middle]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A return in one block.
+
+    Attributes
+    ----------
+    altitude_m, speed_m_per_s : float
+        At the middle of the block's usable frames.
+    altitude_variance_m2, speed_variance_m2_per_s2 : float
+        By the noise in the spectrum.
+    strength : float
+        Sum of both halves over its mean in noise, in standard deviations.
+    cells : (2,) float
+        Position of the peak in the up and the down half, in cells.
+    power : float
+        Power over noise, mean of both halves, linear.
+    row : int
+        Row of the joint table, for the speed by which frames were moved.
+    """
+
+    altitude_m: float
+    speed_m_per_s: float
+    altitude_variance_m2: float
+    speed_variance_m2_per_s2: float
+    strength: float
+    cells: np.ndarray
+    power: float
+    row: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A place in the joint table: its strength, altitude (on the grid), cells of both halves, power over noise, row."""
+
+    strength: float
+    altitude_m: float
+    cells: tuple[int, int]
+    power: float
+    row: int
+
+
+class Block:
+    """One block's sums; what follows from them is computed on request."""
+
+    def __init__(self, tables: Integrator, ratio: np.ndarray, at: np.ndarray) -> None:
+        self.tables, self._ratio, self._at = tables, ratio, at
+        self.count = len(ratio)
+        self._known: dict[int, tuple] = {}
+        self.middle = float(at.mean())
+        self._votes = np.log1p(ratio)
+        self.late = late = -(-self.count // _LATEST)  # frames of its last quarter
+        shifts = [tables.shifts(at, k) for k in range(tables.speeds.size)]
+        sums = np.stack([tables.moved_sum(self._votes, s) for s in shifts])  # (K, 2, J)
+        background, self._sigma = self._noise(sums[len(sums) // 2])
+        self._excess = sums - background
+        self.table = self._joint(self._excess) / self._sigma
+        latest = np.stack([tables.moved_sum(self._votes[-late:], s[-late:]) for s in shifts])
+        latest -= background * (late / self.count)
+        self._late = self._joint(latest) / np.sqrt(2 * late * _VARIANCE)
+
+    def _noise(self, sums: np.ndarray) -> tuple[np.ndarray, float]:
+        """Background around each cell, and the standard deviation of the sum of two halves in noise.
+
+        The background is a median over eight resolution cells to either side. The deviation is the greater of what
+        independent frames have and of what the cells show: interference that repeats with the sweep does not average
+        out.
+        """
+        t = self.tables
+        inner = sums[:, t.first : t.last]
+        # half by half: SciPy's filter for one dimension takes a fourteenth of the time
+        residual = inner - [ndimage.median_filter(half, size=t._background, mode="reflect") for half in inner]
+        everywhere = np.zeros(sums.shape)
+        everywhere[:, t.first : t.last] = inner - residual
+        seen = 1.4826 * upper_median(np.abs(residual - upper_median(residual)[:, None]))
+        expected = self.count * _VARIANCE
+        return everywhere, float(np.sqrt(np.maximum(seen**2, expected).sum()))
+
+    def _joint(self, halves: np.ndarray) -> np.ndarray:
+        """(rows, cells) sums of up and down cell; minus infinity where there is no such pair."""
+        t = self.tables
+        k = t.rows[:, :1]
+        out = halves[k, 0, t._up] + halves[k, 1, t._down]
+        out[~t._valid] = -np.inf
+        return out
+
+    def strongest(self, allowed: np.ndarray | None = None) -> Entry | None:
+        """The strongest pair, of those allowed (a mask like `table`); None where none is allowed."""
+        table = self.table if allowed is None else np.where(allowed, self.table, -np.inf)
+        row, column = divmod(int(table.argmax()), table.shape[1])
+        strength = float(table[row, column])
+        if not np.isfinite(strength):
+            return None
+        t = self.tables
+        cells = int(t._up[row, column]), int(t._down[row, column])
+        k = int(t.rows[row, 0])
+        power, floor, _ = self._sums(k)
+        over = [float(power[half, cells[half]] / floor[half]) - 1.0 for half in range(2)]
+        weaker = min(float(self._excess[k, half, cells[half]]) for half in range(2)) / self._sigma
+        if weaker < 0.25 * strength and not self._shown_by_both(k, over):  # both halves have to show a return
+            strength = min(strength, 4.0 * weaker)
+        return Entry(strength, float(t.altitude_m[row, column]), cells, max(0.0, 0.5 * sum(over)), row)
+
+    def _shown_by_both(self, k: int, over: list[float]) -> bool:
+        """Whether the half with less power over noise shows a return: a tenth of the other's, and beyond its cells'.
+
+        A method may leave the return in few frames of a half, which are few votes, however strong they are.
+        """
+        t = self.tables
+        power, floor, _ = self._sums(k)
+        less = int(np.argmin(over))
+        usual = 1.4826 * upper_median(np.abs(power[less, t.first : t.last] - floor[less])) / floor[less]
+        return over[less] >= max(_BOTH * max(over), _STANDS_OUT * float(usual))
+
+    def best(self, allowed: np.ndarray | None = None) -> Measurement | None:
+        """`strongest`, measured to a fraction of a cell; None where none is allowed or it is no peak."""
+        entry = self.strongest(allowed)
+        return None if entry is None else self.measure(entry)
+
+    def prominent(self, allowed: np.ndarray) -> np.ndarray:
+        """Of the allowed entries that come near the strongest, the one of most power, as a mask like `table`.
+
+        After compression a return and its grating lobes are alike; without compression one frame could decide.
+        """
+        t = self.tables
+        table = np.where(allowed, self.table, -np.inf)
+        top = table.max()
+        row, column = np.nonzero((table >= min(_NEARLY * top, top)) & (table > -np.inf))
+        cells, speed = (t._up[row, column], t._down[row, column]), t.rows[row, 0]
+        power = np.empty(row.size)
+        for k in np.unique(speed).tolist():
+            at = speed == k
+            sums, floor, _ = self._sums(k)
+            power[at] = sum(sums[half, cells[half][at]] / floor[half] for half in range(2))
+        mask = np.zeros(table.shape, dtype=bool)
+        if row.size:
+            best = power.argmax()
+            mask[row[best], column[best]] = True
+        return mask
+
+    def at_peaks(self, allowed: np.ndarray) -> np.ndarray:
+        """Those of the allowed entries whose halves both lie beside a peak; all of them where none does.
+
+        Within a gate the strongest entry may lie on the flank of a lobe beyond it.
+        """
+        t = self.tables
+        beside = np.zeros((t.speeds.size, 2, t.beat_hz.size), dtype=bool)
+        for k in np.unique(t.rows[allowed.any(axis=1), 0]).tolist():
+            power = self._sums(k)[0]
+            peak = (power[:, 1:-1] >= power[:, :-2]) & (power[:, 1:-1] >= power[:, 2:])
+            for shift in range(3):
+                beside[k, :, shift : shift + peak.shape[1]] |= peak
+        k = t.rows[:, :1]
+        found = allowed & beside[k, 0, t._up] & beside[k, 1, t._down]
+        return found if found.any() else allowed
+
+    def measure(self, entry: Entry) -> Measurement | None:
+        """Position and variance of a return; None where there is no peak."""
+        t = self.tables
+        k = int(t.rows[entry.row, 0])
+        power, floor, slope = self._sums(k)
+        fine, variance, over = np.empty(2), np.empty(2), np.empty(2)
+        for half in range(2):
+            peak = self._peak(power[half], floor[half], slope[half], entry.cells[half])
+            if peak is None:
+                return None
+            fine[half], variance[half], over[half] = peak
+        up, down = (float(t.beat_hz[0] + t.cell_hz * f) for f in fine)
+        hz2 = float(variance.sum()) * t.cell_hz**2
+        w = t.waveform
+        return Measurement(
+            altitude_m=float(w.beats_to_altitude_m(up, -down)),
+            speed_m_per_s=float(w.beats_to_vertical_speed_m_per_s(up, -down)),
+            altitude_variance_m2=hz2 * float(w.beats_to_altitude_m(1.0, 0.0)) ** 2,
+            speed_variance_m2_per_s2=hz2 * float(w.beats_to_vertical_speed_m_per_s(1.0, 0.0)) ** 2,
+            strength=entry.strength,
+            cells=fine,
+            power=float(over.mean()),
+            row=entry.row,
+        )
+
+    def _peak(
+        self, power: np.ndarray, floor: float, slope: float, cell: int
+    ) -> tuple[float, float, float] | None:
+        """Position of the peak next to a cell, its variance, in cells, and its power over noise; None without one."""
+        cell = self._climb(power, cell)
+        left, here, right = power[cell - 1 : cell + 2]
+        curvature = 2.0 * here - left - right
+        if not curvature > 0:
+            return None
+        over = max(0.0, float(here / floor) - 1.0)
+        # noise of the slope over the curvature; beside a return the noise is greater by its power over noise
+        variance = slope * (1.0 + over) / curvature**2
+        return cell + float(np.interp((right - left) / curvature, *self.tables._curve)), float(variance), over
+
+    def moved_since(self, found: Measurement) -> tuple[float, float]:
+        """Altitude of a return in the block's last quarter, less that in the whole block, and its standard deviation.
+
+        In metres; zero and infinite where the last quarter shows no peak.
+        """
+        t = self.tables
+        k = int(t.rows[found.row, 0])
+        share = self.late / self.count
+        _, floor, slope = self._sums(k)
+        power = t.moved_sum(self._ratio[-self.late :], t.shifts(self._at, k)[-self.late :])
+        reach = round(_MAIN_LOBE * t.resolution_cells)
+        steps, cells = np.arange(-reach, reach + 1), np.arange(power.shape[1])
+        over = [np.interp(found.cells[half] + steps, cells, power[half]) / floor[half] for half in range(2)]
+        step = int(steps[np.argmax(over[0] + over[1])])  # both halves alike: each alone may climb a lobe
+        peaks = [
+            self._peak(power[half], share * floor[half], share * slope[half], round(found.cells[half]) + step)
+            for half in range(2)
+        ]
+        if None in peaks:
+            return 0.0, np.inf
+        moved = 0.5 * sum(peak[0] - at for peak, at in zip(peaks, found.cells, strict=True))
+        return moved * t.cell_m, 0.5 * float(np.sqrt(peaks[0][1] + peaks[1][1])) * t.cell_m
+
+    def _sums(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(2, J) power moved by speed ``k``; (2,) its level in noise; (2,) variance of its slope in noise."""
+        if k not in self._known:
+            t = self.tables
+            power = t.moved_sum(self._ratio, t.shifts(self._at, k))
+            inner = power[:, t.first : t.last]
+            floor = np.maximum(upper_median(inner), 1e-12)
+            slopes = np.abs(inner[:, 2:] - inner[:, :-2])
+            self._known[k] = power, floor, (0.5 * 1.4826 * upper_median(slopes)) ** 2
+        return self._known[k]
+
+    def _climb(self, power: np.ndarray, cell: int) -> int:
+        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return."""
+        t = self.tables
+        while True:
+            near = slice(max(t.first, cell - 1), min(t.last, cell + 2))
+            top = near.start + int(power[near].argmax())
+            if power[top] <= power[cell]:
+                return cell
+            cell = top
+
+    # -- rivals ---------------------------------------------------------------------------------------------------
+
+    def away_from(self, found: Measurement) -> np.ndarray:
+        """Mask like `table`: entries of which at least one half lies beyond the main lobe of a return."""
+        t = self.tables
+        lobe = _MAIN_LOBE * t.resolution_cells
+        return (np.abs(t._up - found.cells[0]) > lobe) | (np.abs(t._down - found.cells[1]) > lobe)
+
+    def power_at(self, found: Measurement) -> float:
+        """Power over noise, mean of both halves, where another block shows a return."""
+        power, floor, _ = self._sums(int(self.tables.rows[found.row, 0]))
+        cells = np.arange(power.shape[1])
+        over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
+        return max(0.0, 0.5 * float(sum(over)))
+
+    def lobe_from_beyond(self, found: Measurement) -> bool:
+        """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
+
+        Such a line may be a radar of the same sweep, or ground too far away. Its speed is its own: frames stay unmoved.
+        """
+        t = self.tables
+        moved, _, _ = self._sums(int(t.rows[found.row, 0]))
+        line, cells = self._ratio.sum(axis=0), np.arange(moved.shape[1])
+        line[:, t.first : t.last] = 0.0
+        for half, at in enumerate(found.cells):
+            apart = np.maximum(np.abs(cells - at) / t.resolution_cells, 1.0)
+            if np.max(line[half] * 4.0 / (np.pi * apart) ** 2) >= np.interp(at, cells, moved[half]):
+                return True
+        return False
+
+    def contradicted(self, found: Measurement) -> bool:
+        """Whether the latest frames contradict the return by four standard deviations: a step of the ground."""
+        away = self.away_from(found)
+        here = np.where(away, -np.inf, self._late).max()
+        other = np.where(away, self._late, -np.inf).max()
+        return bool(other - here > 4.0 * np.sqrt(2.0))
+
+    def second_return(self, found: Measurement, reach: int, above: float, below: float) -> bool:
+        """Whether another return, not a side lobe, stands within ``reach`` cells of one.
+
+        A method weights the sweep by real factors, so its lobes lie on both sides alike; a return stands on one side
+        only. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
+        altitude, ``below`` it) and twice its mirror image by five standard deviations.
+        """
+        t = self.tables
+        power, floor, _ = self._sums(int(t.rows[found.row, 0]))
+        steps = np.arange(-reach, reach + 1)
+        cells = np.arange(power.shape[1])
+        here = [np.interp(found.cells[h] + steps, cells, power[h]) / floor[h] - 1.0 for h in range(2)]
+        over = 0.5 * (here[0] + here[1])
+        share = np.where(steps > 0, above, below)
+        noise = np.sqrt(((1.0 + over) ** 2 + 4.0 * (1.0 + over[::-1]) ** 2) / (2.0 * self.count))
+        apart = np.abs(steps) >= 1.5 * t.resolution_cells
+        both = np.minimum(*here) > 0.25 * over  # the two halves show it
+        stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        if not np.any(apart & both & stands):
+            return False
+        # what a network leaves falls off beyond the span it was trained for: that is no return
+        around = [ndimage.median_filter(power[h], size=t._background, mode="nearest") for h in range(2)]
+        level = [np.interp(found.cells[h] + steps, cells, around[h]) / floor[h] - 1.0 for h in range(2)]
+        over = over - np.maximum(0.5 * (level[0] + level[1]), 0.0)
+        stands &= (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        return bool(np.any(apart & both & stands))
+
+    def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
+        """Power over noise of the peak less that of cells ``-reach..reach`` from it.
+
+        Mean and its variance, (2, 2 reach + 1) each; NaN beyond the beat band. The variance is the frames' own, so it
+        holds whatever the interference is.
+        """
+        t = self.tables
+        shifts = t.shifts(self._at, int(t.rows[found.row, 0]))
+        power = self._ratio if np.ptp(shifts) <= _STILL else t.moved(self._ratio, shifts)
+        mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
+        for half in range(2):
+            whole = int(np.floor(found.cells[half]))
+            rest = np.float32(found.cells[half] - whole)
+            low, high = max(0, whole - reach), min(power.shape[-1] - 1, whole + reach + 1)
+            profile = power[:, half, low:high] * (1 - rest) + power[:, half, low + 1 : high + 1] * rest
+            apart = profile[:, whole - low, None] - profile
+            at = slice(low - whole + reach, high - whole + reach)
+            mean[half, at] = apart.mean(axis=0)
+            variance[half, at] = apart.var(axis=0) / max(1, self.count - 1)
+        return mean, variance
