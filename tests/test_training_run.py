@@ -76,6 +76,39 @@ def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(trainin
     assert np.isfinite(create("tcae", SWEEP, model=model).process(frame).view(np.float32)).all()
 
 
+def test_the_shipped_network_is_what_its_weights_export_to(training, root, tmp_path):
+    """To the byte, so that what runs is what the code in `training/networks` says."""
+    model = tmp_path / "again.onnx"
+    status, _, errors = training(
+        "export.py", "compact", "--weights", root / "models/tcae.onnx", "--out", model
+    )
+    assert status == 0, errors
+    assert model.read_bytes() == (root / "models/tcae.onnx").read_bytes()
+
+
+def test_doubling_is_a_transposed_convolution(root):
+    """One convolution for even and odd columns gives what the transposed one of the same weights does."""
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+    run = subprocess.run(
+        [root / ".venv-train/bin/python", "-c", DOUBLING], cwd=root, capture_output=True, text=True
+    )
+    assert run.returncode == 0 and float(run.stdout) < 1e-5, run.stderr
+
+
+DOUBLING = """
+import sys
+sys.path[:0] = ["training", "python"]
+import torch
+from networks.layers import Doubling
+from torch import nn
+torch.manual_seed(5)
+layer = Doubling(6, 3)
+h = torch.randn(2, 6, 1, 9)
+print(float((layer(h, 18) - nn.ConvTranspose1d.forward(layer, h[:, :, 0])).abs().max()))
+"""
+
+
 def test_weights_stored_in_few_bits_start_a_run(training, runs, root):
     """`fc.onnx` stores int8; its training goes on from there."""
     folder, small = runs

@@ -22,9 +22,9 @@ from evaluate import SNR_DB, Delayed, Scenes
 
 from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
-from radalt.core.mitigation.any_sweep import SERVED
 from radalt.core.mitigation.tcae import default_model_path
 from radalt.core.paths import model_path
+from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
 from radalt.evaluation.engine.study import Point, Run, Study
@@ -209,7 +209,6 @@ class SweepStudy(Study):
         page = render(
             Path(__file__).with_name("evaluate_sweeps.md.j2"),
             **report,
-            served=SERVED,
             break_table=break_table(found),
             alone_table=alone_table(found),
         )
@@ -284,20 +283,22 @@ def break_table(rows: Sequence[Row]) -> str:
 
 
 def alone_table(rows: Sequence[Row]) -> str:
-    """Declared frames without a return, with their 95 % upper bound, and Pd without interference."""
+    """Declared frames without a return, with their 95 % upper bound and the design's rate; Pd without interference."""
     lines, names = [], [chain.label for chain in CHAINS]
     for what in ("clean", *ALONE):
         for sweep in dict.fromkeys(row["sweep"] for row in rows):
             mine = {r["method"]: r for r in rows if (r["sweep"], r["interferer"]) == (sweep, what)}
+            design = "–"
             if what == "clean":
                 cells = [f"{mine[m]['pd']:.2f}" for m in names if m in mine]
             else:
+                design = f"{Altimeter(SWEEPS[sweep]).false_alarms_per_frame:.3f}"
                 cells = [
                     f"{r['declared']} of {r['trials']} ({clopper_pearson_bound(r['declared'], r['trials']):.3f})"
                     for r in (mine[m] for m in names if m in mine)
                 ]
-            lines.append([what, described(SWEEPS[sweep]), *cells])
-    return table(["frames", "sweep", *names], lines)
+            lines.append([what, described(SWEEPS[sweep]), design, *cells])
+    return table(["frames", "sweep", "design", *names], lines)
 
 
 def describe(rows: Sequence[Row]) -> str:

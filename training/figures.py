@@ -5,8 +5,8 @@ PYTHONPATH=python .venv/bin/python training/figures.py --out docs/figures
 
 from __future__ import annotations
 
-import argparse
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -20,6 +20,7 @@ from radalt.core.interference import Interferer, QpskEmitter, interference_frame
 from radalt.core.mitigation import create
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
+from radalt.evaluation.engine import options
 
 ROOT = Path(__file__).resolve().parent.parent
 ALTITUDE_M = 300.0
@@ -92,13 +93,14 @@ def draw_training(path: Path, logs: list[Path]) -> None:
     plt.close(figure)
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+@options.command("figures")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw all; returns 0, or 2 after one line about what does not fit."""
+    parser = options.Parser("figures", __doc__)
+    parser.add_argument(
+        "--out", type=options.path, default=ROOT / "docs" / "figures", help="folder (default: docs/figures)"
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures")
-    out = parser.parse_args().out
+    out = parser.parse_args(argv).out
     out.mkdir(parents=True, exist_ok=True)
     draw_before_after(out / "tcae_before_after_shaped.png", "rrc", -20.0, 1.0)
     draw_before_after(out / "tcae_before_after_burst.png", "rectangular", -20.0, 0.4)
@@ -109,7 +111,8 @@ def main() -> None:
     draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in parts])
     draw_training(out / "tcae_any_sweep.png", [logs / "any_sweep.csv"])
     draw_training(out / "tcae_paper.png", [logs / f"{name}.csv" for name in ("paper", "fc", "cnn")])
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

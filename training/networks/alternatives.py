@@ -43,9 +43,10 @@ class Mask(nn.Module):
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
         features = torch.cat([0.5 * log_power(power), cells / torch.sqrt(total + 1e-9)], 1)
-        gain = torch.sigmoid(self.leave(self.blocks((self.enter(features) + self.position).unsqueeze(2))))
+        placed = (self.enter(features) + self.position).unsqueeze(2)
+        gain = torch.sigmoid(self.leave(self.blocks(placed).squeeze(2)))
         blocks = self.bank.back(cells * torch.cat([gain, gain], 1), self.bank.synthesis)
-        return from_blocks(blocks, self.bank.hop, self.columns) * self.norm
+        return from_blocks(blocks, self.bank.hop, self.columns).reshape(x.shape) * self.norm
 
 
 class Residual(nn.Module):
@@ -68,4 +69,4 @@ class Residual(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
-        return x - self.leave(self.blocks(self.enter(x).unsqueeze(2)))
+        return x - self.leave(self.blocks(self.enter(x).unsqueeze(2)).squeeze(2))

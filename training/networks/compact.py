@@ -29,6 +29,7 @@ from radalt.core.waveform import Waveform
 
 from .layers import (
     BandGain,
+    Doubling,
     FourierBank,
     GatedStack,
     Given,
@@ -79,40 +80,57 @@ class _Modulus(nn.Module):
         width = 16
         self.enter = RowConv(bins + 5, width, 4, stride=2, padding=1)
         self.blocks = GatedStack(width, (1, 4))
-        self.leave = nn.ConvTranspose1d(width, 3, 4, stride=2, padding=1)
+        self.leave = Doubling(width, 3)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
             # subtract little, level nothing, hardly prefer samples near the mean modulus
             self.leave.bias.copy_(torch.tensor([-2.0, 3.0, -4.0]))
 
-    def forward(self, x: Tensor, beat_power: Tensor, tables: Tables) -> tuple[Tensor, Tensor, Tensor]:
-        """Cleaned frame, (B, 5, L) envelope features and log powers of the beat band's cells, from the frame and the
-        powers of those cells."""
+    def mixing(self) -> list[list[float]]:
+        """(bins + 5, bins + 5) features from the rows of logarithms that `forward` returns, one below the other.
+
+        Five of the envelope, then log powers of the beat band's cells over the frame's mean level, which is the last
+        row less the third. Whoever takes features has these sums in its weights: to cut rows, subtract them and put
+        them together takes as long as a convolution.
+        """
+        count = self.enter.in_channels
+        of_rows = [[float(row == column) for column in range(count)] for row in range(count)]
+        spread, share, level, short = of_rows[:4]
+        mean = [last - over for last, over in zip(of_rows[-1], level, strict=True)]
+        return [level, spread, short, share, mean, *of_rows[4:-1]]
+
+    def forward(
+        self, x: Tensor, blocks: Tensor, beat_power: Tensor, tables: Tables
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Cleaned frame, (B, bins + 4, L) logarithms and (B, 1, L) log power, of which `mixing` makes features.
+
+        From the frame, its dechirped blocks, whose samples have the same modulus, and the powers of the beat band's
+        cells.
+        """
         hop, columns = sizes_of(tables)
-        power = (x * x).sum(1).reshape(-1, columns, hop).transpose(1, 2) + 1e-12
+        power = (blocks * blocks).reshape(-1, 2, hop, columns).sum(1) + 1e-12
         modulus = torch.sqrt(power)
         halves = torch.matmul(tables.halves, modulus)  # mean modulus of half blocks, (B, 2, L)
-        short = torch.matmul(tables.halves, power).mean(1, keepdim=True)
+        short = torch.matmul(tables.halves.mean(0, keepdim=True), power)
         means = torch.cat([halves.mean(1, keepdim=True), short], 1)
         means = nnf.avg_pool1d(means, 3, 1, padding=1, count_include_pad=False)
         mean, mean_power = means[:, :1], means[:, 1:]
         variance = (mean_power - mean * mean).clamp(min=0)
         share = torch.cat([variance, beat_power.sum(1, keepdim=True)], 1) / (mean_power + 1e-12)
-        logs = torch.log(torch.cat([share + 1e-7, means[:, 1:] + 1e-9, short + 1e-9, beat_power + 1e-9], 1))
+        logs = torch.log(torch.cat([share + 1e-7, torch.cat([mean_power, short, beat_power], 1) + 1e-9], 1))
         level = logs[:, 2:3]
-        average = level.mean(2, keepdim=True)
-        over = logs[:, 2:] - average
-        envelope = torch.cat([over[:, :1], logs[:, :1], over[:, 1:2], logs[:, 1:2], level - over[:, :1]], 1)
-        features = torch.cat([envelope, over[:, 2:]], 1)
-        h = self.enter(features, [0.25] * features.shape[1])
-        control = self.leave(self.blocks(h))
+        over = logs.new_tensor([0.0, 0.0] + [1.0] * (self.enter.in_channels - 3))[:, None]  # the mean level
+        logs = logs - over * level.mean(2, keepdim=True)
+        mixing = [[0.25 * value for value in row] for row in self.mixing()]
+        h = self.enter.mixed(torch.cat([logs, level], 1), mixing, self.enter.weight)
+        control = self.leave(self.blocks(h), columns)
         subtract, keep = (_spread(torch.sigmoid(control[:, i : i + 1]), tables.ramp) for i in (0, 1))
         prefer = _spread(torch.exp(control[:, 2:].clamp(max=12.0)), tables.ramp)
         ratio = _spread(halves, tables.local) / modulus
         off = 1 - ratio
         # a sample far off the mean modulus (a symbol's edge, another interferer) says little about the return
         factor = keep * (1 + subtract) * (1 - subtract * ratio) / (1 + prefer * (off * off))
-        return x * factor.transpose(1, 2).reshape(-1, 1, hop * columns), envelope, logs[:, 4:]
+        return x * factor.transpose(1, 2).reshape(-1, 1, hop * columns), logs, level
 
 
 class _Spectrum(nn.Module):
@@ -173,15 +191,14 @@ class Compact(nn.Module):
         self.modulus = _Modulus(len(bins)) if settings.modulus else None
         self.spectrum = _Spectrum(settings) if settings.spectrum else None
         c, b = settings.channels, len(bins)
-        # what belongs to cells and what to whole columns apart: ONNX Runtime is fast with multiples of four channels,
-        # 28 here, and with few
+        # weights of features that belong to cells, and of those that belong to whole columns
         cells, columns = (4 * b, 6) if settings.modulus else (3 * b, 1)
         self.enter = RowConv(cells, c, 4, stride=2, padding=1)
         self.enter_columns = RowConv(columns, c, 4, bias=False, stride=2, padding=1)
         self.position = nn.Parameter(torch.zeros(1, c, COLUMNS // 2))
         self.same = Same(c)
         self.blocks = GatedStack(c, settings.dilations)
-        self.leave = nn.ConvTranspose1d(c, b, 4, stride=2, padding=1)
+        self.leave = Doubling(c, b)
         with torch.no_grad():
             self.leave.weight.mul_(0.1)
             self.leave.bias.fill_(2.0)
@@ -194,33 +211,55 @@ class Compact(nn.Module):
         else:
             position = torch.matmul(self.position, tables.place)
             analysis, synthesis = self.bank.filters(tables.stretch)
-        envelope = raw = None
+        logs = level = None
         if self.modulus is not None:
-            power = self.bank.power(self.bank(to_blocks(dechirped(x, tables), *sizes_of(tables)), analysis))
-            x, envelope, raw = self.modulus(x, power, tables)
+            blocks = to_blocks(dechirped(x, tables), *sizes_of(tables))
+            power = self.bank.power(self.bank(blocks, analysis))
+            x, logs, level = self.modulus(x, blocks, power, tables)
         if self.spectrum is not None:
             x = self.spectrum(x, tables)
         cells = self.bank(to_blocks(dechirped(x, tables), *sizes_of(tables)), analysis)
-        gain = self._gain(cells, envelope, raw, position)
+        gain = self._gain(cells, logs, level, position, sizes_of(tables)[1])
         return rechirped(from_blocks(self.bank.back(cells * gain, synthesis), *sizes_of(tables)), tables)
 
-    def _gain(self, cells: Tensor, envelope: Tensor | None, raw: Tensor | None, position: Tensor) -> Tensor:
-        """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the envelope."""
+    def _gain(
+        self, cells: Tensor, logs: Tensor | None, level: Tensor | None, position: Tensor, columns: int
+    ) -> Tensor:
+        """(B, 2 bins, L) gain of every cell, from its log power, its share and phase, and the modulus' logarithms."""
         power = self.bank.power(cells)
         total = power.sum(1, keepdim=True)
-        level = log_power(total)
-        average = level.mean(2, keepdim=True)
-        bins = self.bank.bins
-        of_cells = [log_power(power) - average, cells / torch.sqrt(total + 1e-9)]
-        of_columns = [level - average]
-        scales, column_scales = [0.5] * bins + [1.0] * 2 * bins, [0.5]
-        if envelope is not None:
-            of_cells.append(raw)
-            of_columns.append(envelope)
-            scales += [0.25] * bins
-            column_scales += [0.25] * 5
-        entered = self.enter(torch.cat(of_cells, 1), scales)
-        entered = entered + self.enter_columns(torch.cat(of_columns, 1), column_scales)
+        log_total = log_power(total)
+        average = log_total.mean(2, keepdim=True)
+        rows = [log_power(power) - average, cells / torch.sqrt(total + 1e-9)]
+        few = [log_total - average]
+        if logs is not None:
+            rows.append(logs)
+            few.append(level)
+        # ONNX Runtime is fast with multiples of sixteen channels, 32 here, and with few
+        mixing, split = self._mixing(), -len(few)
+        weight = torch.cat([self.enter.weight, self.enter_columns.weight], 1)
+        entered = self.enter.mixed(torch.cat(rows, 1), [row[:split] for row in mixing], weight)
+        few_mixing = [row[split:] for row in mixing]
+        entered = entered + self.enter_columns.mixed(torch.cat(few, 1), few_mixing, weight)
         placed = entered.squeeze(2) + position
-        gain = torch.sigmoid(self.leave(self.blocks(self.same(placed.unsqueeze(2)))))
+        gain = self.leave(self.blocks(self.same(placed.unsqueeze(2))), columns, torch.sigmoid)
         return torch.cat([gain, gain], 1)
+
+    def _mixing(self) -> list[list[float]]:
+        """(features, rows) how `_gain` makes the features of cells, then of columns, from its rows, the few ones last.
+
+        Features are scaled to some unity: half of log powers, shares as they are, a quarter of the modulus' logarithms.
+        """
+        bins = self.bank.bins
+        scales = [0.5] * bins + [1.0] * 2 * bins
+        logs = [] if self.modulus is None else self.modulus.mixing()
+        width = len(scales) + len(logs) + 1
+        column = [0.0] * width
+        column[len(scales) + len(logs) - 1 if logs else -1] = 0.5
+        shares = [[scale * (row == k) for k in range(width)] for row, scale in enumerate(scales)]
+
+        def placed(row: list[float]) -> list[float]:
+            return [0.0] * len(scales) + [0.25 * v for v in row[:-1]] + [0.0] + [0.25 * v for v in row[-1:]]
+
+        raw = [[a + b for a, b in zip(row, logs[4], strict=True)] for row in logs[5:]]
+        return [*shares, *map(placed, raw), column, *map(placed, logs[:5])]

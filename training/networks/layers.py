@@ -3,7 +3,7 @@ blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from radalt.core.waveform import Waveform
 
 __all__ = [
     "BandGain",
+    "Doubling",
     "FourierBank",
     "GatedStack",
     "Given",
@@ -41,8 +42,9 @@ def log_power(power: Tensor) -> Tensor:
 
 
 def to_blocks(x: Tensor, hop: int, columns: int) -> Tensor:
-    """(B, 2, N) -> (B, 2 hop, columns): sample ``hop t + m`` in column t at row m, its quadrature ``hop`` rows below.
+    """Frames (B, 2, N) -> (B, 2 hop, columns): sample ``hop t + m`` in column t at row m, its quadrature ``hop`` below.
 
+    Frames in any shape of as many samples, as what stands before leaves them: a reshape more is an operator more.
     Sums over a block, steps from block to block and the filterbank are matrix products in this order, where
     strided convolutions over 7500 samples spend their time gathering.
     """
@@ -50,8 +52,8 @@ def to_blocks(x: Tensor, hop: int, columns: int) -> Tensor:
 
 
 def from_blocks(z: Tensor, hop: int, columns: int) -> Tensor:
-    """Inverse of `to_blocks`."""
-    return z.reshape(-1, 2, hop, columns).transpose(2, 3).reshape(-1, 2, columns * hop)
+    """Inverse of `to_blocks`, as `rechirped` takes it: (B, 1, 2 N)."""
+    return z.reshape(-1, 2, hop, columns).transpose(2, 3).reshape(-1, 1, 2 * columns * hop)
 
 
 def shifted(x: Tensor, columns: int) -> Tensor:
@@ -118,22 +120,18 @@ def _rotated(rows: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
 
 
 def dechirped(x: Tensor, tables: Tables | Given) -> Tensor:
-    """Frames (B, 2, N) times the conjugate sweep.
+    """Frames (B, 2, N), or as many samples in any shape, times the conjugate sweep: (B, 1, 2 N).
 
     Both halves keep their sign, so a return has beats of ``-k tau`` on the way up and ``+k tau`` on the way
     down and the product is continuous over the apex.
     """
-    return _times(x, tables.cosine, -tables.sine, tables)
+    return rotated(x.reshape(-1, 1, 2 * tables.cosine.shape[1]), tables.cosine, -tables.sine, tables)
 
 
 def rechirped(x: Tensor, tables: Tables | Given) -> Tensor:
-    """Back to the received band, with the filterbank's norm."""
-    return _times(x, tables.cosine * tables.norm, tables.sine * tables.norm, tables)
-
-
-def _times(x: Tensor, cosine: Tensor, sine: Tensor, tables: Tables | Given) -> Tensor:
-    samples = cosine.shape[1]
-    return rotated(x.reshape(-1, 1, 2 * samples), cosine, sine, tables).reshape(-1, 2, samples)
+    """(B, 1, 2 N) back to the received band, with the filterbank's norm: (B, 2, N)."""
+    cosine, sine = tables.cosine * tables.norm, tables.sine * tables.norm
+    return rotated(x, cosine, sine, tables).reshape(-1, 2, cosine.shape[1])
 
 
 class FourierBank(nn.Module):
@@ -187,8 +185,12 @@ class FourierBank(nn.Module):
 
     def back(self, cells: Tensor, synthesis: Tensor) -> Tensor:
         """(B, 2 bins, L) -> (B, 2 h, L), times ``norm`` the inverse over the band of the kept bins."""
-        around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
-        return torch.matmul(synthesis, around)
+        if synthesis is not self.synthesis:  # an exported convolution has to know the sizes of its weights
+            around = torch.cat([shifted(cells, k - self.spans // 2) for k in range(self.spans)], 1)
+            return torch.matmul(synthesis, around)
+        # no columns moved and put together: 0.99 of the whole graph's time
+        weight = synthesis.reshape(-1, self.spans, 2 * self.bins).flip(1).transpose(1, 2)
+        return nnf.conv1d(cells, weight, padding=self.spans // 2)
 
     def power(self, cells: Tensor) -> Tensor:
         """(B, bins, L) power of each cell."""
@@ -220,7 +222,7 @@ class BandGain:
         return spectrum, power.reshape(x.shape[0], 1, -1, self.group).mean(3)
 
     def synthesise(self, spectrum: Tensor, gain: Tensor) -> Tensor:
-        """Spectrum of `analyse` times gains (B, 1, N / group) -> (B, 2, N)."""
+        """Spectrum of `analyse` times gains (B, 1, N / group) -> (B, 2, N), where it is exported in another shape."""
         if torch.onnx.is_in_onnx_export():
             return self.synthesise_matrices(spectrum, gain)
         wide = gain[:, 0].repeat_interleave(self.group, 1)
@@ -243,7 +245,7 @@ class BandGain:
         return spectrum, power.reshape(-1, 1, groups * b * c)
 
     def synthesise_matrices(self, spectrum: Tensor, gain: Tensor) -> Tensor:
-        """`synthesise` as exported."""
+        """`synthesise` as exported, (B, 2 a, b c)."""
         t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
         gain = torch.matmul(
             gain.reshape(-1, c, b * groups).transpose(1, 2), t.both
@@ -254,7 +256,7 @@ class BandGain:
         cosine, sine = self._turn()
         y = rotated(torch.matmul(y, t.back_third), cosine, -sine, t)
         y = torch.matmul(t.back_second, y.reshape(-1, a, 2 * b, c))
-        return torch.matmul(t.back_first, y.reshape(-1, 2 * a, b * c)).reshape(-1, 2, a * b * c)
+        return torch.matmul(t.back_first, y.reshape(-1, 2 * a, b * c))
 
 
 class GatedBlock(nn.Module):
@@ -286,21 +288,45 @@ class RowConv(nn.Conv2d):
         row = {name: (1 if name == "stride" else 0, value) for name, value in shape.items()}
         super().__init__(entering, leaving, (1, kernel), bias=bias, **row)
 
-    def forward(self, x: Tensor, scales: Sequence[float]) -> Tensor:
-        """See the class; ``scales`` of the input's channels go into the weights, which are constants once exported."""
-        weights = self.weight * self.weight.new_tensor(scales)[:, None, None]
-        return self._conv_forward(x.unsqueeze(2), weights, self.bias)
+    def mixed(self, rows: Tensor, mixing: Sequence[Sequence[float]], weight: Tensor) -> Tensor:
+        """See the class, of features ``mixing`` times rows (B, R, L), with weights (C', C, 1, kernel).
+
+        The (C, R) factors go into the weights, which are constants once exported.
+        """
+        weight = torch.matmul(weight.permute(0, 2, 3, 1), weight.new_tensor(mixing)).permute(0, 3, 1, 2)
+        return self._conv_forward(rows.unsqueeze(2), weight, self.bias)
 
 
 class GatedStack(nn.Sequential):
-    """`GatedBlock` for each dilation, (B, C, 1, L) -> (B, C, L)."""
+    """`GatedBlock` for each dilation, (B, C, 1, L) -> (B, C, 1, L)."""
 
     def __init__(self, channels: int, dilations: Sequence[int]) -> None:
         super().__init__(*(GatedBlock(channels, d) for d in dilations))
 
-    def forward(self, h: Tensor) -> Tensor:
-        """See the class."""
-        return super().forward(h).squeeze(2)
+
+class Doubling(nn.ConvTranspose1d):
+    """Transposed convolution of kernel 4 and stride 2, (B, C, 1, L) -> (B, C', 2 L).
+
+    As one convolution for the even columns and the odd ones, which ONNX Runtime computes in its blocked layout: of the
+    kernel's taps ``w0..w3`` an even column takes ``w3`` of the column before and ``w1`` of its own, an odd one ``w2``
+    of its own and ``w0`` of the column after.
+    """
+
+    def __init__(self, entering: int, leaving: int) -> None:
+        super().__init__(entering, leaving, 4, stride=2, padding=1)
+
+    def forward(
+        self, h: Tensor, columns: int, activation: Callable[[Tensor], Tensor] | None = None
+    ) -> Tensor:
+        """See the class; ``columns`` is ``2 L``. An activation is made inside the convolution where it is exported."""
+        taps = self.weight.transpose(0, 1).unbind(2)
+        none = torch.zeros_like(taps[0])
+        even, odd = torch.stack([taps[3], taps[1], none], 2), torch.stack([none, taps[2], taps[0]], 2)
+        weight = torch.cat([even, odd])[:, :, None]
+        out = nnf.conv2d(h, weight, torch.cat([self.bias, self.bias]), padding=(0, 1))
+        out = out if activation is None else activation(out)
+        out = out.reshape(-1, 2, self.out_channels, columns // 2).permute(0, 2, 3, 1)
+        return out.reshape(-1, self.out_channels, columns)
 
 
 class Same(nn.Module):

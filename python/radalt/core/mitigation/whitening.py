@@ -11,6 +11,7 @@ from .base import Mitigation, MitigationError, PlotStyle, rail_peak, unit_peak
 __all__ = ["Whitening"]
 
 _SEAM_S = 5e-6  # within which the filter's response decays; a return loses 0.05 dB
+_GAINS = 4  # frames whose gains are made at once, in arrays that stay in a cache: 0.98 of the time of sixteen at once
 
 
 class Whitening(Mitigation):
@@ -65,7 +66,9 @@ class Whitening(Mitigation):
 
     def _clean_into(self, frames: np.ndarray, out: np.ndarray, peak: np.ndarray | None = None) -> None:
         spectrum = fft.fft(unit_peak(frames, out, peak), axis=1, overwrite_x=True)
-        np.multiply(spectrum, self._gains(spectrum), out=out)
+        for first in range(0, len(out), _GAINS):
+            part = slice(first, first + _GAINS)
+            np.multiply(spectrum[part], self._gains(spectrum[part]), out=out[part])
         cleaned = fft.ifft(out, axis=1, overwrite_x=True)
         if not np.may_share_memory(cleaned, out):  # SciPy promises no transform in place
             out[:] = cleaned
@@ -79,9 +82,9 @@ class Whitening(Mitigation):
         smooth = np.square(spectrum.imag)
         power += smooth
         ndimage.uniform_filter1d(power, self._cells, axis=1, mode="wrap", output=smooth)
-        # half the time of `mean`, the same to the bit
-        level = np.add.reduce(smooth, axis=1, keepdims=True) / np.float32(smooth.shape[1])
-        smooth /= np.where(level > 0, level, 1)
+        total = np.add.reduce(smooth, axis=1, keepdims=True)  # half the time of `mean`
+        cells = np.float32(smooth.shape[1])
+        smooth *= cells / np.where(total > 0, total, cells)
         # floor: cells 60 dB under the mean are not worth raising to it
         np.maximum(smooth, self._floor, out=smooth)
         # exp and log of float32 are vectorised, a power is not and costs as much as a transform
