@@ -18,6 +18,7 @@ from gnuradio.radalt.evaluation.engine.options import (
     add_options,
     command,
     command_of,
+    names_of,
     number,
     options_of,
 )
@@ -60,14 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.evaluation.cancellation.study import CancellationStudy
     from gnuradio.radalt.evaluation.engine.command import main as run
 
-    methods, cases = (
-        tuple(args.methods.split(",")),
-        tuple(args.cases.split(",")) if args.cases else tuple(CASES),
-    )
-    for option, names, known in (("--methods", methods, KNOWN), ("--cases", cases, CASES)):
-        for name in names:
-            if name not in known:
-                parser.error(f"{option} names {name[:40]!r}; known: {', '.join(known)}")
+    methods = names_of(parser, "--methods", args.methods, KNOWN)
+    cases = names_of(parser, "--cases", args.cases, CASES) if args.cases else tuple(CASES)
     study = CancellationStudy(methods, cases, args.frames, args.flights, args.seed)
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
 
@@ -82,7 +77,7 @@ def _describe(rows: Sequence[dict]) -> str:
         return f"{where}: available {available:.2f}"
     found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
     row = rows[0]
-    name = f"mixture without {row['removed']}" if "removed" in row else row.get("kind") or row["case"]
+    name = f"mixture {row['mixture']}" if "mixture" in row else row.get("kind") or row["case"]
     return f"{name}, {rows[-1]['method']}: Pd {' '.join(found)}"
 
 

@@ -11,13 +11,13 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
-from gnuradio.radalt.evaluation.cancellation.genie import REMOVED, mixture_without
 from gnuradio.radalt.evaluation.cancellation.known_symbols import (
     KNOWN,
     misread_share,
     weak_return_gain_db,
     with_known_symbols,
 )
+from gnuradio.radalt.evaluation.cancellation.mixtures import MIXTURES, measure_mixture
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
@@ -128,12 +128,15 @@ def test_study_end_to_end(tmp_path, monkeypatch):
 
 def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
     """QPSK and NR in one band are read in turns, which is never better than NR alone."""
-    held, without = (mixture_without(removed, -45.0, 6, [5]) for removed in ("nothing", "QPSK"))
-    assert 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
-    assert set(CancellationStudy().tables["genie"].names) == set(held)
-    assert cancellation._describe([without]).startswith("mixture without QPSK, hybrid: Pd ")
-    whole = [point.case for point in CancellationStudy().points() if point.table == "genie"]
-    assert whole == list(REMOVED) and not CancellationStudy(cases=("qpsk",)).points()[-1].table == "genie"
+    held, without, apart = (
+        measure_mixture(name, -45.0, 6, [5]) for name in ("paper_joint", "paper_qpsk", "paper")
+    )
+    assert apart["pd"] < 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
+    assert set(CancellationStudy().tables["mixtures"].names) == set(held)
+    assert cancellation._describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
+    whole = [point.case for point in CancellationStudy().points() if point.table == "mixtures"]
+    assert whole == list(MIXTURES)
+    assert not CancellationStudy(cases=("qpsk",)).points()[-1].table == "mixtures"
 
 
 def test_a_stations_own_noise_and_antennas_add_power_of_their_own():

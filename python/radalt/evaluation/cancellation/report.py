@@ -28,8 +28,8 @@ from ..results.score import pool, score_frames
 from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
 from .costs import costs
-from .genie import GENIE_METHOD
 from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m, weak_return_gain_db
+from .mixtures import MIXTURES
 from .tracked import CONFIRMING, FLIGHTS
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def write_report(
     tables = {
         "break_points": _break_points(found, study.methods),
         **_errors(found, study),
-        "genie": _genie(rows["genie"]),
+        **_mixtures(rows["mixtures"]),
         "known": _known(rows["known"]),
         "misread": _misread(),
         "gains": _gains(),
@@ -157,15 +157,30 @@ def _tracked(rows: Sequence[Row]) -> str:
     return table([*header, *tracked, "wrong by 5 m (bound)", "hazardous (bound)"], lines)
 
 
-def _genie(rows: Sequence[Row]) -> str:
-    """Break-points of `hybrid` in a mixture of which parts were taken away."""
+def _mixtures(rows: Sequence[Row]) -> dict[str, str]:
+    """Break-points of `hybrid` in mixtures, and Pd, wrong altitudes and error by SIR where nothing was removed."""
     if not rows:
-        return ""
-    lines = []
-    for removed in dict.fromkeys(r["removed"] for r in rows):
-        mine = [r for r in rows if r["removed"] == removed]
-        lines.append([removed, str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine]))])
-    return table(["taken away by the genie", f"break-point of {GENIE_METHOD} in dB"], lines)
+        return {"mixtures": "", "mixtures_by_sir": ""}
+    of = {name: [r for r in rows if r["mixture"] == name] for name in MIXTURES}
+    lines = [
+        [MIXTURES[name].title, str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine]))]
+        for name, mine in of.items()
+    ]
+    whole = [name for name in of if not MIXTURES[name].removed]
+    by_sir = [
+        [
+            f"{at[0]['sir_db']:g}",
+            *(
+                f"{r['pd']:.2f}, {r['detections'] - r['correct']}, {number(r['rmse_correct_m'], 2)}"
+                for r in at
+            ),
+        ]
+        for at in zip(*(of[name] for name in whole), strict=True)
+    ]
+    return {
+        "mixtures": table(["mixture", "break-point of hybrid in dB"], lines),
+        "mixtures_by_sir": table(["SIR in dB", *(MIXTURES[name].title for name in whole)], by_sir),
+    }
 
 
 def _known(rows: Sequence[Row]) -> str:

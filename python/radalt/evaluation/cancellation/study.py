@@ -16,8 +16,8 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import SCORE_COLUMNS, score_frames
 from .cases import CASES, WAVEFORM, received
-from .genie import GENIE_COLUMNS, GENIE_METHOD, GENIE_SIRS_DB, REMOVED, mixture_without
 from .known_symbols import KNOWN, KNOWN_COLUMNS, KNOWN_SIRS_DB, rmse_correct_m, with_known_symbols
+from .mixtures import MIXTURE_COLUMNS, MIXTURE_SIRS_DB, MIXTURES, measure_mixture
 from .tracked import FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
@@ -31,14 +31,14 @@ GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
 
 @dataclass(frozen=True)
 class CasePoint(Point):
-    """One of `CASES` at all SIRs; of other tables one of `FLIGHTS`, `REMOVED`, `KNOWN`."""
+    """One of `CASES` at all SIRs; of other tables one of `FLIGHTS`, `MIXTURES`, `KNOWN`."""
 
     case: str = ""
 
 
 @dataclass(frozen=True)
 class CancellationStudy(Study):
-    """The tables of docs/cancellation.md; those of the genies only where all cases are measured.
+    """The tables of docs/cancellation.md; those of mixtures and known symbols only where all cases are measured.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class CancellationStudy(Study):
             whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
         ),
         "tracked": TRACKED_COLUMNS,
-        "genie": GENIE_COLUMNS,
+        "mixtures": MIXTURE_COLUMNS,
         "known": KNOWN_COLUMNS,
     }
     sampled: ClassVar[bool] = True
@@ -71,7 +71,7 @@ class CancellationStudy(Study):
         "report.md": "cancellation.md",
         "rows.csv": "data/cancellation.csv",
         "tracked.csv": "data/cancellation_tracked.csv",
-        "genie.csv": "data/cancellation_genie.csv",
+        "mixtures.csv": "data/cancellation_mixtures.csv",
         "known.csv": "data/cancellation_known.csv",
         "pd.png": "figures/cancellation_pd.png",
         "frame.png": "figures/cancellation_frame.png",
@@ -92,7 +92,10 @@ class CancellationStudy(Study):
         """A point per case, and per kind of flight."""
         cases = [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
         if self.cases == tuple(CASES):
-            cases += [CasePoint(f"mixture without {name}", self.frames, "genie", name) for name in REMOVED]
+            cases += [
+                CasePoint(f"mixture: {mixture.title}", self.frames, "mixtures", name)
+                for name, mixture in MIXTURES.items()
+            ]
             cases += [
                 CasePoint(f"symbols known: {case.title}", self.frames, "known", name)
                 for name, case in KNOWN.items()
@@ -113,9 +116,9 @@ class CancellationStudy(Study):
             return [
                 row for seed in seeds for row in fly(point.case, TRACKED_METHODS, np.random.default_rng(seed))
             ]
-        if point.table == "genie":
+        if point.table == "mixtures":
             seed = [self.seed, 131, batch]
-            return [mixture_without(point.case, sir_db, point.frames, seed) for sir_db in GENIE_SIRS_DB]
+            return [measure_mixture(point.case, sir_db, point.frames, seed) for sir_db in MIXTURE_SIRS_DB]
         if point.table == "known":
             seed = [self.seed, 137, batch]
             return [
@@ -162,12 +165,9 @@ class CancellationStudy(Study):
         if point.table == "tracked":
             each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in TRACKED_METHODS)
             return point.frames * (each + 0.012)
-        if point.table == "genie":
-            return (
-                len(GENIE_SIRS_DB)
-                * point.frames
-                * (seconds_per_frame(GENIE_METHOD, WAVEFORM, settings) + 0.012)
-            )
+        if point.table == "mixtures":
+            each = 0.5 if MIXTURES[point.case].joint else seconds_per_frame("hybrid", WAVEFORM, settings)
+            return len(MIXTURE_SIRS_DB) * point.frames * (each + 0.012)
         if point.table == "known":
             each = seconds_per_frame("ofdm_cancel", WAVEFORM, settings)
             return len(KNOWN_SIRS_DB) * point.frames * (each + 0.02)
