@@ -18,6 +18,7 @@ from gnuradio.radalt.evaluation.engine.options import (
     add_options,
     command,
     command_of,
+    names_of,
     number,
     options_of,
 )
@@ -52,10 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.evaluation.detection.study import DetectionStudy
     from gnuradio.radalt.evaluation.engine.command import main as run
 
-    methods = tuple(args.methods.split(","))
-    for name in methods:
-        if name not in KNOWN:
-            parser.error(f"--methods names {name[:40]!r}; known: {', '.join(KNOWN)}")
+    methods = names_of(parser, "--methods", args.methods, KNOWN)
     if not (args.frames or args.null_frames or args.noise_frames):
         parser.error("--frames, --null-frames and --noise-frames are all 0; give one of them")
     study = DetectionStudy(methods, args.frames, args.null_frames, args.noise_frames, args.seed)

@@ -73,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     stray = [name for name in interferers if name not in INTERFERERS]
     if stray:
         parser.error(f"--interferers names {stray[0][:40]!r}; known: {'; '.join(INTERFERERS)}")
+    if len(set(interferers)) < len(interferers):
+        parser.error("--interferers names one more than once; leave one")
     models = args.models if args.models is not None else sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
     try:
         sirs_db = parse_axis(args.sir_db, "--sir-db")

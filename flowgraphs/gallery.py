@@ -92,15 +92,24 @@ def draw(path: Path, seed: int) -> None:
 def _parser() -> Parser:
     root = Path(__file__).resolve().parent.parent
     parser = Parser("gallery", __doc__)
-    parser.add_argument("--out", type=path, default=root / "docs" / "interference_gallery.png")
-    parser.add_argument("--seed", type=number(int, 0, MAX_SEED), default=1)
+    add = parser.add_argument
+    add(
+        "--out",
+        type=path,
+        default=root / "docs" / "interference_gallery.png",
+        help="PNG, SVG or PDF (default: docs/interference_gallery.png)",
+    )
+    add("--seed", type=number(int, 0, MAX_SEED), default=1, help="default: %(default)s")
     return parser
 
 
 @command("gallery")
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw it; returns 0, or 2 after one line about what does not fit."""
-    options = _parser().parse_args(argv)
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if options.out.suffix not in (".png", ".svg", ".pdf"):
+        parser.error(f"--out is {str(options.out)[-60:]!r}; it has to end in .png, .svg or .pdf")
     draw(options.out, options.seed)
     print(options.out)
     return 0

@@ -23,6 +23,7 @@ from gnuradio.radalt.evaluation.engine.options import (
     add_options,
     command,
     command_of,
+    names_of,
     number,
     options_of,
 )
@@ -75,12 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.evaluation.integrity.study import IntegrityStudy
     from gnuradio.radalt.evaluation.results.folder import read_report
 
-    methods = tuple(args.methods.split(","))
-    kinds = tuple(args.groups.split(",")) if args.groups else tuple(KINDS)
-    for name, value, known in (("--methods", methods, KNOWN), ("--groups", kinds, KINDS)):
-        stray = [v for v in value if v not in known]
-        if stray:
-            parser.error(f"{name} names {stray[0][:40]!r}; known: {', '.join(known)}")
+    methods = names_of(parser, "--methods", args.methods, KNOWN)
+    kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
     parts = -(-args.outputs // (len(cases(kinds)) * (args.frames // 40)))
     study = IntegrityStudy(methods, kinds, args.frames, parts, args.seed)
     if args.replay:

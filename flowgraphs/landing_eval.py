@@ -92,7 +92,7 @@ def _config(args: argparse.Namespace) -> landing.LandingConfig:
             terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
             approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
             curve=changed(config.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
-            methods=tuple(m.strip() for m in args.methods.split(",")) if args.methods else None,
+            methods=tuple(m.strip() for m in args.methods.split(",")) if args.methods is not None else None,
             seed=args.seed,
         )
     except ValueError as error:

@@ -14,7 +14,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 
 from collections.abc import Sequence
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, number
+from gnuradio.radalt.evaluation.engine.options import Parser, command, names_of, number
 
 PROGRAM = "ota_remote"
 
@@ -40,14 +40,16 @@ def _parser() -> Parser:
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until stopped; returns 0, or 2 after one line about what does not fit."""
-    args = _parser().parse_args(argv)
+    parser = _parser()
+    args = parser.parse_args(argv)
+    from gnuradio.radalt.core.mitigation import METHODS
     from gnuradio.radalt.core.scene import load_scene
     from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
     scene = load_scene(args.scene)
     state = drive_remotely(
         scene,
-        tuple(m.strip() for m in args.methods.split(",")),
+        names_of(parser, "--methods", args.methods, METHODS),
         telemetry=args.telemetry,
         control=args.control,
         network=args.network,

@@ -15,4 +15,4 @@ def mitigate(frames, waveform):  # noqa: ANN001, ANN201 - as short as a method o
     spectrum = np.fft.fft(frames)
     level = np.abs(spectrum)
     limit = 3 * np.median(level, axis=-1, keepdims=True)
-    return np.fft.ifft(spectrum * np.minimum(1, limit / level))
+    return np.fft.ifft(spectrum * np.minimum(1, limit / np.maximum(level, 1e-30)))

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, command_of, number, path
+from gnuradio.radalt.evaluation.engine.options import Parser, command, command_of, names_of, number, path
 
 PROGRAM = "realtime_benchmark"
 FREE, HELD = "as fast as it goes", "held to real time"
@@ -67,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.held_only and args.out:
         parser.error("--out reports a run that goes as fast as it can; leave out --held-only")
+    from gnuradio.radalt.core.mitigation import METHODS
     from gnuradio.radalt.core.scene import load_scene
     from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
     from gnuradio.radalt.evaluation.realtime.gateway import gateway_seconds
@@ -81,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
 
     begin = time.monotonic()
-    methods = tuple(m.strip() for m in args.methods.split(","))
+    methods = names_of(parser, "--methods", args.methods, METHODS)
     found = {}
     scene = load_scene(args.scene)
     scene = scene.at(overlap=args.overlap) if scene.interference else scene

@@ -20,6 +20,7 @@ from gnuradio.radalt.evaluation.engine.options import (
     add_options,
     command,
     command_of,
+    names_of,
     options_of,
     path,
 )
@@ -57,11 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gnuradio.radalt.evaluation.results.folder import read_report
     from gnuradio.radalt.evaluation.stability.study import StabilityStudy, compared_chains
 
-    methods, groups = tuple(args.methods.split(",")), tuple(args.groups.split(","))
-    for name, value, known in (("--methods", methods, KNOWN), ("--groups", groups, GROUPS.split(","))):
-        stray = [v for v in value if v not in known]
-        if stray:
-            parser.error(f"{name} names {stray[0][:40]!r}; known: {', '.join(known)}")
+    methods = names_of(parser, "--methods", args.methods, KNOWN)
+    groups = names_of(parser, "--groups", args.groups, GROUPS.split(","))
     models = args.models or sorted(model_path("tcae.onnx").parent.glob("*.onnx"))
     for model in models:  # before an hour of cases of the other methods
         check_file(model, most_bytes=2 << 30, what="tcae model")

@@ -26,3 +26,4 @@ def assert_refused(status: int, error: str) -> None:
 def assert_line(text: str) -> None:
     assert 0 < len(text) <= MOST, text
     assert text.isprintable(), repr(text)
+    assert "[Errno" not in text, text

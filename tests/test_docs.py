@@ -59,11 +59,42 @@ def test_every_page_is_in_the_site(root):
     assert named == {str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")}
 
 
-def test_links_and_programs_that_pages_name_are_there(root):
-    """As `make docs` checks them, which needs MkDocs."""
-    for page in (root / "docs").rglob("*.md"):
-        text = page.read_text(encoding="utf-8")
-        for link in re.findall(r"\]\(([^)#:\s]+)(?:#[\w-]*)?\)", text):
-            assert (page.parent / link).exists(), f"{page.name}: {link}"
-        for snippet in re.findall(r'^--8<-- "(.+)"$', text, re.MULTILINE):
-            assert (root / snippet).is_file(), f"{page.name}: {snippet}"
+def test_a_models_card_says_what_the_published_rows_say(root, monkeypatch):
+    monkeypatch.syspath_prepend(str(root / "training"))
+    import cards
+
+    data, models = root / "docs/data", root / "models"
+    rows = cards.published(data / "tcae_comparison.csv", cards.COLUMNS)
+    sweeps = cards.published(data / "sweeps.csv", cards.SWEEP_COLUMNS)
+    for stem in cards.METHOD:
+        text = (models / f"{stem}.md").read_text(encoding="utf-8")
+        made = cards.card(stem, models, rows, sweeps, cards.time_of(text))
+        assert made == text, "run: PYTHONPATH=python .venv/bin/python training/cards.py"
+
+
+def anchors(page) -> set[str]:
+    """The anchors of a page's headings, as MkDocs and GitHub make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def test_every_link_leads_to_a_file_and_a_heading(root):
+    """As `make docs` checks those of the site, which needs MkDocs; README and the models' cards besides."""
+    for page in [*root.glob("*.md"), *(root / "docs").rglob("*.md"), *(root / "models").glob("*.md")]:
+        text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        for link, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([\w-]*))?\)", text):
+            target = page.parent / link if link else page
+            assert target.exists(), f"{page.name}: {link}"
+            assert not anchor or anchor in anchors(target), f"{page.name}: {link}#{anchor}"
+
+
+@pytest.mark.parametrize(
+    ("page", "program"),
+    [("first-flowgraph", "examples/first_flowgraph.py"), ("own-method", "flowgraphs/own_method.py")],
+)
+def test_a_program_that_a_page_shows_is_the_one_that_runs(root, page, program):
+    """Written out, since the page is read on the disk and on the web, too, where nothing puts a file into it."""
+    text = (root / f"docs/{page}.md").read_text(encoding="utf-8")
+    shown = re.search(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[1]
+    source = (root / program).read_text(encoding="utf-8")
+    assert shown == source[source.index("import numpy") :]

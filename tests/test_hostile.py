@@ -1,5 +1,6 @@
 """Input that once got a traceback, a hang or a wrong yes: each class of it ends with status 2 and one line."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import cancellation
 import collect
 import control_client
 import detection
@@ -80,6 +82,9 @@ YAML = {
     "train cells": ("altimeter: {train_cells: 1.0e+9}", "within 1..256"),
     "sir": ("interference: {qpsk: {sir_db: -5000}}", "sir_db is -5000"),
     "tones": ("interference: {tones: {count: 1000000000}}", "tones.count is 1000000000"),
+    "tones beside the band": ("interference: {tones: {span_hz: 1.0e+9}}", "at most the rate"),
+    "nr seed": ("interference: {nr: {seed: -1}}", "seed -1 has to be 0 or above"),
+    "preamble": ("altitude: {preamble_frames: 2}", "altitude.preamble_frames 2 has to be at least 6"),
     "narrow qpsk": ("interference: {qpsk: {bandwidth_hz: 1.0e-9, pulse: rrc}}", "at least 1 Hz"),
     "threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: x}}", "tcae.threads is 'x'"),
     "no threads": ("methods: [tcae]\nmethod_options: {tcae: {threads: -5}}", "tcae.threads is -5"),
@@ -273,6 +278,9 @@ OTHERS = [
     (landing_eval, "--trajectory=/dev/zero"),
     (landing_eval, "--terrain=/dev/zero"),
     (landing_eval, "--methods=" + "x" * 999),
+    (landing_eval, "--methods="),
+    (landing_eval, "--aircraft=a1b2c3 --dry-run"),
+    (landing_eval, "--frames=0 --trials=0 --sensitivity-trials=0"),
     (error_vs_runtime, "--models=/dev/zero"),
     (error_vs_runtime, "--models=nothing.onnx"),
     (error_vs_runtime, "--sir-db=0:1e9:1e-3"),
@@ -281,6 +289,13 @@ OTHERS = [
     (stability, "--models=nothing.onnx"),
     (detection, "--methods=" + "x" * 999),
     (detection, "--methods="),
+    (detection, "--methods=none,none"),
+    (stability, "--methods=none,none"),
+    (stability, "--groups=numbers,numbers"),
+    (cancellation, "--methods=none,none"),
+    (cancellation, "--cases=nr10_64qam,nr10_64qam"),
+    (integrity, "--methods=none,none"),
+    (integrity, "--groups=noise,noise"),
     (integrity, "--methods=" + "x" * 999),
     (integrity, "--groups=nothing"),
     (integrity, "--frames=401"),
@@ -290,7 +305,9 @@ OTHERS = [
     (collect, "/dev/zero"),
     (collect, "a\0b"),
     (gallery, "--out=/dev/null/x.png"),
+    (gallery, "--out=x"),
     (realtime_benchmark, "--methods=nothing"),
+    (realtime_benchmark, "--methods=none,none"),
     (realtime_benchmark, "--scene=/dev/zero"),
     (realtime_benchmark, "--scene=a\0b"),
     (ota_remote, "--sim --control=tcp://*:6557"),
@@ -298,6 +315,7 @@ OTHERS = [
     (ota_remote, "--sim --control=nonsense"),
     (ota_remote, "--sim --scene=nothing"),
     (ota_remote, "--sim --methods=nothing"),
+    (ota_remote, "--sim --methods=none,none"),
     (ota_remote, "--transmit --scene=paper_qpsk"),
     (screenshot, "--scene=nothing"),
     (screenshot, "--method=x';import"),
@@ -319,6 +337,23 @@ def test_hostile_line_of_every_other_command_gets_one_line(module, line, tmp_pat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(control_client, "TIMEOUT_MS", 200)
     assert_refused(*ended(module.main, *line.split(" ")))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["cards --data nothing", "cards --models nothing", "cards --nonsense", "figures --out /dev/null/x"],
+)
+def test_hostile_line_of_a_tool_of_training_gets_one_line(line, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "training"))
+    name, *arguments = line.split()
+    assert_refused(*ended(importlib.import_module(name).main, *arguments))
+
+
+def test_an_interferer_named_twice_is_refused():
+    """Its name has spaces, so it stands in a word of its own."""
+    status, error = ended(error_vs_runtime.main, "--dry-run", "--interferers", *["5 tones, all"] * 2)
+    assert_refused(status, error)
+    assert "more than once" in error
 
 
 @pytest.mark.parametrize("module", [m for m, _ in COMMANDS] + [make_flowgraphs, stability, collect, ota_eval])

@@ -52,6 +52,14 @@ def method(folder: Path, source: str) -> Path:
 # -- a method in a file -----------------------------------------------------------------------------------------------
 
 
+def test_the_shipped_example_leaves_a_silent_frame_silent():
+    """All zeros, as a muted transmitter gives: a limit over a level of zero is no number."""
+    frames = np.stack([np.zeros_like(FRAMES[0]), FRAMES[0]])
+    out = create("custom", W, file=OWN).process(frames)
+    assert not np.any(out[0])
+    assert np.all(np.isfinite(out[1])) and np.any(out[1])
+
+
 def test_function_of_a_file_cleans_the_frames(tmp_path):
     path = method(tmp_path, "def mitigate(frames, waveform):\n    return frames * waveform.sweep_s\n")
     custom = create("custom", W, file=path)

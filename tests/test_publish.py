@@ -38,6 +38,23 @@ def test_a_study_without_a_page_refuses_to_publish_before_it_measures(tmp_path, 
     assert not list(tmp_path.iterdir())
 
 
+class Published(Unpublished):
+    """A study with a page."""
+
+    published = {"report.md": "a.md"}
+
+
+@pytest.mark.parametrize("dry_run", [True, False])
+def test_a_folder_that_cannot_take_the_page_is_refused_before_hours_of_measuring(tmp_path, capsys, dry_run):
+    (tmp_path / "docs").write_text("a file")
+    for target in (tmp_path / "docs", tmp_path / "docs" / "below"):
+        options = Options(tmp_path / "run", publish=target)
+        assert main(Published(), options, program="p", dry_run=dry_run) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1 and "docs is no folder; name another" in err
+    assert not (tmp_path / "run").exists()
+
+
 def test_the_command_in_a_report_holds_what_its_rows_depend_on_and_no_folder(tmp_path):
     parser = Parser("study", "A study.")
     parser.add_argument("--frames", type=int, default=100)

@@ -46,10 +46,11 @@ def correct_of(method, point, trials):
     return round(trials * (1 - loss) if method == "none" else trials * (1 - loss / 4))
 
 
-def rows_of(scene):
-    trials = scene.altitude.programme.trial_frames
+def rows_of(scene, batches=1):
+    """A row per point and method; ``batches`` of each point with interference, as --precision asks for."""
     out = []
     for point in sweep_points(scene):
+        trials = scene.altitude.programme.trial_frames * (batches if point.overlap else 1)
         for method in scene.methods:
             correct = correct_of(method, point, trials)
             s = Score(
@@ -73,12 +74,13 @@ def rows_of(scene):
     return out
 
 
-def finished(path, scene, methods=METHODS, *, whole=False):
+def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     """A result folder as ota_eval leaves it; figures and report.md only if it is to be whole."""
     folder = RunFolder(path, head_of(scene, methods))
-    rows = rows_of(scene)
+    rows = rows_of(scene, batches)
     ceiling = [r for r in rows if r["overlap"] == 0]
-    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
+    precision = 0.05 if batches > 1 else None
+    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=precision)
     if whole:
         write_report(folder, OverlapStudy(scene), rows, ceiling, run)
     else:
@@ -343,6 +345,23 @@ def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     collect([a, b], tmp_path / "all")
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
+
+
+def test_a_run_with_a_precision_is_added_and_compared_as_any_other(tmp_path):
+    """Its points have as many trials as each needed."""
+    a = finished(tmp_path / "a", scene_of())
+    b = finished(tmp_path / "b", scene_of(seed=2), batches=3)
+    collect([a, b], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    assert {(r["overlap"] > 0, r["trials"]) for r in pooled} == {(False, 300), (True, 600)}
+    assert "0 differ beyond chance" in compare(a, b)
+
+
+def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
+    """Its first trials are those of the shorter one."""
+    a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of(), batches=3)
+    with pytest.raises(PoolError, match="150 trials in the one and 450 in the other.*another --seed"):
+        collect([a, b], tmp_path / "all")
 
 
 def test_a_run_that_occurs_twice_counts_once(tmp_path):

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.scene import load_scene, parse_scene, scene_to_mapping
+from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from gnuradio.radalt.evaluation.overlap.points import OverlapPoint
+from gnuradio.radalt.evaluation.overlap.study import OverlapStudy, capture_name
 
 SCENES = ("nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw", "qpsk_shaped", "paper_qpsk")
 FRAMES = 12
@@ -27,6 +29,23 @@ def played(source) -> np.ndarray:
 def test_scene_survives_the_round_trip_through_plain_mappings(name):
     scene = load_scene(name)
     assert parse_scene(scene_to_mapping(scene)) == scene
+
+
+def test_every_shipped_scene_has_points_to_measure(root):
+    for path in sorted((root / "flowgraphs/scenes").glob("*.yaml")):
+        assert OverlapStudy(load_scene(path)).points(), path.name
+
+
+def test_a_landing_over_terrain_is_not_tracked_and_says_why():
+    study = OverlapStudy(load_scene("landing_terrain"), tracked=True)
+    with pytest.raises(SceneError, match="--tracked: frames of a landing over terrain are apart in time"):
+        study.check()
+
+
+def test_the_page_replays_a_recording_by_the_name_that_it_gets(root):
+    point = OverlapPoint.at(0.5, -10.0, 10.0, 150)
+    page = (root / "docs/recordings.md").read_text(encoding="utf-8")
+    assert f"--replay results/mine/captures/{capture_name(point)}.sigmf-meta " in page
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -28,9 +28,11 @@ from radalt.core.scene import Scene, SceneError, parse_scene  # noqa: E402
 
 PAGE = ROOT / "docs" / "scene-reference.md"
 UNITS = (
+    ("_m_per_s2", "m/s^2"),
     ("_m_per_s", "m/s"), ("_hz_per_s", "Hz/s"), ("_per_s", "1/s"), ("_dbi", "dBi"), ("_dbm", "dBm"), ("_db", "dB"),
     ("_hz", "Hz"), ("_ppm", "ppm"), ("_deg", "degrees"), ("_rad", "rad"), ("_ft", "ft"), ("_us", "us"), ("_m", "m"),
     ("_s", "s"), ("_samples", "samples"), ("_frames", "frames"), ("_cells", "cells"), ("_bits", "bits"),
+    ("_w", "W"), ("_outputs", "outputs"), ("seconds", "s"),
 )  # fmt: skip
 HEAD = """# Scene reference
 
@@ -48,7 +50,8 @@ sweep: {overlap: [0.0, 0.5, 1.0]}
     .venv/bin/python flowgraphs/ota_eval.py --sim --plan --scene my_case.yaml
 
 prints what a run would build. A key, type or range that does not fit gets one line. YAML reads `1e6` as text, so write
-`1.0e+6`. *Range* is what the reader accepts for this key alone. Some keys limit each other; the line then names both.
+`1.0e+6`. *Range* is what the reader accepts; where it is empty, any number. Some keys limit each other; the
+line then names both. Where a number's default is *none*, `null` in a file stands for it.
 
 Made by `.venv/bin/python tools/make_scene_reference.py` from the code.
 """
@@ -68,7 +71,9 @@ def meanings(kind: type) -> dict[str, str]:
             head = re.fullmatch(r"(\w+(?:, \w+)*) : (.*)", line)
             if head:
                 found = head[1].split(", ")
-                kind_alone = re.match(r"(float|int|bool|str|tuple|dict|sequence|mapping)\b", head[2])
+                kind_alone = re.match(
+                    r"(float|int|bool|str|tuple|dict|sequence|mapping)\b|[A-Z]\w+( or None)?$", head[2]
+                )
                 out |= dict.fromkeys(found, "" if kind_alone else head[2])
             elif found and line.startswith("    "):
                 out |= {name: f"{out[name]} {line.strip()}".strip() for name in found}
@@ -108,6 +113,21 @@ PROBES = {
 }
 
 
+ANY_NUMBER = "within -1e+12..1e+12"
+
+
+def own_part(words: str, key: str) -> str:
+    """What a line about several keys says of one: "within 1..256, guard_cells 1.5 within 0..256" has two parts."""
+    tried = re.compile(r"\b([a-z]\w*_\w+) [-+.e\d]+")
+    if not tried.search(words):
+        return words.strip("()") if words.startswith("(") else words
+    parts = re.split(r", and |, | and ", tried.sub(r"\1", words))
+    of_key = [part for part in parts if re.search(rf"\b{key}\b", part)]
+    of_none = [part for part in parts if not re.search(r"[a-z]_[a-z]", part)]
+    own = ", ".join(of_key or of_none or parts).removeprefix(f"{key} ")
+    return "" if own == f"above {key}" else own  # said of the other key
+
+
 def allowed(path: tuple[str, ...], hint: object) -> str:
     """The reader's own words about values of this key that it refuses; of the nearest to zero, on either side."""
     many = typing.get_origin(hint) is tuple
@@ -121,13 +141,13 @@ def allowed(path: tuple[str, ...], hint: object) -> str:
             parse_scene(data)
         except SceneError as error:
             words = re.search(
-                r"(?:(?:have|has) to be|expected|allowed:|choose|is outside|; (?=0 for)) "
+                r"(?:(?:have|has) to be|expected|allowed:|choose|is outside|is not one of|use(?= [\d-])|; (?=0 for)) "
                 r"?(?:one of |a |whole |number )*([^;]+)",
                 str(error),
             )
             if words and (path[-1] in str(error) or isinstance(value, str)):
-                said[isinstance(value, str) or value > 0] = words[1].strip()
-    own = [text for text in dict.fromkeys(said.values()) if text not in ("them", "mapping")]
+                said[isinstance(value, str) or value > 0] = own_part(words[1].strip(), path[-1])
+    own = [text for text in dict.fromkeys(said.values()) if text not in ("", "them", "mapping", ANY_NUMBER)]
     if len(own) > 1:  # one side has a limit of its own, the other that of every number of its unit
         own = [text for text in own if not re.fullmatch(r"within -(\S+)\.\.\1", text)]
     return "; ".join(own).replace("|", "\\|")
@@ -174,7 +194,8 @@ TOP = "| key | type, unit | default | range | meaning |\n|---|---|---|---|---|"
 
 def first_line(kind: type) -> str:
     """What a class is."""
-    return re.sub(r"``?", "`", (inspect.getdoc(kind) or "").partition("\n\n")[0].replace("\n", " "))
+    text = (inspect.getdoc(kind) or "").partition("\n\n")[0].replace("\n", " ")
+    return re.sub(r"``?", "`", re.sub(r"(: | \()emitter protocol\)?", "", text))
 
 
 def page() -> str:

@@ -11,9 +11,10 @@ __all__ = ["nr_jammer_source"]
 
 
 class nr_jammer_source(JammerSource):
-    """5G NR downlink (TS 38.211, 15 kHz subcarriers) at an exact window SIR against a return of unit power.
+    """5G NR downlink (TS 38.211, 15 kHz subcarriers) at an exact SIR against a return of unit power.
 
-    Random windows of a cached frame with SSB, control and data channels, band-limited as the radar's receiver is.
+    Random windows of a cached frame with SSB, control and data channels, band-limited as the radar's receiver is. The
+    SIR is averaged over the sweep.
 
     Category: [RadAlt]/Interference. Ports: ``out: complex``.
 

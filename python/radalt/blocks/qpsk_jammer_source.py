@@ -10,7 +10,7 @@ __all__ = ["qpsk_jammer_source"]
 
 
 class qpsk_jammer_source(JammerSource):
-    """QPSK bursts at an exact window SIR against a return of unit power, times a gain.
+    """QPSK bursts at an exact SIR, averaged over the sweep, against a return of unit power.
 
     ``x(t) = a sum_k c_k p(t - k T) exp(j 2 pi f t)`` while the burst lasts, ``a`` such that the power averaged over the
     sweep is ``10^(-sir_db/10)``.
@@ -32,7 +32,7 @@ class qpsk_jammer_source(JammerSource):
     overlap : float
         Active fraction of the sweep, 0..1. Live.
     sir_db : float
-        Signal-to-interference ratio over the window. Live.
+        Signal-to-interference ratio in dB, averaged over the sweep. Live.
     start : float, optional
         Burst start as a fraction of the sweep, 0..1; None draws it anew every sweep.
     free_running : bool

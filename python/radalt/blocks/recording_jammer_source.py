@@ -11,7 +11,7 @@ __all__ = ["recording_jammer_source"]
 
 
 class recording_jammer_source(JammerSource):
-    """Samples of a file, moved and resampled into the band, at an exact window SIR against a return of unit power.
+    """Samples of a file, moved and resampled into the band, at an exact SIR against a return of unit power.
 
     Category: [RadAlt]/Interference. Ports: ``out: complex``.
 

@@ -10,7 +10,7 @@ __all__ = ["tone_jammer_source"]
 
 
 class tone_jammer_source(JammerSource):
-    """Sum of K unmodulated carriers at an exact window SIR against a return of unit power.
+    """Sum of K unmodulated carriers at an exact SIR, averaged over the sweep, against a return of unit power.
 
     ``x(t) = a sum_k exp(j (2 pi f_k t + phi_k))`` while the burst lasts; phases, and frequencies unless fixed, are
     drawn anew every sweep.

@@ -56,22 +56,17 @@ class Programme:
             raise ValueError(
                 f"altitude.programme_m holds {bad[0]!r}; altitudes have to be finite and 0 or above"
             )
-        if self.frames_per_step < 1 or self.preamble_frames < 6:
-            raise ValueError(
-                f"altitude.frames {self.frames_per_step} has to be at least 1 and preamble_frames "
-                f"{self.preamble_frames} at least 6"
-            )
-        if max(self.preamble_frames, self.sync_frames, self.sync_every_frames) > _MOST_FRAMES:
-            raise ValueError(
-                f"altitude.preamble_frames {self.preamble_frames}, sync_every_frames {self.sync_every_frames} and "
-                f"sync_frames {self.sync_frames} have to be at most {_MOST_FRAMES}"
-            )
-        if self.sync_every_frames < 0 or (self.sync_every_frames and self.sync_frames < 8):
-            raise ValueError(
-                f"altitude.sync_every_frames {self.sync_every_frames} has to be 0 or above, sync_frames "
-                f"{self.sync_frames} at least 8"
-            )
-
+        if self.frames_per_step < 1:
+            raise ValueError(f"altitude.frames {self.frames_per_step} has to be at least 1")
+        if self.preamble_frames < 6:
+            raise ValueError(f"altitude.preamble_frames {self.preamble_frames} has to be at least 6")
+        for name in ("preamble_frames", "sync_every_frames", "sync_frames"):
+            if getattr(self, name) > _MOST_FRAMES:
+                raise ValueError(f"altitude.{name} {getattr(self, name)} has to be at most {_MOST_FRAMES}")
+        if self.sync_every_frames < 0:
+            raise ValueError(f"altitude.sync_every_frames {self.sync_every_frames} has to be 0 or above")
+        if self.sync_every_frames and self.sync_frames < 8:
+            raise ValueError(f"altitude.sync_frames {self.sync_frames} has to be at least 8")
         self._check_length()
 
     def _check_length(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["MOST", "one_line"]
+__all__ = ["MOST", "one_line", "said"]
 
 MOST = 300  # characters of a message
 
@@ -20,3 +20,20 @@ def one_line(text: str, most: int = MOST) -> str:
         return text
     half = (most - 5) // 2
     return f"{text[:half]} ... {text[-half:]}"
+
+
+def said(error: BaseException) -> str:
+    """What an exception says; one of the system's says its file and reason, without Python's number for it.
+
+    Examples
+    --------
+    >>> said(FileExistsError(17, "File exists", "results"))
+    'results: File exists; name another file or folder'
+    """
+    if isinstance(error, OSError) and error.strerror:
+        return (
+            f"{error.filename}: {error.strerror}; name another file or folder"
+            if error.filename
+            else error.strerror
+        )
+    return str(error).strip() or type(error).__name__

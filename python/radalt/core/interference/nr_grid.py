@@ -122,6 +122,8 @@ class NrConfig:
                 )
         self._check_control()
         self._check_ssb()
+        if self.seed < 0:
+            raise ValueError(f"seed {self.seed} has to be 0 or above")
         if not 1 <= self.frame_count <= 64:
             raise ValueError(
                 f"frame_count {self.frame_count} is outside 1..64; use fewer frames (1.2 MB each)"

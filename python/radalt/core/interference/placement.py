@@ -7,7 +7,7 @@ emitter, new ones too, obeys the same definition of SIR and overlap.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -121,16 +121,14 @@ def interference_frames(
     *,
     return_power: float = 1.0,
     total_sir_db: float | None = None,
-    transform: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
     dtype: type = np.complex128,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
     """(frames, N) ``dtype``: sum of interferers, each at its own SIR, the sum scaled to ``total_sir_db`` if given.
 
-    ``transform(frame, rng)`` is applied to each interferer's frame before its power is set anew (multipath). Sums are
-    made in complex128 whatever the ``dtype``. ``out``, if given, is written to and returned, in its own dtype.
+    Sums are made in complex128 whatever the ``dtype``. ``out``, if given, is written to and returned, in its own dtype.
     """
-    if len(interferers) == 1 and transform is None and total_sir_db is None:  # nothing to sum
+    if len(interferers) == 1 and total_sir_db is None:  # nothing to sum
         alone = np.empty((frames, frame_samples), dtype=dtype) if out is None else out
         for row in alone:
             _place(row, interferers[0], rate_hz, rng, return_power)
@@ -138,10 +136,7 @@ def interference_frames(
     total = np.zeros((frames, frame_samples), dtype=np.complex128)
     for row in total:
         for interferer in interferers:
-            part = interference_frame(interferer, frame_samples, rate_hz, rng, return_power=return_power)
-            if transform is not None:
-                part = _rescale(transform(part, rng), np.vdot(part, part).real)
-            row += part
+            row += interference_frame(interferer, frame_samples, rate_hz, rng, return_power=return_power)
         if total_sir_db is not None:
             row[:] = _rescale(row, return_power * 10.0 ** (-total_sir_db / 10.0) * frame_samples)
     if out is None:

@@ -48,8 +48,12 @@ def load_scene(name: str | Path) -> Scene:
         path = scene_path(name)
         data = load_yaml(path, what="scene", remedy="give a YAML file or a shipped scene's name")
     except (OSError, ValueError) as error:  # InputError, a NUL or thousands of letters in the name
-        text = str(error) if isinstance(error, InputError) else f"scene {shown(str(name))}: {error}"
-        raise SceneError(text) from None
+        if isinstance(error, InputError):
+            raise SceneError(str(error)) from None
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(
+            f"scene {shown(str(name))}: {reason}; give a YAML file or a shipped scene's name"
+        ) from None
     return parse_scene(data if data is not None else {}, source=str(path))
 
 

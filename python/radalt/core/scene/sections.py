@@ -22,16 +22,21 @@ class AltitudeSpec:
     Parameters
     ----------
     programme_m : tuple of float
-        Altitudes from first to last.
+        Altitudes in the order they are flown.
     frames : int
-        Frames at each altitude.
+        Frames at each altitude (trials).
     mode : str
         ``"synthetic"`` shifts the beat in the source (works on the air), ``"true_delay"`` is played by the simulated
         channel.
     vertical_speed_m_per_s : float
         Range rate, for true delays.
-    preamble_frames, sync_every_frames, sync_frames : int
-        See `Programme`.
+    preamble_frames : int
+        Frames before the first altitude, at synthetic altitude zero and with the jammer silent: the segmenter takes its
+        timing in them.
+    sync_every_frames : int
+        Trials between further such sections; 0 for none.
+    sync_frames : int
+        Length of a further section.
     hold_last : bool
         Stay at the last altitude for ever; for altitudes set by hand.
     landing_frames : int
@@ -78,7 +83,17 @@ class AltitudeSpec:
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """Points of an evaluation: every overlap at every SIR (total over all interferers) at every SNR."""
+    """Points of an evaluation: every overlap at every SIR at every SNR. An empty list leaves the scene's own value.
+
+    Parameters
+    ----------
+    overlap : tuple of float
+        Fractions of the sweep in which the interference is on.
+    sir_db : tuple of float
+        Signal-to-interference ratios, total over all interferers.
+    snr_db : tuple of float
+        Signal-to-noise ratios.
+    """
 
     overlap: tuple[float, ...] = ()
     sir_db: tuple[float, ...] = ()
@@ -97,7 +112,7 @@ class RadioSpec:
     Parameters
     ----------
     device : str
-        Type of both: a name in `radalt.core.radio.device.DEVICES`.
+        Type of both radios.
     radar_serial, jammer_serial : str
         USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
         interlock allows without a jammer only.

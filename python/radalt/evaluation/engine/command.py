@@ -14,7 +14,7 @@ from ..results.folder import FolderError
 from .estimate import AROUND_S, estimate
 from .options import Options, Terminated, complain, duration, expected_errors
 from .precision import check_precision, most_batches
-from .publish import publish
+from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
 
@@ -82,11 +82,13 @@ def main(
         if not isinstance(study, Study):
             study = study()
             study.check()
+        if options.publish is not None:
+            if not study.published:
+                raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
+            check_target(options.publish)
         print(f"{program}: {_cost(study, options)} -> {options.out}", flush=True)
         if dry_run:
             return 0
-        if options.publish is not None and not study.published:
-            raise FolderError(f"--publish {options.publish}: this study has no page in the documentation")
         page = run(study, options, bar)
         bar.close()
         shown = [page] if options.publish is None else publish(options.out, study.published, options.publish)

@@ -13,12 +13,12 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from ...core.text import one_line
+from ...core.text import one_line, said
 
 __all__ = [
     "MAX_JOBS",
@@ -32,6 +32,7 @@ __all__ = [
     "complain",
     "duration",
     "expected_errors",
+    "names_of",
     "number",
     "options_of",
     "path",
@@ -50,7 +51,8 @@ def complain(program: str, error: object) -> None:
     """
     if isinstance(error, BaseException) and _TRACEBACK in os.environ:
         raise error
-    print(one_line(f"{program}: {str(error).strip() or type(error).__name__}"), file=sys.stderr)
+    text = said(error) if isinstance(error, BaseException) else error
+    print(one_line(f"{program}: {text}"), file=sys.stderr)
 
 
 def number(kind: type, low: float, high: float) -> Callable[[str], float]:
@@ -258,6 +260,20 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
         command=command,
         publish=args.publish,
     )
+
+
+def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> tuple[str, ...]:
+    """Names with commas, each known and there once; ends the program with one line where one is not.
+
+    A name given twice would have its rows twice, of the same frames, and cost its time twice.
+    """
+    names = tuple(name.strip() for name in text.split(","))
+    for k, name in enumerate(names):
+        if name not in known:
+            parser.error(f"{option} names {name[:40]!r}; known: {', '.join(known)}")
+        if name in names[:k]:
+            parser.error(f"{option} names {name!r} more than once; leave one")
+    return names
 
 
 # how a run is done, which changes none of its rows

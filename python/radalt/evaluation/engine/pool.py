@@ -17,6 +17,7 @@ from multiprocessing import resource_tracker
 from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
+from ...core.text import said
 
 __all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
 
@@ -34,7 +35,7 @@ def answered(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
     try:
         return False, function(*arguments)
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
-        return True, str(error) or type(error).__name__
+        return True, said(error)
 
 
 def run_tasks(

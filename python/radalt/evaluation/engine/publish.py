@@ -7,7 +7,24 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-__all__ = ["publish"]
+from ..results.folder import FolderError
+
+__all__ = ["check_target", "publish"]
+
+
+def check_target(target: Path) -> None:
+    """A folder that can take what `publish` copies, or one that can be made; nothing is written.
+
+    Raises
+    ------
+    FolderError
+        One line. A study may take hours, and its page is copied at the end.
+    """
+    there = next((p for p in (target, *target.absolute().parents) if p.exists()), Path("/"))
+    if not there.is_dir():
+        raise FolderError(f"--publish {target}: {there} is no folder; name another")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise FolderError(f"--publish {target}: {there} may not be written; name another folder")
 
 
 def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:

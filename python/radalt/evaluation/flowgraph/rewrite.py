@@ -271,7 +271,7 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
         added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
     for key, label, kind in (
-        ("network", "Other machines", "intx"),
+        ("network", "Allow other machines", "intx"),
         ("keep_alive_s", "Keep alive (s)", "eng_float"),
     ):
         added.append((key, "parameter", {"label": label, "type": kind, "value": "0"}))

@@ -59,22 +59,31 @@ def run_to_end(
     """
     begin = time.perf_counter()
     top.start()
-    waiter = threading.Thread(target=top.wait, daemon=True)
-    waiter.start()
+    has_ended = (
+        threading.Event()
+    )  # `Thread.join` takes a thread for ended once Ctrl-C has interrupted it (Python < 3.13)
+
+    def wait() -> None:
+        try:
+            top.wait()
+        finally:
+            has_ended.set()
+
+    threading.Thread(target=wait, daemon=True).start()
     late = ended = False
     try:
         while not (ended or late):
             left = float("inf") if time_limit_s is None else begin + time_limit_s - time.perf_counter()
-            waiter.join(max(0.0, min(left, poll_s)))
-            ended = bool(over is not None and over()) or not waiter.is_alive()
+            has_ended.wait(max(0.0, min(left, poll_s)))
+            ended = bool(over is not None and over()) or has_ended.is_set()
             late = not ended and left <= 0
         elapsed = time.perf_counter() - begin
     finally:  # an interrupt, too, leaves nothing running
         top.stop()
-        waiter.join(_STOP_S)
+        stopped = has_ended.wait(_STOP_S)
     if late:
         raise FlowgraphError(too_long(time_limit_s))
-    if waiter.is_alive():
+    if not stopped:
         raise FlowgraphError(f"the flowgraph did not stop within {_STOP_S:g} s")
     raise_stored(list(blocks_of(top).values()))
     return elapsed

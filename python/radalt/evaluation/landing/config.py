@@ -201,6 +201,10 @@ def check_config(config: LandingConfig) -> None:
     StudyError, TerrainError, TrajectoryError
         One line about the first thing found: files, coverage, heights.
     """
+    if not (config.approach.frames or config.curve.trials or config.curve.sensitivity_trials):
+        raise StudyError(
+            "approach.frames, curve.trials and curve.sensitivity_trials are all 0; give one of them"
+        )
     rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
     try:
         config.radar()

@@ -60,7 +60,9 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
 def write_report(folder: RunFolder, study: LeavingOutStudy, rows: Sequence[dict[str, Any]], run: Run) -> Path:
     """Write ``report.md`` and ``report.json``; returns the page."""
     report = folder.head | {"run": run.as_dict(), "summary": summarise(rows, study.frames)}
-    values = report | {"main_table": _main_table(report["summary"])}
+    first, *others = (s["left_out"] for s in report["summary"])
+    everywhere = [item for item in first if all(item in other for other in others)]
+    values = report | {"main_table": _main_table(report["summary"]), "everywhere": everywhere}
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
     folder.write_report(report | {"rows": list(rows)})
     return page

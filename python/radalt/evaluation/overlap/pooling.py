@@ -36,7 +36,8 @@ _NEEDED = {
     **dict.fromkeys(("source", "name", "title", "created"), str),
     **dict.fromkeys(("scene", "methods", "versions", "scene.altitude", "scene.method_options"), dict),
     **dict.fromkeys((f"scene.{part}" for part in (*_SCENE_PARTS, "channel")), dict),
-    **dict.fromkeys(("seed", "trials_per_point", "scene.altitude.frames"), int),
+    **dict.fromkeys(("seed", "scene.altitude.frames"), int),
+    "trials_per_point": (int, str),  # text of a range where --precision measured some points longer
     **dict.fromkeys(("rows", "scene.interference"), list),
     **{f"scene.altitude.{key}": object for key in _ALTITUDE_KEYS},
 }
@@ -273,6 +274,11 @@ def _same_draw(a: Run, old: dict[str, Any], b: Run, new: dict[str, Any]) -> bool
         raise PoolError(
             f"{what} but altitude.frames is {a.frames} in the one and {b.frames} in the other, so they are not "
             "independent; run one with another --seed"
+        )
+    if old["trials"] != new["trials"]:
+        raise PoolError(
+            f"{what}, so {old['method']} at overlap {old['overlap']:g} has {old['trials']} trials in the one and "
+            f"{new['trials']} in the other, the first of them alike; leave one out, or run it with another --seed"
         )
     differing = next((c for c in COLUMNS.names if c not in COLUMNS.timing and old[c] != new[c]), None)
     if differing:

@@ -22,7 +22,7 @@ from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
 
-__all__ = ["DWELL_FRAMES", "OverlapStudy", "check_methods", "check_scene", "rows_of"]
+__all__ = ["DWELL_FRAMES", "OverlapStudy", "capture_name", "check_methods", "check_scene", "rows_of"]
 
 DWELL_FRAMES = 400  # at each altitude of a tracked flight, at least: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
@@ -104,6 +104,12 @@ def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
     return f"{'jammer' if scene.has_jammer else 'clear'}{' tracked' * (point.table == 'tracked')}"
 
 
+def capture_name(point: Point, batch: int = 0) -> str:
+    """File name of a point's recording, without its ending."""
+    name = point.name.replace(", ", "_").replace(" ", "_")
+    return f"{name}_batch_{batch}" if batch else name
+
+
 @dataclass(frozen=True)
 class OverlapStudy(Study):
     """A scene with its sweep, methods and seed.
@@ -160,6 +166,11 @@ class OverlapStudy(Study):
     def check(self) -> None:
         """See `Study`; raises `SceneError` and `MitigationError`."""
         check_scene(self.scene)
+        if self.tracked and self.scene.return_model == "terrain":
+            raise SceneError(
+                "--tracked: frames of a landing over terrain are apart in time, a tracker has nothing to sum; "
+                "leave it out, or fly integrity.py --groups terrain"
+            )
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
@@ -173,9 +184,10 @@ class OverlapStudy(Study):
     def points(self) -> Sequence[OverlapPoint]:
         """The sweep, and the ceiling without interference where the sweep has no overlap 0."""
         points = sweep_points(self.scene)
-        slow = self._slow.altitude.programme.trial_frames
-        tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, slow, "tracked") for p in points]
-        tracked = tracked if self.tracked else []
+        tracked = []
+        if self.tracked:
+            slow = self._slow.altitude.programme.trial_frames
+            tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, slow, "tracked") for p in points]
         if any(p.overlap == 0 for p in points):
             return (*points, *tracked)
         frames = self.scene.altitude.programme.trial_frames
@@ -214,8 +226,7 @@ class OverlapStudy(Study):
         scene = scene_at(self._slow if track else self.scene, point, batch)
         capture = None
         if self.capture:
-            name = point.name.replace(", ", "_").replace(" ", "_")
-            capture = self.folder / "captures" / (f"{name}_batch_{batch}" if batch else name)
+            capture = self.folder / "captures" / capture_name(point, batch)
         if self.hardware is None:
             from ..flowgraph.run import run_point
 

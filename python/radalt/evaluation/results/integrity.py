@@ -174,12 +174,12 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     )
 
 
-def time_to_first_s(outputs: np.ndarray, sweep_s: float, *, from_frame: int = 0) -> float:
-    """Seconds from the start of a frame to the end of the first computed output; NaN if there is none."""
-    computed = (outputs["status"] == Status.NORMAL) & (outputs["frame_index"] >= from_frame)
+def time_to_first_s(outputs: np.ndarray, sweep_s: float) -> float:
+    """Seconds from the start of the flight to the end of the first computed output; NaN if there is none."""
+    computed = outputs["status"] == Status.NORMAL
     if not computed.any():
         return float("nan")
-    return float((outputs["frame_index"][computed][0] + 1 - from_frame) * sweep_s)
+    return float((outputs["frame_index"][computed][0] + 1) * sweep_s)
 
 
 def time_to_alert_s(

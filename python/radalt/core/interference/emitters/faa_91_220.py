@@ -70,7 +70,11 @@ def pfd_dbw_per_m2_mhz(frequency_hz: np.ndarray | float, altitude_ft: float = 20
 class ButterworthFilter:
     """Band-pass selectivity |H|^2 = 1 / (1 + (2 (f - centre) / bandwidth)^(2 order)).
 
-    `center_hz` > 0, `bandwidth_hz` > 0 between the 3 dB points, `order` 1..20 (of the low-pass prototype).
+    Parameters
+    ----------
+    center_hz : middle of the pass band, > 0
+    bandwidth_hz : between the 3 dB points, > 0
+    order : of the low-pass prototype, 1..20
     """
 
     center_hz: float = 4.3e9

@@ -29,18 +29,18 @@ __all__ = ["FmcwEmitter"]
 @register
 @dataclass(frozen=True, kw_only=True)
 class FmcwEmitter(NamedEmitter):
-    """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by our receiver.
+    """Another FMCW radio altimeter: linear sweeps, phase-continuous, band-limited by the radar's receiver.
 
     Frequency in a period: from carrier - B/2 up to carrier + B/2 in the up part, back in the rest. The phase
     is the integral of the frequency, so a period need not hold a whole number of cycles.
 
     Parameters
     ----------
-    carrier_hz : centre of its sweep relative to our centre
+    carrier_hz : centre of its sweep relative to the radar's centre
     sweep_bandwidth_hz : B > 0; 150 MHz is the first altimeter of ITU-R M.2059 Table 2
     sweep_period_s : time of up and down sweep together, > 0
     up_fraction : part of the period spent on the up sweep, 0..1; 0.5 is a triangle, 1 and 0 are sawtooths
-    receiver_bandwidth_hz : flat two-sided bandwidth of our channel filter; None is 0.9 of the rate
+    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     always_in_window : draw the timing such that the sweep crosses the band inside the window; False draws it
         uniformly, and many short windows are then silent
 

@@ -30,16 +30,18 @@ __all__ = ["PulsedRadarEmitter"]
 @register
 @dataclass(frozen=True, kw_only=True)
 class PulsedRadarEmitter(NamedEmitter):
-    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, filtered as above.
+    """A coherent pulsed radar: pulses with raised-cosine edges, plain or linear FM, behind the radar's filter.
 
     Parameters
     ----------
-    carrier_hz : its carrier relative to our centre
+    carrier_hz : its carrier relative to the radar's centre
     prf_hz : pulse repetition frequency, > 0
     pulse_width_s : between the half-amplitude points, > rise_time_s and below 1/prf_hz - rise_time_s
     chirp_bandwidth_hz : linear FM swept within each pulse, upwards if > 0, downwards if < 0, 0 for none
     rise_time_s : duration of each raised-cosine edge, > 0
-    receiver_bandwidth_hz, always_in_window : as in `FmcwEmitter`
+    receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
+    always_in_window : draw the timing such that a pulse lies inside the window; False draws it uniformly, and many
+        short windows are then silent
 
     Raises
     ------

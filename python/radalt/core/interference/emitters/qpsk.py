@@ -98,7 +98,8 @@ class QpskEmitter(NamedEmitter):
         """Raise ValueError unless symbols and carrier fit a sample rate."""
         if self.symbol_rate_hz > rate_hz or abs(self.carrier_hz) > rate_hz / 2:
             raise ValueError(
-                f"qpsk of {self.bandwidth_hz:g} Hz at {self.carrier_hz:g} Hz does not fit the rate of {rate_hz:g} S/s"
+                f"qpsk of {self.bandwidth_hz:g} Hz at {self.carrier_hz:g} Hz does not fit the rate of {rate_hz:g} S/s; "
+                "lower bandwidth_hz or |carrier_hz|"
             )
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:

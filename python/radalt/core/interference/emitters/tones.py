@@ -53,10 +53,13 @@ class ToneEmitter(NamedEmitter):
             frequencies = np.asarray(self.frequencies_hz, dtype=float)
             if np.any(np.abs(frequencies) > rate_hz / 2):
                 raise ValueError(
-                    f"tones.frequencies_hz {self.frequencies_hz} leave +/- {rate_hz / 2:g} Hz, half the rate"
+                    f"tones.frequencies_hz {self.frequencies_hz} leave +/- {rate_hz / 2:g} Hz, half the rate; "
+                    "move them inside"
                 )
         else:
             span = self.span_hz or rate_hz
+            if span > rate_hz:
+                raise ValueError(f"tones.span_hz is {span:g}; it has to be at most the rate, {rate_hz:g}")
             frequencies = rng.uniform(-0.5, 0.5, self.count) * span
         phases = rng.random(frequencies.size)
         weights = exp_cycles(phases, np.complex128) / np.sqrt(frequencies.size)
