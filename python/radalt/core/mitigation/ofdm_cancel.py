@@ -18,7 +18,7 @@ from .ofdm.demodulator import (
     demodulate,
     once_more,
 )
-from .ofdm.drift import change_of_all, moves
+from .ofdm.drift import change_of_all, matters, moves
 from .ofdm.echoes import grown
 from .ofdm.emission import READABLE, SHORT, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
@@ -380,17 +380,23 @@ class OfdmCancel(Mitigation):
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[_Straight, Received]:
         """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
-        still = straight
+        still, taken = straight, np.zeros_like(received.points)
         for number in range(_MOST_STILL):
             drift = change_of_all(received, grid)
             if drift is None:
                 break
             change = drift * received.points * received.phase.conj() * grid.used
+            if number and not matters(change - taken, received, grid):
+                break
+            taken = change
             spread = self._modulator.samples(change, received.weight > 0, grid.starts, numerology)
             samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
             symbols = transforms(samples, grid.starts, numerology) * received.phase
             before = received.noise
-            finer = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+            likely = replace(received.as_before(clear & grid.used), steady=0.0)  # a channel that moved may stand still
+            finer = once_more(
+                grid, clear, replace(received, symbols=symbols), numerology, AGAIN, before=likely
+            )
             if finer.noise > before and (number or not moves(received, grid)):
                 break
             still, received = replace(straight, samples=samples), finer

@@ -234,13 +234,13 @@ def once_more(
     received: Received,
     numerology: Numerology,
     turns: Sequence[tuple[int, int, float]],
-    scaled: bool = False,
+    before: Before | None = None,
 ) -> Received:
     """`demodulate` again, from what was ``received`` before on the same ``grid``."""
     grid = replace(
         grid, symbols=received.symbols, phase=received.phase, channel=received.channel, angles=received.angles
     )
-    again = demodulate(grid, clear, numerology, turns, scaled=scaled or received.amplitudes is not None)
+    again = demodulate(grid, clear, numerology, turns, before, received.amplitudes is not None)
     again.late += received.late
     return again
 
