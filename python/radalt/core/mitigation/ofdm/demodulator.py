@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from .acquisition import Grid
 from .amplitudes import decide_scaled
@@ -35,6 +36,7 @@ __all__ = [
     "Received",
     "again",
     "astray",
+    "bridged",
     "demodulate",
     "once_more",
 ]
@@ -58,6 +60,7 @@ _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
+_TOUCHED = 0.1  # the same beside them, where it is hardly wrong
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
@@ -288,14 +291,26 @@ def _bridged(
     halves: np.ndarray,
 ) -> tuple[np.ndarray, Decisions, np.ndarray]:
     """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
-    asked = clear & heard
-    wrong = (found.capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
-    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(wrong, _RUN) > _ASTRAY)
+    other = bridged(channel, found.capped, clear & heard)
     if other is None:
         return channel, found, off
     decided = decide(symbols * (1 / other), clear, halves)
     left = _misread(decided.capped, clear, other)
     return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
+
+
+def bridged(channel: np.ndarray, capped: np.ndarray, asked: np.ndarray) -> np.ndarray | None:
+    """(K,) channel `mended` over runs of subcarriers whose ``asked`` (L, K) elements are wrong; None if it has none.
+
+    A run is found where most of its elements are wrong and ends where they are right: the channel makes its false turn
+    over a dozen subcarriers, and at either end of that it is hardly wrong.
+    """
+    wrong = (capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
+    wrong = box(wrong, _RUN)
+    amiss = wrong > _ASTRAY
+    if amiss.any():
+        amiss = ndimage.binary_propagation(amiss, mask=wrong > _TOUCHED)
+    return mended(channel if channel.ndim == 1 else channel[len(channel) // 2], amiss)
 
 
 def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
