@@ -157,21 +157,22 @@ def demodulate(
     turns: Sequence[tuple[int, int, float]],
     before: Before | None = None,
     scaled: bool = False,
-) -> Received:
+    limit: float = np.inf,
+) -> Received | None:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     ``before`` spares what the frame before makes unlikely. ``scaled`` lets users have amplitudes of their own, in a
-    channel that stands still.
+    channel that stands still. None if in the first turn the mean errors of all symbols are above ``limit``.
     """
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     count = len(symbols)
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
-    first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    late, likely, scaled = 0.0, before and before.likely, scaled or bool(before and before.scaled)
+    first, late, likely = bool(turns), 0.0, before and before.likely
+    scaled = scaled or bool(before and before.scaled)
     for number, (width, order, share) in enumerate(_steps(turns, scaled)):
         values = symbols * (1 / channel)
         rough = first and not number
@@ -179,6 +180,8 @@ def demodulate(
         trusted = clear & (power(values) < 1) if rough else clear
         found, amplitudes = _decided(values, channel, trusted, halves, likely, scaled)
         off = _misread(found.capped, clear, channel)
+        if rough and off.min() > limit:
+            return None
         last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
             heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
@@ -187,9 +190,8 @@ def demodulate(
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
                 symbols, phase, angles = _upright(symbols, phase, angles, odd)
                 heard[odd] = False
-            if not first and off.mean() > _WHOLE:
-                if not scaled:  # a step may be another user's
-                    channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
+            if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
+                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         sure = (found.error < (0.9 if rough else 1) * SURE) & trusted & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
