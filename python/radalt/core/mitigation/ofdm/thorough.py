@@ -52,7 +52,7 @@ def _turned_back(grid: Grid, clear: np.ndarray, received: Received, numerology: 
     if other is None:
         return received
     finer = once_more(grid, clear, replace(received, channel=other), numerology, AGAIN)
-    return finer if finer.misread.mean() < received.misread.mean() else received
+    return finer if finer.misread.mean() < _EVENED * received.misread.mean() else received
 
 
 def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received | None:
