@@ -25,7 +25,7 @@ from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 
 @pytest.fixture(autouse=True)

@@ -29,7 +29,7 @@ from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
 from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios.setup import describe, plan
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -36,7 +36,7 @@ from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.overlap.points import point_seed, sweep_points
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(

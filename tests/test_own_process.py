@@ -12,7 +12,7 @@ from gnuradio.radalt.core import cores
 from gnuradio.radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
 from gnuradio.radalt.core.waveform import Waveform
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 W = Waveform()
 

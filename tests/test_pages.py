@@ -26,7 +26,7 @@ from radalt.evaluation.results.markdown import to_html
 from radalt.evaluation.runtime.study import RuntimeStudy
 from radalt.evaluation.stability.study import StabilityStudy, compared_chains
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 RUN = Run(1, 3, 0, 2.0, 1, ".venv/bin/python flowgraphs/a_study.py --seed=3")
 CHAINS = (Chain("none", "none"), Chain("whitening", "whitening"))

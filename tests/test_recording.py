@@ -21,7 +21,7 @@ from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay
 from gnuradio.radalt.evaluation.flowgraph.run import run_point
 from gnuradio.radalt.evaluation.radios.hardware import run_hardware
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -18,7 +18,7 @@ from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from gnuradio.radalt.evaluation.radios.remote import drive_remotely
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 LIMITS = {"max_altitude_m": 1500.0, "methods": ("none", "whitening"), "jammer": True}
 
