@@ -52,7 +52,7 @@ def test_interference_has_the_power_that_the_sir_says(name):
 
 
 def test_qpsk_is_read_by_its_own_method():
-    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=3, flights=0, seed=6)
+    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=2, flights=0, seed=6)
     for point in study.points():
         held = study.measure(point)
         assert [row["sir_db"] for row in held] == list(SIRS_DB)

@@ -40,6 +40,14 @@ def _landing(root):
     )
 
 
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    """Flights of four outputs, costs of two frames."""
+    package = "radalt.evaluation.cancellation"
+    for name, count in {"study.FRAMES": 160, "costs._ROUNDS": 1, "costs._FRAMES": 2}.items():
+        monkeypatch.setattr(f"{package}.{name}", count)
+
+
 # a small study, and the points of it that are measured
 STUDIES = {
     "stability": lambda root: (StabilityStudy(compared_chains(["none"]), ("numbers",)), slice(3)),
