@@ -12,6 +12,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, radalt
+from waiting import wait_for
 
 from gnuradio.radalt.blocks._guard import guarded, in_turns, raise_stored
 from gnuradio.radalt.core.channel.simulated import SimulatedChannel
@@ -610,8 +611,7 @@ def test_results_are_published_over_zmq_as_json():
     subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
     subscriber.connect(endpoint)
     block._socket.send_string("{}")  # a subscription takes time: repeat until it stands
-    while subscriber.poll(20) == 0:
-        block._socket.send_string("{}")
+    wait_for(lambda: subscriber.poll(20) or block._socket.send_string("{}"), "the subscription")
     run(Ragged(frames, 1, tags), block)
     received = []
     while len(received) < 20:
@@ -685,16 +685,17 @@ def test_blocks_meet_in_their_work_unless_they_take_turns():
 
         @guarded
         def work(self, input_items, output_items) -> int:
-            met.wait()
+            met.wait(None)  # the barrier has a limit of its own
             return 1
 
     def run() -> list[Exception | None]:
         blocks = [Block(), Block()]
-        threads = [threading.Thread(target=block.work, args=([], [])) for block in blocks]
+        threads = [threading.Thread(target=block.work, args=([], []), daemon=True) for block in blocks]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join()
+            thread.join(60)
+            assert not thread.is_alive()
         return [block.error for block in blocks]
 
     for wait_s, turns, meet in ((30.0, contextlib.nullcontext(), True), (0.1, in_turns(), False)):

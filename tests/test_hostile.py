@@ -28,6 +28,7 @@ import realtime_benchmark
 import screenshot
 import stability
 from hostile import assert_line, assert_refused, ended
+from waiting import end_of
 
 from gnuradio.radalt.core.mitigation import MitigationError, create, rehearsal
 from gnuradio.radalt.core.parsing import InputError, load_yaml, shown
@@ -372,7 +373,7 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     )  # fmt: skip
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
+    _, error = end_of(process)
     if "Traceback" in error:  # before the first line of ours, Python itself was being imported
         assert "flowgraphs" not in error or "import _startup" in error
     elif not (after_s < 0.1 and process.returncode == 1 and "flowgraphs" not in error):
@@ -529,7 +530,7 @@ def resumed(folder, resume):
     return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 def mount(*options):
-    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=20)
 
 run(Coins(), Options(whole, jobs=1))
 ends = []
@@ -548,7 +549,7 @@ for pages in range(1, 8):
         status, error = resumed(folder, resume)
         assert_refused(status, error)
         assert "(Read-only file system)" in error, error
-    subprocess.run(["umount", disk], check=True)
+    subprocess.run(["umount", disk], check=True, timeout=20)
 assert ends[0] == 2 and ends[-1] == 0, ends
 """
 

@@ -245,7 +245,9 @@ def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
     # its environment would take a minute to make; ctest has none, and CI runs `make test`
     if sys.prefix == sys.base_prefix:
         pytest.skip("no environment to hand to the clone: run the tests with `make test`")
-    known = subprocess.run(["git", "-C", root, "rev-parse", "HEAD"], capture_output=True, check=False)
+    known = subprocess.run(
+        ["git", "-C", root, "rev-parse", "HEAD"], capture_output=True, timeout=60, check=False
+    )
     # a tree unpacked from an archive has no history to clone
     if known.returncode:
         pytest.skip("the tree is no git checkout of this user's; a newcomer clones one")

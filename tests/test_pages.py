@@ -160,7 +160,9 @@ def test_a_page_is_whole_and_a_browser_sorts_it(name, root, tmp_path, browser):
         return
     copy = page.with_name("probe.html")
     copy.write_text(text.replace("</body>", PROBE), encoding="utf-8")
-    done = subprocess.run([*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, timeout=60, check=True
+    )
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     up, down = (found[key].split("|") for key in ("up", "down"))
     key = (lambda v: (v == "", float(v or 0))) if re.fullmatch(r"[-+.e\d|]*", found["up"]) else None

@@ -9,6 +9,7 @@ import pytest
 from gnuradio import blocks, gr, radalt
 
 from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 from gnuradio.radalt.evaluation.overlap.points import OverlapPoint
 from gnuradio.radalt.evaluation.overlap.study import OverlapStudy, capture_name
 
@@ -21,7 +22,7 @@ def played(source) -> np.ndarray:
     top = gr.top_block()
     sink = blocks.vector_sink_c()
     top.connect(source, sink)
-    top.run()
+    run_to_end(top, time_limit_s=60)
     return np.array(sink.data(), dtype=np.complex64).reshape(-1, 7500)
 
 
