@@ -161,7 +161,7 @@ def test_a_page_is_whole_and_a_browser_sorts_it(name, root, tmp_path, browser):
     copy = page.with_name("probe.html")
     copy.write_text(text.replace("</body>", PROBE), encoding="utf-8")
     done = subprocess.run(
-        [*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, timeout=60, check=True
+        [*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, timeout=120, check=True
     )
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     up, down = (found[key].split("|") for key in ("up", "down"))
