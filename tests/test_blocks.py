@@ -19,6 +19,7 @@ from gnuradio.radalt.core.channel.simulated import SimulatedChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import Mitigation, create
 from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
+from gnuradio.radalt.core.receiver.frame import Frame
 from gnuradio.radalt.core.receiver.segmenter import FrameSegmenter
 from gnuradio.radalt.core.scene import parse_scene
 
@@ -343,6 +344,28 @@ def test_segmenter_block_is_the_segmenter_in_any_chunks():
         assert counters["discontinuities"] == 3
         last = status.seen[-1]
         assert last["locked"] and last["discontinuities"] == 3 and {"quality_db", "torn"} <= last.keys()
+
+
+def test_frames_that_wait_in_the_segmenter_block_outlive_its_input(monkeypatch):
+    """GNU Radio writes over a block's input as soon as `general_work` has returned."""
+    block = radalt.frame_segmenter(scene_of())
+    for name, answer in {"nitems_read": 0, "nitems_written": 0, "get_tags_in_window": []}.items():
+        monkeypatch.setattr(block, name, lambda *_, answer=answer: answer, raising=False)
+    for name in ("consume", "add_item_tag", "_report"):
+        monkeypatch.setattr(block, name, lambda *_: None, raising=False)
+    lent = []
+
+    def push(samples: np.ndarray, *, lend: bool) -> list[Frame]:
+        """One frame that is complete, and makes sure of two before it."""
+        lent.append(lend)
+        return [Frame(k, k * N, samples, 0.0) for k in range(3)]
+
+    monkeypatch.setattr(block.segmenter, "push", push)
+    chunk, out = np.ones(N, np.complex64), np.zeros((1, N), np.complex64)
+    assert block.general_work([chunk], [out]) == 1
+    chunk[:] = np.nan
+    assert lent == [True] and len(block._ready) == 2
+    assert all((frame.samples == 1).all() for frame in block._ready)
 
 
 def lines(captured: str) -> list[str]:
