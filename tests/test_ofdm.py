@@ -10,9 +10,10 @@ from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChan
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.joint import JointCancel
+from gnuradio.radalt.core.mitigation.ofdm import demodulator
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
 from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
-from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, nearest
+from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
 from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
@@ -345,13 +346,48 @@ def test_a_stream_cut_anywhere_gives_the_same_bits():
 
 def test_what_cannot_be_read_is_looked_for_less_often_and_found_when_it_can():
     hidden, _ = received(CASES["nr10_noise5"], -40.0, 20, np.random.default_rng(7))
-    seen, _ = received(CASES["nr10_stream"], -40.0, 4, np.random.default_rng(8))
+    seen, _ = received(CASES["nr10_stream"], -40.0, 8, np.random.default_rng(8))
     method, looks = create("ofdm_cancel", W), []
     find = method._find
     method._find = lambda frame: looks.append(1) or find(frame)
     np.testing.assert_array_equal(method.process(hidden), hidden)
-    assert 8 <= len(looks) <= 12
+    assert 8 <= len(looks) <= 10
     assert (method.process(seen) != seen).any(axis=1)[-1] and method.found == 1
+
+
+def test_what_noise_hides_is_given_up_in_the_first_turn(monkeypatch):
+    hidden, _ = received(CASES["nr10_noise10"], -40.0, 4, np.random.default_rng(991203))
+    monkeypatch.delattr(demodulator, "true_up")  # which ends a turn, and would fail
+    asked = []
+    monkeypatch.setattr(JointCancel, "cancel", lambda self, frame: asked.append(1))
+    np.testing.assert_array_equal(create("ofdm_cancel", W).process(hidden), hidden)
+    create("hybrid", W, other="whitening").process(hidden)
+    assert not asked  # without a clock there is no QPSK in the band
+
+
+def test_what_turns_within_symbols_is_taken_away_once(monkeypatch):
+    frames, _ = received(CASES["nr10_stream"], -45.0, 10, np.random.default_rng(991204))
+    again, turns = ofdm_cancel.once_more, []
+    monkeypatch.setattr(ofdm_cancel, "once_more", lambda *a, **k: turns.append(1) or again(*a, **k))
+    taken = []
+    for frame in frames:
+        turns.clear()
+        create("ofdm_cancel", W).process(frame)
+        taken.append(len(turns))
+    assert max(taken) == 1
+
+
+@pytest.mark.parametrize("tail", [12, 25])
+def test_a_quarter_turn_of_the_channel_is_bridged_as_far_as_it_goes(tail):
+    rng = np.random.default_rng(991205)
+    sent = nearest((rng.standard_normal((13, 500, 2)) @ [0.7, 0.7j]).astype(np.complex64), 64)
+    turn = np.interp(np.arange(500), [250, 258, 258 + tail], [0, 0.75, 1])  # fast at first
+    channel = np.exp(0.5j * np.pi * turn).astype(np.complex64)
+    every = np.ones(sent.shape, dtype=bool)
+    found = decide(sent / channel, every, np.repeat([0, 1], [7, 6]))
+    mended = demodulator.bridged(channel, found.capped, every)
+    # the points of QAM leave quarter turns open
+    assert np.abs(mended**4 - 1).max() < 0.1
 
 
 def test_another_emitter_is_found_when_the_first_has_gone():

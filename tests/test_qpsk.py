@@ -8,9 +8,10 @@ from gnuradio.radalt.core.interference.emitters.fmcw import FmcwEmitter
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from gnuradio.radalt.core.mitigation import MitigationError, create
+from gnuradio.radalt.core.mitigation import MitigationError, create, qpsk_cancel
 from gnuradio.radalt.core.mitigation.qpsk.clock import clock_line, find_clocks
 from gnuradio.radalt.core.mitigation.qpsk.follower import Follower
+from gnuradio.radalt.core.mitigation.qpsk.held import astray
 from gnuradio.radalt.core.mitigation.qpsk.pulse import Train
 from gnuradio.radalt.core.receiver.altimeter import Altimeter
 from gnuradio.radalt.core.returns.point import point_return
@@ -145,6 +146,32 @@ def test_slow_symbols_of_a_receiver_with_a_filter_are_not_taken_for_such(sir_db)
     frames, clean, _ = received(QpskReceivedEmitter(bandwidth_hz=0.4e6), sir_db, seed=19)
     cleaned = create("qpsk_cancel", W).process(frames)
     assert np.median(left(cleaned, clean)) < 0.3
+
+
+@pytest.mark.parametrize("sir_db", [-15.0, -45.0])
+def test_steps_from_sample_to_sample_tell_whether_a_filter_made_them(sir_db):
+    def strays(emitter, sir_db):
+        return np.array([astray(frame) for frame in received(emitter, sir_db, count=6, seed=991201)[0]])
+
+    assert strays(QpskEmitter(), sir_db).max() < 0.01  # four steps
+    assert strays(NrEmitter(channel_bandwidth_hz=10e6), sir_db).min() == 1  # as good as noise
+    assert strays(QpskReceivedEmitter(), 200.0).min() == 1  # a sweep makes one step after the other
+    if sir_db < -30:  # below the noise of the return
+        assert strays(QpskReceivedEmitter(), sir_db).min() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("emitter", "sir_db", "count"),
+    [(QpskReceivedEmitter(), 200.0, 0), (NrEmitter(), -30.0, 0), (QpskReceivedEmitter(), -45.0, 4)],
+    ids=["clear", "nr5", "filtered"],
+)
+def test_other_frames_are_never_decided_sample_by_sample(emitter, sir_db, count, monkeypatch):
+    monkeypatch.delattr(qpsk_cancel, "find_held")  # which would fail
+    frames, _, _ = received(emitter, sir_db, seed=991202)
+    method = create("qpsk_cancel", W)
+    cleaned = method.process(frames)
+    assert method.cancelled == count
+    assert count or cleaned.tobytes() == frames.tobytes()
 
 
 def test_impulses_in_pieces_are_those_of_the_whole_frame():

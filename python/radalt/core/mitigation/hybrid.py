@@ -138,7 +138,8 @@ class Hybrid(Mitigation):
         left_db = self._detector.residual_db(out[None])[0]
         if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
-        asked = self._joint is not None and _spread(heard) > _SPREAD  # two signals have no even modulus
+        # without a clock there is no QPSK, and two signals have no even modulus
+        asked = self._joint is not None and self._qpsk.clocked and _spread(heard) > _SPREAD
         both = self._joint.cancel(heard) if asked else None
         if both is not None:
             self.cancelled += 1

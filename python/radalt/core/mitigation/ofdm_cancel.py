@@ -48,7 +48,7 @@ _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so wi
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
 _NOISE = 0.55  # the same in the first turn: noise leaves 0.6 and more, what is read in the end 0.35
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
-_PAUSE = 4  # from then on one frame in four is looked at
+_PAUSE = 8  # from then on one frame in eight is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
@@ -102,7 +102,7 @@ class OfdmCancel(Mitigation):
     elements that no return can be in, about five of six. In the other elements the nearest point is subtracted. Where
     the return is larger than a cell of the constellation, the mean of the return given all near points is kept instead.
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
-    could not be read in eight frames is looked for in every fourth. Frames without such a signal pass bit for bit. What
+    could not be read in eight frames is looked for in every eighth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
     Of QPSK that such noise hides the mean is subtracted, given what was received. Short bursts that cannot be read are
     blanked.

@@ -72,6 +72,8 @@ class QpskCancel(Mitigation):
     ----------
     cancelled, followed : int
         Frames in which QPSK was cancelled, and how many of them were read by what the frame before had told.
+    clocked : bool
+        Whether the last frame that was searched may have a symbol clock.
     depth_db : float
         By how much the last such frame became weaker where QPSK was sent.
     busy : float
@@ -103,6 +105,7 @@ class QpskCancel(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.cancelled = self.followed = 0
+        self.clocked = False
         self.depth_db = self.busy = 0.0
         self._known: tuple[float, np.ndarray] | None = None  # rate and weights of the frame before
         self._lock: _Lock | None = None
@@ -139,7 +142,7 @@ class QpskCancel(Mitigation):
         """QPSK of a frame of unit power. What makes steps of all sizes is no QPSK on the sample grid, and what makes a
         few is hardly any: it is asked for a pulse first.
         """
-        strays = astray(frame)
+        self.clocked, strays = True, astray(frame)
         held = self._held(frame) if strays < _ASTRAY else None
         if held is not None and np.count_nonzero(held.out) >= _CLEAR * frame.size:
             return held
@@ -161,6 +164,7 @@ class QpskCancel(Mitigation):
     def _impulses(self, frame: np.ndarray) -> _Found | None:
         """QPSK of any pulse in a frame of unit power."""
         clocks = find_clocks(frame, _CONTRAST)
+        self.clocked = bool(clocks)
         if self._known is not None:  # the same emitter first
             clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
         for clock in clocks:

@@ -88,10 +88,13 @@ def _windowed(frame: np.ndarray) -> np.ndarray:
     count = frame.size
     product = frame[1:] * frame[:-1].conj()
     mean = complex(product.mean())
-    turn = np.conj(mean) / max(abs(mean), 1e-30)  # a carrier turns every product alike
+    turn = mean / max(abs(mean), 1e-30)  # a carrier turns every product alike
     real = np.zeros(count, dtype=np.float32)
-    real[1:] = (product * np.complex64(turn)).real
-    real[1:] -= real[1:].mean()
+    # the real part of what is turned back
+    np.matmul(
+        product.view(np.float32).reshape(-1, 2), np.array([turn.real, turn.imag], np.float32), out=real[1:]
+    )
+    real[1:] -= np.float32(abs(mean))
     real *= _window(count)
     return real
 

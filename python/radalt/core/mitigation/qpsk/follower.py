@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -82,7 +83,7 @@ class Follower:
         taps[length // 2 + (TAPS // 2 - np.arange(TAPS)) * clock.tap_step] = symbols.weights
         self._pieces = Pieces(count, length)
         response = self._pieces.filters(taps)
-        self._response = response * samples_flat(fft.fftfreq(response.size))
+        self._response = response * _flat(response.size)
         self._train = train
         self._pulse, self._filter = pulses[0].astype(np.complex64), None
         self._error, self._amplitude = symbols.error, 1.0
@@ -266,6 +267,14 @@ class Follower:
         """Time of a symbol of the next frame, from the ``times`` in this one, which were too early by ``late``."""
         centre = float(times[times.size // 2]) + late
         self._instant = centre + round(self._count / self._period) * self._period - self._count
+
+
+@lru_cache(maxsize=4)
+def _flat(size: int) -> np.ndarray:
+    """(size,) float32, read-only: `samples_flat` of a piece's transform."""
+    factors = samples_flat(fft.fftfreq(size))
+    factors.setflags(write=False)
+    return factors
 
 
 def _later(pulse: np.ndarray) -> np.ndarray:

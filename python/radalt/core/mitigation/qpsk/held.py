@@ -16,7 +16,7 @@ _ALL = 0.98  # of the samples: where so many are loud, the others are faint by c
 _ERROR = 0.08  # of the points' power; samples at random have 0.3
 _WORSE = 2.0  # error over that of the first frame
 _CHANGES = (0.01, 0.5)  # of samples that are another point than the one before
-_EVERY = 4  # one step from a sample to the next in so many is looked at
+_EVERY = 8  # one step from a sample to the next in so many is looked at
 _COHERENCE = 0.3  # of those steps' fourth powers; a sweep and OFDM have less than 0.1, what can be decided 0.5 and more
 _FAR = 5.0  # times the median distance of a fourth power from their mean
 _BLOCKS = Blocks(size=150, fine=30, fewest=600)  # of samples
