@@ -749,5 +749,5 @@ def test_a_block_whose_work_is_that_of_another_has_its_turn():
     with in_turns():
         thread = threading.Thread(target=Tracker().work, args=([], []), daemon=True)
         thread.start()
-        thread.join(timeout=20.0)
+        thread.join(timeout=120.0)
     assert done == [1]

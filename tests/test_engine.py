@@ -26,7 +26,7 @@ from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 
 @pytest.fixture(autouse=True)
@@ -279,7 +279,7 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
     printed = shlex.split(err.partition("go on with: ")[2])
-    done = subprocess.run(printed, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(printed, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
 
@@ -303,7 +303,7 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     command = [sys.executable, tmp_path / "program.py"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2
 

@@ -30,7 +30,7 @@ from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios.setup import describe, plan
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -37,7 +37,7 @@ from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.overlap.points import point_seed, sweep_points
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -395,7 +395,7 @@ def test_ctrl_c_while_onnxruntime_is_imported_does_not_pass_for_a_missing_packag
     (tmp_path / "onnxruntime.py").write_text(STOPPED_IMPORT)
     load = "from radalt.core.mitigation import onnx_network; onnx_network.gpu_there('cuda')"
     done = subprocess.run(
-        [sys.executable, "-c", load], capture_output=True, text=True, timeout=60,
+        [sys.executable, "-c", load], capture_output=True, text=True, timeout=120,
         env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT / 'python'}"},
     )  # fmt: skip
     assert done.returncode == -signal.SIGINT
@@ -530,7 +530,7 @@ def resumed(folder, resume):
     return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 def mount(*options):
-    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=20)
+    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=120)
 
 run(Coins(), Options(whole, jobs=1))
 ends = []
@@ -549,7 +549,7 @@ for pages in range(1, 8):
         status, error = resumed(folder, resume)
         assert_refused(status, error)
         assert "(Read-only file system)" in error, error
-    subprocess.run(["umount", disk], check=True, timeout=20)
+    subprocess.run(["umount", disk], check=True, timeout=120)
 assert ends[0] == 2 and ends[-1] == 0, ends
 """
 

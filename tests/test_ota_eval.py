@@ -240,7 +240,7 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     # without site packages this very interpreter has neither GNU Radio nor NumPy
     command = [sys.executable, "-S", str(root / "flowgraphs" / program), "x"]
     command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make eval" in done.stderr
 
@@ -253,7 +253,7 @@ def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_pat
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
     command = [sys.executable, str(root / "flowgraphs" / "collect.py"), str(whole[0]), str(again)]
     done = subprocess.run(
-        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=60, check=False
+        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}

@@ -13,7 +13,7 @@ from gnuradio.radalt.core.mitigation import METHODS, MitigationError, OwnProcess
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 W = Waveform()
 

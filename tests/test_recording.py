@@ -22,7 +22,7 @@ from gnuradio.radalt.evaluation.flowgraph.run import run_point
 from gnuradio.radalt.evaluation.radios.hardware import run_hardware
 from gnuradio.radalt.evaluation.results.folder import FolderError, read_report
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -25,7 +25,7 @@ def test_a_tag_on_this_commit_is_the_version(root):
         cwd=root,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     ).stdout.split()
     tags = [tag for tag in tags if re.fullmatch(r"v\d+\.\d+\.\d+", tag)]

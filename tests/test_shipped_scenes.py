@@ -104,7 +104,7 @@ def test_faa_mask_keeps_its_level_through_multipath():
     assert heard.sir_db == direct.sir_db
 
 
-@pytest.mark.timeout(170)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["nr5", "nr10", "tones", "mixture", "faa_mask"])
 def test_evaluation_of_the_scene_ends_in_a_report_with_a_figure(root, tmp_path, name):
     out = tmp_path / name

@@ -142,5 +142,5 @@ def test_a_data_process_that_dies_is_not_waited_for(root):
         pytest.skip("no training environment; make train ARGS=--help makes it")
     command = [root / ".venv-train/bin/python", "-c", DYING]
     environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=120)
     assert "ended with status 3" in done.stdout, done.stderr

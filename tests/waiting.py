@@ -11,7 +11,7 @@ def wait_for(
     what: str,
     *,
     process: subprocess.Popen | None = None,
-    limit_s: float = 60.0,
+    limit_s: float = 120.0,
 ) -> None:
     """Return once the condition holds.
 
@@ -34,7 +34,7 @@ def written(path: Path) -> Callable[[], bool]:
     return lambda: path.exists() and path.stat().st_size > 0
 
 
-def end_of(process: subprocess.Popen, *, limit_s: float = 60.0) -> tuple[str, str]:
+def end_of(process: subprocess.Popen, *, limit_s: float = 120.0) -> tuple[str, str]:
     """What a process writes until it ends (stdout, stderr); one that does not end is killed, and the test fails."""
     try:
         return process.communicate(timeout=limit_s)
