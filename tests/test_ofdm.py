@@ -164,7 +164,9 @@ def test_a_burst_is_blanked_where_it_leaves_enough_of_the_sweep():
     cleaned = single(frames)
     lost = cleaned == 0
     assert np.mean(lost, axis=1) == pytest.approx(0.3, abs=0.01)
-    assert all(np.ptp(np.flatnonzero(row)) == np.count_nonzero(row) - 1 for row in lost)  # all of it, quiet samples too
+    assert all(
+        np.ptp(np.flatnonzero(row)) == np.count_nonzero(row) - 1 for row in lost
+    )  # all of it, quiet samples too
     np.testing.assert_allclose(cleaned[~lost], frames[~lost], rtol=1e-5)
     result = ALTIMETER.detect(ALTIMETER.spectra(cleaned))
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.03
