@@ -28,7 +28,7 @@ from gnuradio.radalt.evaluation.engine.options import (
 PROGRAM = "stability"
 METHODS = (
     "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,"
-    "lms_reference_input,lms,ofdm_cancel,tcae,hybrid"
+    "lms_reference_input,lms,ofdm_cancel,qpsk_cancel,tcae,hybrid"
 )
 GROUPS = "stiff,scene,waveform,numbers"
 

@@ -1,5 +1,7 @@
 """The study of cancellation: its interference is what it says, its rows follow from the seed, its page is written."""
 
+import csv
+
 import cancellation
 import numpy as np
 import pytest
@@ -12,12 +14,15 @@ from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
 from gnuradio.radalt.evaluation.cancellation.known_symbols import (
+    BLANKED_BURST,
     KNOWN,
     misread_share,
+    placed,
     weak_return_gain_db,
     with_known_symbols,
 )
 from gnuradio.radalt.evaluation.cancellation.mixtures import MIXTURES, measure_mixture
+from gnuradio.radalt.evaluation.cancellation.report import _within
 from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
 from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine.options import Options
@@ -50,7 +55,7 @@ def test_interference_has_the_power_that_the_sir_says(name):
 
 
 def test_qpsk_is_read_by_its_own_method():
-    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=3, flights=0, seed=6)
+    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=2, flights=0, seed=6)
     for point in study.points():
         held = study.measure(point)
         assert [row["sir_db"] for row in held] == list(SIRS_DB)
@@ -106,8 +111,12 @@ def test_bursts_and_locked_jammers_start_anew():
 
 
 def test_study_end_to_end(tmp_path, monkeypatch):
-    flown = dict(list(FLIGHTS.items())[:1])  # all kinds take half a minute
-    monkeypatch.setattr("gnuradio.radalt.evaluation.cancellation.study.FLIGHTS", flown)
+    module = "gnuradio.radalt.evaluation.cancellation.study"
+    # all kinds, and a second of each, take a minute
+    monkeypatch.setattr(f"{module}.FLIGHTS", dict(list(FLIGHTS.items())[:1]))
+    monkeypatch.setattr(f"{module}.FRAMES", 160)
+    for name, count in {"_ROUNDS": 1, "_FRAMES": 2}.items():  # times are no matter of this test
+        monkeypatch.setattr(f"gnuradio.radalt.evaluation.cancellation.costs.{name}", count)
     study = CancellationStudy(
         ("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, flights=1, seed=5
     )
@@ -123,7 +132,9 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     held = [row for row in rows if row["method"] == "ofdm_cancel"]
     assert [row["sir_db"] for row in held] == list(SIRS_DB)
     assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
-    assert repr(rows) == repr(study.measure(study.points()[0]))
+    written = csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8"))
+    again = [float(row["rmse_correct_m"] or "nan") for row in written if row["case"] == "nr10_64qam"]
+    assert again == pytest.approx([row["rmse_correct_m"] for row in rows], nan_ok=True) and len(again) > 14
 
 
 def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
@@ -175,6 +186,38 @@ def test_with_all_symbols_known_the_emitters_own_noise_is_what_stays():
     assert errors[0] < 0.1 < errors[1]
     study = CancellationStudy()
     assert [point.case for point in study.points() if point.table == "known"] == list(KNOWN)
+
+
+@pytest.mark.parametrize(("kind", "limit_m"), [("burst", 0.15), ("ra4_moving", 0.25)])
+def test_known_symbols_of_bursts_and_moving_echoes_are_taken_away(kind, limit_m):
+    rows = {row["method"]: row for row in with_known_symbols(kind, -40.0, 8, [880219])}
+    assert rows["none"]["pd"] < 0.3 and rows["known symbols"]["pd"] == 1.0
+    assert rows["known symbols"]["rmse_correct_m"] < limit_m
+    assert (BLANKED_BURST in rows) == (KNOWN[kind].overlap < 1)
+    if BLANKED_BURST in rows:  # nothing but the rest of the sweep
+        assert rows[BLANKED_BURST]["pd"] == 1.0 and rows[BLANKED_BURST]["rmse_correct_m"] < limit_m
+
+
+@pytest.mark.parametrize("first", [-30, 0, 700])
+def test_the_place_of_what_was_sent_is_found(first):
+    rng = np.random.default_rng(6)
+    sent = rng.standard_normal((600, 2)).view(np.complex128)[:, 0]
+    frame = 0.1 * rng.standard_normal((1000, 2)).view(np.complex128)[:, 0]
+    at = np.arange(max(0, first), min(1000, first + 600))
+    frame[at] += 2j * sent[at - first]
+    found, *ends = placed(frame, sent)
+    assert ends == [at[0], at[-1] + 1]
+    np.testing.assert_allclose(found[at], sent[at - first], rtol=1e-6)
+    assert not np.delete(found, at).any()
+
+
+@pytest.mark.parametrize(
+    ("every", "right", "mark"),
+    [(0.09, 0.09, "yes"), (13.0, 0.05, "those within 5 m"), (13.0, 0.2, "no"), (None, None, "no")],
+)
+def test_a_line_says_whether_its_errors_are_near_those_without_interference(every, right, mark):
+    assert _within({"rmse_detected_m": every, "rmse_correct_m": right}, 0.09) == mark
+    assert _within(None, 0.09) == ""
 
 
 @pytest.mark.parametrize(("points", "snr_db"), [(4, 20.0), (64, 35.0)])

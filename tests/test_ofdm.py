@@ -159,6 +159,20 @@ def test_a_short_burst_that_cannot_be_read_is_blanked(case):
     assert right(single(frames), altitude_m) > 0.95
 
 
+def test_a_burst_is_blanked_where_it_leaves_enough_of_the_sweep():
+    """A third of the sweep lost doubles the error; what is left of a burst's three symbols costs more."""
+    frames, altitude_m = received(CASES["nr10_burst"], -20.0, 24, np.random.default_rng([880220, 3]))
+    cleaned = single(frames)
+    lost = cleaned == 0
+    assert np.mean(lost, axis=1) == pytest.approx(0.3, abs=0.01)
+    assert all(
+        np.ptp(np.flatnonzero(row)) == np.count_nonzero(row) - 1 for row in lost
+    )  # all of it, quiet samples too
+    np.testing.assert_allclose(cleaned[~lost], frames[~lost], rtol=1e-5)
+    result = ALTIMETER.detect(ALTIMETER.spectra(cleaned))
+    assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.03
+
+
 def test_angle_and_slope_are_exact_where_one_side_alone_is_asked():
     numerology = Numerology(W.rate_hz, 15e3)
     late = np.array([0.015, -0.03])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
@@ -20,7 +21,7 @@ from .ofdm.demodulator import (
 )
 from .ofdm.drift import change_of_all, matters, moves
 from .ofdm.echoes import grown
-from .ofdm.emission import READABLE, SHORT, Emission, emission, faint_emission
+from .ofdm.emission import READABLE, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
@@ -33,9 +34,11 @@ from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
 
-_CONTRAST = 6.0  # of the prefix over its scatter: noise and the bench's other emitters stay below 4.5
-_FAINTLY = 4.5  # so much tells OFDM of a few symbols
+_CONTRAST = 4.5  # of the prefix over its scatter: noise and the bench's other emitters stay below
 _LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
+_SHORT = 0.4  # of a frame: a burst that is blanked where it cannot be read
+_SHORTER = 0.36  # of a frame: a burst that is better blanked than read by its few symbols
+_GAP = 64  # samples that are quiet within a burst, by chance
 _CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -104,8 +107,7 @@ class OfdmCancel(Mitigation):
     Tones on top are fitted and subtracted before. Once found, an emitter is followed from frame to frame. One that
     could not be read in eight frames is looked for in every eighth. Frames without such a signal pass bit for bit. What
     cannot be demodulated stays: the emitter's own noise, other interference on top of it, several antennas' streams.
-    Of QPSK that such noise hides the mean is subtracted, given what was received. Short bursts that cannot be read are
-    blanked.
+    Of QPSK that such noise hides the mean is subtracted, given what was received. Short bursts are blanked.
 
     Parameters
     ----------
@@ -179,12 +181,8 @@ class OfdmCancel(Mitigation):
 
     def _unread(self, frame: np.ndarray) -> np.ndarray:
         """A frame without the short and loud burst in it that may be OFDM, but could not be read; or as it is."""
-        if not self._contrast > _FAINTLY:
-            return frame
-        level = power(frame)
-        loud = level > np.float32(BLANKED) * middle(level)
-        blanked = np.count_nonzero(loud) < SHORT * loud.size and level[loud].sum() > _LOUD * level.sum()
-        return np.where(loud, 0, frame) if blanked else frame
+        burst = _loud_burst(frame, _SHORT) if self._contrast >= _CONTRAST else None
+        return frame if burst is None else np.where(burst, 0, frame)
 
     def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
@@ -233,6 +231,10 @@ class OfdmCancel(Mitigation):
         if prefix.contrast < _CONTRAST:
             self._vain = 0
             return None
+        burst = _loud_burst(frame, _SHORTER)
+        if burst is not None:
+            self.busy = np.count_nonzero(burst) / burst.size
+            return np.where(burst, 0, frame)
         self._vain += 1
         carrier = prefix.carrier
         straight = self._without(frame, carrier, numerology)
@@ -453,3 +455,15 @@ class OfdmCancel(Mitigation):
             lock.channel = channel if channel.ndim == 1 else channel[-1]
         lock.channel = lock.channel * np.complex64(np.exp(1j * ahead))
         self._lock = lock
+
+
+def _loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
+    """(N,) bool: the burst of at most ``most`` of a frame that has nearly all of its power; None without."""
+    level = power(frame)
+    loud = level > np.float32(BLANKED) * middle(level)
+    if np.count_nonzero(loud) > most * loud.size:
+        return None
+    widened = ndimage.maximum_filter1d(loud.view(np.uint8), _GAP)
+    burst = ndimage.minimum_filter1d(widened, _GAP, origin=-1).view(bool)
+    short = np.count_nonzero(burst) <= most * burst.size
+    return burst if short and level[burst].sum() > _LOUD * level.sum() else None

@@ -165,10 +165,13 @@ class Cfar:
         least = level * np.float32(_ROUNDING) + np.float32(_TINY)
         colour = self._colour(sums, support) if colour is None else colour
         if colour.any():
-            around = np.repeat(self._around(sums), q, axis=-1)
+            around = self._around(sums)
             local = colour.astype(np.float32)[..., None]
-            noise += local * (around - noise)
-            level = level + local * (around - level)
+            level = repeated(level + local * (around - level), q)
+            around = repeated(around, q)
+            around -= noise
+            around *= local
+            noise += around
         np.maximum(noise, least, out=noise)
         level = np.maximum(level, least)
         share = colour / (2.0 * t * _LOCAL) + (1.0 - colour) / (groups - self.energy / q)
@@ -241,7 +244,8 @@ class Cfar:
         t, g, m = self.train, self.guard, self.train + self.guard
         inner = sums.shape[-1] - 2 * m
         total = np.zeros((*sums.shape[:-1], sums.shape[-1] + 1))  # float64: exact enough at 100 dB range
-        np.cumsum(sums, axis=-1, out=total[..., 1:])
+        total[..., 1:] = sums  # a sum that converts as it goes takes longer
+        np.cumsum(total, axis=-1, out=total)
         near = total[..., m + g + 1 : m + g + 1 + inner] - total[..., t : t + inner]
         around = total[..., 2 * m + 1 :] - total[..., :inner] - near
         return (around * (0.5 / (self.group * t))).astype(np.float32)
@@ -294,6 +298,14 @@ class Cfar:
         spread = np.log(np.maximum(high, _TINY) / np.maximum(low, _TINY)) / _QUARTILES
         colour = (_BLOCK * support * spread**2 - _WHITE) / (_COLOURED - _WHITE)
         return np.minimum(np.maximum(colour, 0.0), 1.0)
+
+
+def repeated(values: np.ndarray, times: int) -> np.ndarray:
+    """(..., times * k) each of (..., k) values so many times in a row: `numpy.repeat` in a third of its time."""
+    out = np.empty((*values.shape[:-1], times * values.shape[-1]), dtype=values.dtype)
+    for k in range(times):
+        out[..., k::times] = values
+    return out
 
 
 def support_of(samples: np.ndarray, count: float) -> np.ndarray:

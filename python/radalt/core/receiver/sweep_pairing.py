@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .altimeter_settings import Reason
-from .cfar import Cfar, Significance
+from .cfar import Cfar, Significance, repeated
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
@@ -106,7 +106,7 @@ class PairSearch:
         fine = self._finer(power)
         level = cells.level
         if level.shape[-1] > 1:
-            level = np.repeat(level[..., self.first : self.last], _FINER, axis=-1)[..., : fine.shape[-1]]
+            level = repeated(level[..., self.first : self.last], _FINER)[..., : fine.shape[-1]]
         at, best, rival = self._best_pair(fine / level)
         n, halves = np.arange(len(at))[:, None], _HALVES
         peak = fine[n, halves, at]

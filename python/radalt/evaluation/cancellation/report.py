@@ -28,7 +28,14 @@ from ..results.score import pool, score_frames
 from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
 from .costs import costs
-from .known_symbols import KNOWN, KNOWN_METHODS, misread_share, rmse_correct_m, weak_return_gain_db
+from .known_symbols import (
+    BLANKED_BURST,
+    KNOWN,
+    KNOWN_METHODS,
+    misread_share,
+    rmse_correct_m,
+    weak_return_gain_db,
+)
 from .mixtures import MIXTURES
 from .tracked import CONFIRMING, FLIGHTS
 
@@ -106,25 +113,26 @@ def _errors(rows: Sequence[Row], study: CancellationStudy) -> dict[str, object]:
         error = {"rmse_correct_m": rmse_correct_m(results, altitude_m)}
         clean.append(score_frames(results, altitude_m).row() | error)
     limit_m = _WITHIN * clean[0]["rmse_detected_m"]
-    lines, within, within_right = [["no interference", *(_error(row) for row in clean[1:])]], [], 0
+    lines, marks = [["no interference", *(_error(row) for row in clean[1:]), ""]], []
     for case in _cases(rows):
-        cells = []
-        for method in study.methods:
-            mine = [r for r in _of(rows, case, method) if r["sir_db"] == _ERROR_SIR_DB]
-            cells.append(_error(mine[0]) if mine else "given up")
-            if method == _made_for(case) and mine:
-                within_right += (mine[0]["rmse_correct_m"] or np.inf) <= limit_m
-                if (mine[0]["rmse_detected_m"] or np.inf) <= limit_m:
-                    within.append(CASES[case].title)
-        lines.append([CASES[case].title, *cells])
+        at = {r["method"]: r for r in rows if (r["case"], r["sir_db"]) == (case, _ERROR_SIR_DB)}
+        marks.append(_within(at.get(_made_for(case)), limit_m))
+        cells = (_error(at[method]) if method in at else "given up" for method in study.methods)
+        lines.append([CASES[case].title, *cells, marks[-1]])
     return {
-        "errors": table(["interference", *study.methods], lines),
+        "errors": table(["interference", *study.methods, f"within {_WITHIN:g} times"], lines),
         "clean_rmse": number(clean[0]["rmse_detected_m"], 3),
-        "within": len(within),
-        "within_right": within_right,
-        "within_names": "; ".join(within) or "none",
-        "case_count": len(_cases(rows)),
+        "within": marks.count("yes"),
+        "case_count": len(marks),
     }
+
+
+def _within(row: Row | None, limit_m: float) -> str:
+    """Whether the RMSE of all altitudes is at most so much, or only that of those that are right."""
+    if row is None:
+        return ""
+    every, right = ((row[name] or np.inf) <= limit_m for name in ("rmse_detected_m", "rmse_correct_m"))
+    return "yes" if every else "those within 5 m" if right else "no"
 
 
 def _error(row: Row) -> str:
@@ -184,19 +192,21 @@ def _mixtures(rows: Sequence[Row]) -> dict[str, str]:
 
 
 def _known(rows: Sequence[Row]) -> str:
-    """Break-points and errors with all symbols known, beside those of the method."""
+    """Break-points and errors with all symbols known, beside those of the method; of bursts also with these blanked."""
     if not rows:
         return ""
     lines = []
     for kind in dict.fromkeys(r["kind"] for r in rows):
         points, errors = [], []
-        for method in KNOWN_METHODS:
+        for method in (*KNOWN_METHODS, BLANKED_BURST):
             mine = [r for r in rows if (r["kind"], r["method"]) == (kind, method)]
-            points.append(str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine])))
-            errors += [number(r["rmse_correct_m"]) for r in mine if r["sir_db"] == _ERROR_SIR_DB]
+            if method in KNOWN_METHODS:
+                points.append(str(break_point([r["sir_db"] for r in mine], [r["pd"] for r in mine])))
+            at = [r["rmse_correct_m"] for r in mine if r["sir_db"] == _ERROR_SIR_DB]
+            errors.append(number(at[0]) if at else "")
         lines.append([KNOWN[kind].title, *points, *errors[1:]])
-    header = ["10 MHz of", *KNOWN_METHODS, *(f"error of {method} (m)" for method in KNOWN_METHODS[1:])]
-    return table(header, lines)
+    asked = (*KNOWN_METHODS[1:], BLANKED_BURST)
+    return table(["interference", *KNOWN_METHODS, *(f"error, {method} (m)" for method in asked)], lines)
 
 
 def _misread() -> str:

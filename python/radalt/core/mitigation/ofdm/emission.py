@@ -13,12 +13,12 @@ from .numerology import Numerology
 from .ridge import expected_return, plausible, whitened
 from .under_noise import mean_model
 
-__all__ = ["MISREAD", "PARTLY", "READABLE", "SHORT", "Emission", "Skirts", "emission", "faint_emission"]
+__all__ = ["MISREAD", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
 
 READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
-SHORT = 0.4  # of a frame's symbols
+_SHORT = 0.4  # of a frame's symbols
 _SHORTLY = 0.2  # median error in so short a burst, from which it is better blanked
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
@@ -81,7 +81,7 @@ def emission(
     loud = own.sum(axis=1)
     sending = sent & (loud > _IDLE * loud.max())
     readable = sending & (misread <= READABLE)
-    short = np.count_nonzero(sending) < SHORT * sending.size
+    short = np.count_nonzero(sending) < _SHORT * sending.size
     if (
         not readable.any()
         or middle(misread[sending]) > (_SHORTLY if short else _MOSTLY)
