@@ -116,6 +116,41 @@ class Evidence:
                 speed = max(speed, float(abs(d)))
         return altitude, speed
 
+    def best_pair(
+        self, apart: tuple[int, int], lobe: float, reach: float, span: tuple[float, float]
+    ) -> tuple[int, int, float]:
+        """The pair of cells near the track's that has shown most power: steps of its halves, lead in deviations.
+
+        Parameters
+        ----------
+        apart, lobe, span
+            As in `farthest`; a pair of the track's own main lobe is none.
+        reach : float
+            Greatest distance in cells of either half.
+        """
+        middle = self.mean.shape[1] // 2
+        steps = np.arange(-int(reach), int(reach) + 1)
+        near = slice(middle - int(reach), middle + int(reach) + 1)
+        up, down = steps[:, None], steps[None, :]
+        lead = -(self.mean[0, near, None] + self.mean[1, None, near])
+        sigma = np.sqrt(self.variance[0, near, None] + self.variance[1, None, near])
+        other = np.maximum(np.abs(up), np.abs(down)) > lobe
+        other &= (up - down >= apart[0]) & (up - down <= apart[1])
+        other &= (0.5 * (up + down) >= span[0]) & (0.5 * (up + down) <= span[1])
+        lead = np.where(other & np.isfinite(lead), lead, -np.inf)
+        i, j = divmod(int(lead.argmax()), steps.size)
+        return int(steps[i]), int(steps[j]), float(lead[i, j] / max(sigma[i, j], 1e-12))
+
+    def recentre(self, steps: tuple[int, int]) -> None:
+        """Count from cells that lie so many steps from the track's, in each half."""
+        reach = self.mean.shape[1] // 2
+        cells = np.arange(-reach, reach + 1)
+        for half, step in enumerate(steps):
+            at = np.clip(cells + step, -reach, reach) + reach
+            here = self.mean[half, step + reach], self.variance[half, step + reach]
+            self.mean[half] = self.mean[half, at] - here[0]
+            self.variance[half] = self.variance[half, at] + here[1]  # at most: their errors have a part in common
+
     def lean(self, resolution_cells: float) -> float:
         """How much more stands beyond the track's cells than before them, over their own power.
 
@@ -137,6 +172,7 @@ class Track:
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
+    settled: bool = False  # whether every other pair was ruled out once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
@@ -148,6 +184,13 @@ class Track:
         """Remember a measurement."""
         self.latest, self.measured_at = found, middle
         self.history.append((middle, found.altitude_m))
+
+    def move(self, altitude_m: float) -> None:
+        """What was followed was a lobe that lies so far below the return."""
+        self.filter.mean[0] += altitude_m
+        times_altitudes = [(time, altitude + altitude_m) for time, altitude in self.history]
+        self.history.clear()
+        self.history.extend(times_altitudes)
 
     def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
         """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""
