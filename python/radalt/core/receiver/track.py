@@ -47,17 +47,17 @@ class Kalman:
         """Take a measurement, of altitude alone or of speed as well."""
         rest, variance = self.innovation(found, lead_s)
         self.nis += 0.1 * (rest**2 / variance - self.nis)
-        self._correct(np.array([1.0, -lead_s]), rest, variance, float(np.sqrt(found.altitude_variance_m2)))
-        if with_speed:
-            row = np.array([0.0, 1.0])
-            rest = found.speed_m_per_s - self.mean[1]
-            self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
-
-    def _correct(self, row: np.ndarray, rest: float, variance: float, pull: float = 0.0) -> None:
-        gain = self.covariance @ row / variance
-        self.mean = self.mean + gain * rest
-        self.pulled = self.pulled + gain * (pull - row @ self.pulled)
-        self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
+        rows = np.array([[1.0, -lead_s], [0.0, 1.0]])[: 2 if with_speed else 1]
+        both = found.covariance
+        noise = np.array(
+            [[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]]
+        )[: len(rows), : len(rows)]
+        rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[: len(rows)]
+        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)
+        gain = self.covariance @ rows.T @ np.linalg.inv(rows @ self.covariance @ rows.T + noise)
+        self.mean = self.mean + gain @ rest
+        self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
+        self.covariance = self.covariance - gain @ rows @ self.covariance
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
 
 
