@@ -47,8 +47,8 @@ class Measurement:
         Power over noise, mean of both halves, linear.
     row : int
         Row of the joint table, for the speed by which frames were moved.
-    covariance : float
-        Of altitude and speed, m * m/s: one half's error goes into both.
+    altitude_speed_covariance : float
+        In m m/s; the halves' errors differ, and each goes into both.
     """
 
     altitude_m: float
@@ -59,7 +59,7 @@ class Measurement:
     cells: np.ndarray
     power: float
     row: int
-    covariance: float = 0.0
+    altitude_speed_covariance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class Block:
             speed_m_per_s=float(w.beats_to_vertical_speed_m_per_s(up, -down)),
             altitude_variance_m2=hz2 * per_hz[0] ** 2,
             speed_variance_m2_per_s2=hz2 * per_hz[1] ** 2,
-            covariance=apart_hz2 * per_hz[0] * per_hz[1],
+            altitude_speed_covariance=apart_hz2 * per_hz[0] * per_hz[1],
             strength=entry.strength,
             cells=fine,
             power=float(over.mean()),

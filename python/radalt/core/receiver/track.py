@@ -44,16 +44,17 @@ class Kalman:
         )
 
     def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
-        """Take a measurement, of altitude alone or of speed as well."""
+        """Take a measurement, of altitude alone or of speed as well.
+
+        Both at once: what one half sweep is off by is in both, and a known speed takes it out of the altitude.
+        """
         rest, variance = self.innovation(found, lead_s)
         self.nis += 0.1 * (rest**2 / variance - self.nis)
-        rows = np.array([[1.0, -lead_s], [0.0, 1.0]])[: 2 if with_speed else 1]
-        both = found.covariance
-        noise = np.array(
-            [[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]]
-        )[: len(rows), : len(rows)]
-        rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[: len(rows)]
-        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)
+        n, both = 1 + with_speed, found.altitude_speed_covariance
+        rows = np.array([[1.0, -lead_s], [0.0, 1.0]])[:n]
+        noise = np.array([[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]])[:n, :n]
+        rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
+        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)  # and what Doppler is off by then
         gain = self.covariance @ rows.T @ np.linalg.inv(rows @ self.covariance @ rows.T + noise)
         self.mean = self.mean + gain @ rest
         self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
@@ -116,30 +117,23 @@ class Evidence:
                 speed = max(speed, float(abs(d)))
         return altitude, speed
 
-    def best_pair(
-        self, apart: tuple[int, int], lobe: float, reach: float, span: tuple[float, float]
-    ) -> tuple[int, int, float]:
-        """The pair of cells near the track's that has shown most power: steps of its halves, lead in deviations.
+    def better_pair(
+        self, reach: int, apart: tuple[int, int], lobe: float, span: tuple[float, float]
+    ) -> tuple[int, int] | None:
+        """The pair of cells beside the track's that has shown the most power; None where its own have.
 
-        Parameters
-        ----------
-        apart, lobe, span
-            As in `farthest`; a pair of the track's own main lobe is none.
-        reach : float
-            Greatest distance in cells of either half.
+        Steps of the up half and of the down half from the track's cells, ``reach`` at most; the rest as in `farthest`.
         """
-        middle = self.mean.shape[1] // 2
-        steps = np.arange(-int(reach), int(reach) + 1)
-        near = slice(middle - int(reach), middle + int(reach) + 1)
-        up, down = steps[:, None], steps[None, :]
-        lead = -(self.mean[0, near, None] + self.mean[1, None, near])
-        sigma = np.sqrt(self.variance[0, near, None] + self.variance[1, None, near])
+        middle, steps = self.mean.shape[1] // 2, np.arange(-reach, reach + 1)
+        near = slice(middle - reach, middle + reach + 1)
+        up, down = steps[:, None], steps
+        height, speed = 0.5 * (up + down), up - down
         other = np.maximum(np.abs(up), np.abs(down)) > lobe
-        other &= (up - down >= apart[0]) & (up - down <= apart[1])
-        other &= (0.5 * (up + down) >= span[0]) & (0.5 * (up + down) <= span[1])
-        lead = np.where(other & np.isfinite(lead), lead, -np.inf)
-        i, j = divmod(int(lead.argmax()), steps.size)
-        return int(steps[i]), int(steps[j]), float(lead[i, j] / max(sigma[i, j], 1e-12))
+        other &= (speed >= apart[0]) & (speed <= apart[1]) & (height >= span[0]) & (height <= span[1])
+        less = np.where(other, self.mean[0, near, None] + self.mean[1, near], np.inf)
+        less[np.isnan(less)] = np.inf  # beyond the beat band
+        i, j = divmod(int(less.argmin()), steps.size)
+        return (int(steps[i]), int(steps[j])) if less[i, j] < 0.0 else None
 
     def recentre(self, steps: tuple[int, int]) -> None:
         """Count from cells that lie so many steps from the track's, in each half."""
@@ -149,7 +143,9 @@ class Evidence:
             at = np.clip(cells + step, -reach, reach) + reach
             here = self.mean[half, step + reach], self.variance[half, step + reach]
             self.mean[half] = self.mean[half, at] - here[0]
-            self.variance[half] = self.variance[half, at] + here[1]  # at most: their errors have a part in common
+            self.variance[half] = (
+                self.variance[half, at] + here[1]
+            )  # at most: their errors have a part in common
 
     def lean(self, resolution_cells: float) -> float:
         """How much more stands beyond the track's cells than before them, over their own power.
@@ -172,7 +168,7 @@ class Track:
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
-    settled: bool = False  # whether every other pair was ruled out once
+    settled: bool = False  # whether every other pair of cells was ruled out once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
@@ -185,12 +181,12 @@ class Track:
         self.latest, self.measured_at = found, middle
         self.history.append((middle, found.altitude_m))
 
-    def move(self, altitude_m: float) -> None:
-        """What was followed was a lobe that lies so far below the return."""
-        self.filter.mean[0] += altitude_m
-        times_altitudes = [(time, altitude + altitude_m) for time, altitude in self.history]
-        self.history.clear()
-        self.history.extend(times_altitudes)
+    def move(self, found: Measurement) -> None:
+        """What was followed was a lobe, and this is the return: it stood as far from the lobe all along."""
+        rise = found.altitude_m - self.latest.altitude_m
+        self.filter.mean[0] += rise
+        self.history = deque(((t, a + rise) for t, a in self.history), maxlen=self.history.maxlen)
+        self.latest = found
 
     def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
         """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""

@@ -33,9 +33,6 @@ _INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks,
 _LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
 _SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
 _CANDIDATES = 2  # beside the track: a grating lobe's may hold one place for as long as it lasts
-import os
-_BESIDE = float(os.environ.get("BESIDE", 2.0))
-_LEAD = float(os.environ.get("LEAD", 0.0))
 _LOBE_BLOCKS = 2  # in a row in which altitudes contradict the Doppler: what stands there is a grating lobe
 
 
@@ -205,7 +202,6 @@ class AltitudeTracker:
             return self._output(last, status, state, 0.0, at.size)
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
         self._at, self._before = at, None
-        self._middle = last - self.frames + 1 + block.middle
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
         self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
         middle = last - self.frames + 1 + block.middle
@@ -306,7 +302,6 @@ class AltitudeTracker:
         found = self._calibrated(found)
         if cleaned:  # evidence is about what gives the altitude
             track.evidence.add(*block.differences(found, self._reach))
-            found = self._rather(track, block, found)
         threshold = noise_threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
         track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
         if not (track.seen and self._inside(track, found)):
@@ -320,42 +315,30 @@ class AltitudeTracker:
             track.latest, track.measured_at = before
             return None
         track.contradicted = 0
-        _, open_speed = self._integrity.farthest(track)
+        open_m, open_speed = self._integrity.farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.hits, track.missed = track.hits + 1, 0
-        return found
+        track.settled |= open_m == 0.0
+        return found if track.settled or not cleaned else self._settled(track, block, found)
 
-    def _rather(self, track: Track, block: Block, found: Measurement) -> Measurement:
+    def _settled(self, track: Track, block: Block, found: Measurement) -> Measurement:
         """The track's measurement, or that of the pair beside it that all its blocks together show with more power.
 
-        One block takes a grating lobe for the return more easily than ten. A track that had one altitude once does not
-        move: what outdoes it then is another return.
+        One block takes a grating lobe for the return more easily than ten do. A track whose altitude was certain once
+        does not move any more: what outdoes it then is another return.
         """
-        t = self.integrator
-        if track.settled:
+        t, steps = self.integrator, self._integrity.better_pair(track)
+        if steps is None:
             return found
-        track.take(found, self._middle)
-        apart = self._integrity.open_cells(track)
-        track.history.pop()
-        if apart[0] > apart[1]:
-            return found
-        span = tuple((t.altitude_span_m - found.altitude_m) / t.cell_m)
-        up, down, lead = track.evidence.best_pair(
-            apart, t.resolution_cells, _BESIDE * t.resolution_cells, span
-        )
-        if lead <= _LEAD:
-            if self._integrity.farthest(track)[0] == 0.0:
-                track.settled = True
-            return found
-        at = np.round(found.cells).astype(int) + (up, down)
+        at = np.round(found.cells).astype(int) + steps
         near = (np.abs(t._up - at[0]) <= 1) & (np.abs(t._down - at[1]) <= 1)
         other = block.best(block.at_peaks(near))
         if other is None or not self._possible(other):
             return found
         other = self._calibrated(other)
-        track.move(other.altitude_m - found.altitude_m)
-        track.evidence.recentre((up, down))
+        track.move(other)
+        track.evidence.recentre(steps)
         return other
 
     def _calibrated(self, found: Measurement) -> Measurement:
