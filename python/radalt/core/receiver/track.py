@@ -143,9 +143,8 @@ class Evidence:
             at = np.clip(cells + step, -reach, reach) + reach
             here = self.mean[half, step + reach], self.variance[half, step + reach]
             self.mean[half] = self.mean[half, at] - here[0]
-            self.variance[half] = (
-                self.variance[half, at] + here[1]
-            )  # at most: their errors have a part in common
+            # at most: the errors of both have a part in common
+            self.variance[half] = self.variance[half, at] + here[1]
 
     def lean(self, resolution_cells: float) -> float:
         """How much more stands beyond the track's cells than before them, over their own power.
