@@ -27,8 +27,9 @@ help: ## list the targets
 eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated channel, to a report
 	@$(PYTHON) flowgraphs/ota_eval.py --sim $(ARGS)
 
+# A worker that dies ends the run, which names its test: started again, it dies of the same test, and pytest-xdist waits for ever.
 test: lint ## format, lint and every test
-	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile --max-worker-restart=0 $(ARGS)
 
 fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3600); prints how many and how they ended
 	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)

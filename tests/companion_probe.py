@@ -83,7 +83,7 @@ def described(page) -> dict:
 def windows(name: str) -> int:
     """Number of visible windows of the X server with this in their title."""
     command = ["xdotool", "search", "--onlyvisible", "--name", name]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     return len(found.stdout.split())
 
 

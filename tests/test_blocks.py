@@ -12,12 +12,14 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, radalt
+from waiting import wait_for
 
 from gnuradio.radalt.blocks._guard import guarded, in_turns, raise_stored
 from gnuradio.radalt.core.channel.simulated import SimulatedChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import Mitigation, create
 from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
+from gnuradio.radalt.core.receiver.frame import Frame
 from gnuradio.radalt.core.receiver.segmenter import FrameSegmenter
 from gnuradio.radalt.core.scene import parse_scene
 
@@ -344,6 +346,28 @@ def test_segmenter_block_is_the_segmenter_in_any_chunks():
         assert last["locked"] and last["discontinuities"] == 3 and {"quality_db", "torn"} <= last.keys()
 
 
+def test_frames_that_wait_in_the_segmenter_block_outlive_its_input(monkeypatch):
+    """GNU Radio writes over a block's input as soon as `general_work` has returned."""
+    block = radalt.frame_segmenter(scene_of())
+    for name, answer in {"nitems_read": 0, "nitems_written": 0, "get_tags_in_window": []}.items():
+        monkeypatch.setattr(block, name, lambda *_, answer=answer: answer, raising=False)
+    for name in ("consume", "add_item_tag", "_report"):
+        monkeypatch.setattr(block, name, lambda *_: None, raising=False)
+    lent = []
+
+    def push(samples: np.ndarray, *, lend: bool) -> list[Frame]:
+        """One frame that is complete, and makes sure of two before it."""
+        lent.append(lend)
+        return [Frame(k, k * N, samples, 0.0) for k in range(3)]
+
+    monkeypatch.setattr(block.segmenter, "push", push)
+    chunk, out = np.ones(N, np.complex64), np.zeros((1, N), np.complex64)
+    assert block.general_work([chunk], [out]) == 1
+    chunk[:] = np.nan
+    assert lent == [True] and len(block._ready) == 2
+    assert all((frame.samples == 1).all() for frame in block._ready)
+
+
 def lines(captured: str) -> list[str]:
     """Warnings in GNU Radio's log."""
     return [line for line in captured.splitlines() if ":warning:" in line]
@@ -610,8 +634,7 @@ def test_results_are_published_over_zmq_as_json():
     subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
     subscriber.connect(endpoint)
     block._socket.send_string("{}")  # a subscription takes time: repeat until it stands
-    while subscriber.poll(20) == 0:
-        block._socket.send_string("{}")
+    wait_for(lambda: subscriber.poll(20) or block._socket.send_string("{}"), "the subscription")
     run(Ragged(frames, 1, tags), block)
     received = []
     while len(received) < 20:
@@ -685,16 +708,17 @@ def test_blocks_meet_in_their_work_unless_they_take_turns():
 
         @guarded
         def work(self, input_items, output_items) -> int:
-            met.wait()
+            met.wait(None)  # the barrier has a limit of its own
             return 1
 
     def run() -> list[Exception | None]:
         blocks = [Block(), Block()]
-        threads = [threading.Thread(target=block.work, args=([], [])) for block in blocks]
+        threads = [threading.Thread(target=block.work, args=([], []), daemon=True) for block in blocks]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join()
+            thread.join(60)
+            assert not thread.is_alive()
         return [block.error for block in blocks]
 
     for wait_s, turns, meet in ((30.0, contextlib.nullcontext(), True), (0.1, in_turns(), False)):
@@ -725,5 +749,5 @@ def test_a_block_whose_work_is_that_of_another_has_its_turn():
     with in_turns():
         thread = threading.Thread(target=Tracker().work, args=([], []), daemon=True)
         thread.start()
-        thread.join(timeout=20.0)
+        thread.join(timeout=120.0)
     assert done == [1]

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import pytest
 from test_engine import Coins, rows_of
 from test_ota_eval import run as run_program
 from test_ota_eval import stable, start
+from waiting import end_of, wait_for, written
 
 from radalt.core.mitigation import create
 from radalt.core.scene import load_scene
@@ -39,7 +39,7 @@ class Processes:
         paths = [str(root / "python"), str(root / "tests"), str(root / "flowgraphs")]
         self._env = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "RADALT_TEST_WORKER": "1"}
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", env=dict(os.environ))
-        wait_for(lambda: self.file.exists() and self.file.stat().st_size)
+        wait_for(written(self.file), "the scheduler's file", process=self.scheduler)
         self.address = json.loads(self.file.read_text(encoding="utf-8"))["address"]
 
     def _start(self, kind, *arguments, env):
@@ -71,13 +71,6 @@ class Processes:
             self.end(process)
 
 
-def wait_for(condition, limit_s=60.0):
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "it did not come"
-        time.sleep(0.05)
-
-
 @pytest.fixture(scope="module")
 def dask(tmp_path_factory, root):
     """A scheduler with two workers, one below a nanny, as the command starts it, and one without."""
@@ -101,7 +94,9 @@ def test_a_task_that_hangs_is_ended_with_one_line_and_its_worker_goes_on(dask, t
     with pytest.raises(WorkerError, match=r"^coin 0\.97: not done after 1 s; raise the time limit"):
         run(Coins(hang="coin 0.97"), on(dask, tmp_path / "hangs", time_limit_s=1.0))
     run(Coins(), on(dask, tmp_path / "goes on"))
-    wait_for(lambda: not measuring(dask))  # nothing of either run is left on the workers
+    wait_for(
+        lambda: not measuring(dask), "an end of all measuring"
+    )  # nothing of either run is left on the workers
 
 
 def test_what_a_dead_worker_was_measuring_is_measured_by_another(dask, tmp_path):
@@ -246,23 +241,21 @@ def sweep(tmp_path_factory):
 def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.address)
-    journal = tmp_path / "run" / "points.jsonl"
-    wait_for(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+    wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
     os.killpg(dask.workers[2].pid, signal.SIGKILL)
-    out, err = process.communicate(timeout=100)
+    out, err = end_of(process, limit_s=100)
     assert (process.returncode, err) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)
     assert "[3/3]" in out
-    wait_for(lambda: not measuring(dask))
+    wait_for(lambda: not measuring(dask), "an end of all measuring")
 
 
 def test_a_lost_scheduler_is_one_line_and_the_run_is_completed_here(dask, sweep, tmp_path):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.file)
-    journal = tmp_path / "run" / "points.jsonl"
-    wait_for(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+    wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
     dask.end(dask.scheduler)
-    _, err = process.communicate(timeout=60)
+    _, err = end_of(process)
     assert process.returncode == 2
     assert err.startswith(f"ota_eval: the scheduler at {dask.address} was lost") and err.count("\n") == 1
     code, _, err = run_program(*options, "--out", tmp_path / "run", "--resume", "--jobs", 2)

@@ -194,7 +194,7 @@ def test_options_of_training_are_in_its_source(line):
 def test_make_knows_its_targets(line):
     done = subprocess.run(
         ["make", "-n", *words(line)[1][1:]],
-        cwd=ROOT, capture_output=True, text=True, timeout=30, check=False,
+        cwd=ROOT, capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
@@ -210,7 +210,7 @@ def test_a_shell_runs_the_first_line_of_the_readme(desk):
     if not (ROOT / ".venv").exists():
         pytest.skip("no .venv here: the module is tested where `make setup` was not run")
     done = subprocess.run(
-        ["sh", "-c", f"{line} --plan"], cwd=desk, capture_output=True, text=True, timeout=60, check=False
+        ["sh", "-c", f"{line} --plan"], cwd=desk, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "built" in done.stdout
@@ -236,7 +236,7 @@ def test_help_acts_on_nothing(program, monkeypatch, capsys, tmp_path):
 def test_a_training_program_says_where_it_lies():
     environ = os.environ | {"PYTHONPATH": str(ROOT / "python")}
     program = [sys.executable, str(ROOT / "training" / "evaluate_sweeps.py"), "--help"]
-    done = subprocess.run(program, env=environ, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(program, env=environ, capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout.startswith("usage: PYTHONPATH=python .venv/bin/python training/evaluate_sweeps.py")
 
 
@@ -248,7 +248,7 @@ def test_a_training_program_says_where_it_lies():
 def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
     run = [sys.executable, str(tool)] if tool.suffix == ".py" else ["sh", str(tool)]
     done = subprocess.run(
-        [*run, "--help"], cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False
+        [*run, "--help"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout.lower()

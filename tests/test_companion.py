@@ -165,7 +165,7 @@ def test_make_grc_sets_this_environment():
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=120,
         check=True,
     )
     (line,) = (line for line in done.stdout.replace("\\\n", " ").splitlines() if line.endswith(" it.grc"))

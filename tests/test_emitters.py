@@ -233,7 +233,7 @@ def test_an_emitter_is_imported_when_a_scene_names_it():
         "assert loaded() == {'qpsk', 'tones', 'nr'}, loaded()\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
 

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from waiting import end_of, wait_for, written
 
 from radalt.evaluation.engine import command
 from radalt.evaluation.engine import estimate as estimates
@@ -25,7 +26,7 @@ from radalt.evaluation.results.folder import FolderError, RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 
 @pytest.fixture(autouse=True)
@@ -117,10 +118,9 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     process = subprocess.Popen([sys.executable, tmp_path / "program.py"])
     journal = tmp_path / "run" / "points.jsonl"
-    while process.poll() is None and not (journal.exists() and journal.stat().st_size):
-        time.sleep(0.01)
+    wait_for(written(journal), "the first point", process=process)
     process.kill()
-    process.wait()
+    end_of(process)
     assert 1 <= len(journal.read_text(encoding="utf-8").splitlines()) < 4
     run(Coins(), Options(tmp_path / "run", resume=True, jobs=2))
     assert rows_of(tmp_path / "run") == rows_of(whole)
@@ -269,18 +269,17 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
     process = subprocess.Popen([sys.executable, tmp_path / "program.py"], **pipes)
-    while not (tmp_path / "run" / "run.json").exists():
-        time.sleep(0.05)
+    wait_for((tmp_path / "run" / "run.json").exists, "run.json", process=process)
     time.sleep(1.0)
     # Ctrl-C reaches the whole group, a batch system's SIGTERM the program
     os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
-    _, err = process.communicate(timeout=60)
+    _, err = end_of(process)
     assert process.returncode == status
     assert f"coins: {said}; 0 of " in err and " points are kept, go on with: " in err
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
     printed = shlex.split(err.partition("go on with: ")[2])
-    done = subprocess.run(printed, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(printed, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
 
@@ -304,7 +303,7 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     command = [sys.executable, tmp_path / "program.py"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2
 

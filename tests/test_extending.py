@@ -11,7 +11,7 @@ import yaml
 
 from radalt.core.parsing import arguments, build
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 EXAMPLES = ("interferer", "method", "radio", "study")
 PLUGINS = EXAMPLES[:3]  # a study is run, not registered

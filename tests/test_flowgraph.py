@@ -453,7 +453,7 @@ class Endless:
         pass
 
     def wait(self):
-        self.stopped.wait()
+        self.stopped.wait(30)  # what never stops it fails, and the test with it
 
     def stop(self):
         self.stopped.set()
@@ -489,7 +489,7 @@ class Slow(Endless):
     ended = False
 
     def wait(self):
-        super().wait()
+        self.stopped.wait(30)
         time.sleep(0.3)
         self.ended = True
 

@@ -26,10 +26,11 @@ from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
 from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
 from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
 from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
 from gnuradio.radalt.evaluation.radios.setup import describe, plan
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -429,10 +430,8 @@ def run_bare(cls, scene, tmp_path, transmit, air, monkeypatch, seconds=0.5):
     for name in ("radar_usrp_sink", "radar_usrp_source", "jammer_usrp_sink"):
         if hasattr(top, name):
             getattr(top, name).state["set_start_time"] = ("time", 1.0)
-    top.start()
-    time.sleep(seconds)
-    top.stop()
-    top.wait()
+    end = time.monotonic() + seconds
+    run_to_end(top, over=lambda: time.monotonic() >= end)
     return top
 
 

@@ -28,6 +28,7 @@ import realtime_benchmark
 import screenshot
 import stability
 from hostile import assert_line, assert_refused, ended
+from waiting import end_of
 
 from gnuradio.radalt.core.mitigation import MitigationError, create, rehearsal
 from gnuradio.radalt.core.parsing import InputError, load_yaml, shown
@@ -36,7 +37,7 @@ from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene
 from gnuradio.radalt.core.waveform import Waveform
 from gnuradio.radalt.evaluation.overlap.points import point_seed, sweep_points
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -372,7 +373,7 @@ def test_ctrl_c_ends_with_130_and_one_line_at_most(after_s, tmp_path):
     )  # fmt: skip
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
+    _, error = end_of(process)
     if "Traceback" in error:  # before the first line of ours, Python itself was being imported
         assert "flowgraphs" not in error or "import _startup" in error
     elif not (after_s < 0.1 and process.returncode == 1 and "flowgraphs" not in error):
@@ -394,7 +395,7 @@ def test_ctrl_c_while_onnxruntime_is_imported_does_not_pass_for_a_missing_packag
     (tmp_path / "onnxruntime.py").write_text(STOPPED_IMPORT)
     load = "from radalt.core.mitigation import onnx_network; onnx_network.gpu_there('cuda')"
     done = subprocess.run(
-        [sys.executable, "-c", load], capture_output=True, text=True, timeout=60,
+        [sys.executable, "-c", load], capture_output=True, text=True, timeout=120,
         env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT / 'python'}"},
     )  # fmt: skip
     assert done.returncode == -signal.SIGINT
@@ -529,7 +530,7 @@ def resumed(folder, resume):
     return ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
 
 def mount(*options):
-    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", *options, "radalt", disk], check=True, timeout=120)
 
 run(Coins(), Options(whole, jobs=1))
 ends = []
@@ -548,7 +549,7 @@ for pages in range(1, 8):
         status, error = resumed(folder, resume)
         assert_refused(status, error)
         assert "(Read-only file system)" in error, error
-    subprocess.run(["umount", disk], check=True)
+    subprocess.run(["umount", disk], check=True, timeout=120)
 assert ends[0] == 2 and ends[-1] == 0, ends
 """
 

@@ -154,7 +154,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
     done = subprocess.run(
-        [radalt, "nonsense"], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=30
+        [radalt, "nonsense"], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
@@ -208,7 +208,7 @@ def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
         ["cmake", "-S", str(root), "-B", str(tmp_path / "build"), f"-DPYTHON_EXECUTABLE={other}"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert done.returncode != 0
@@ -245,7 +245,9 @@ def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
     # its environment would take a minute to make; ctest has none, and CI runs `make test`
     if sys.prefix == sys.base_prefix:
         pytest.skip("no environment to hand to the clone: run the tests with `make test`")
-    known = subprocess.run(["git", "-C", root, "rev-parse", "HEAD"], capture_output=True, check=False)
+    known = subprocess.run(
+        ["git", "-C", root, "rev-parse", "HEAD"], capture_output=True, timeout=120, check=False
+    )
     # a tree unpacked from an archive has no history to clone
     if known.returncode:
         pytest.skip("the tree is no git checkout of this user's; a newcomer clones one")

@@ -353,4 +353,7 @@ def test_describing_a_landing_loads_no_terrain_code(root):
     code = "import sys; from radalt.core.returns import landing; landing.LandingSpec(); "
     code += "sys.exit(any('terrain' in m or m.startswith('dted') for m in sys.modules))"
     environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
+    assert (
+        subprocess.run([sys.executable, "-c", code], env=environment, timeout=120, check=False).returncode
+        == 0
+    )

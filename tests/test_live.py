@@ -17,6 +17,7 @@ from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.scene import load_scene, parse_scene
 from gnuradio.radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 W = Waveform()
@@ -40,7 +41,7 @@ def collected(stream: np.ndarray, block, outputs: int, length: int, vlen: int = 
         top.connect(source, (block, port))
     for port, sink in enumerate(sinks):
         top.connect((block, port), sink)
-    top.run()
+    run_to_end(top, time_limit_s=60)
     return [np.array(sink.data()).reshape(-1, length) for sink in sinks]
 
 
@@ -140,7 +141,7 @@ def test_altitude_by_hand_starts_after_the_preamble():
     source = radalt.fmcw_chirp_source(scene, altitude_m=300.0, frames=preamble + 2)
     sink = blocks.vector_sink_c()
     top.connect(source, sink)
-    top.run()
+    run_to_end(top, time_limit_s=60)
     sweeps = np.array(sink.data()).reshape(-1, N)
     np.testing.assert_allclose(sweeps[:preamble], np.tile(W.beat_shifted(0.0), (preamble, 1)), atol=1e-6)
     np.testing.assert_allclose(sweeps[preamble:], np.tile(W.beat_shifted(300.0), (2, 1)), atol=1e-6)
@@ -198,7 +199,7 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
     source = blocks.vector_source_c([0j] * (50 * N))
     channel = radalt.simulated_channel(load_scene("paper_qpsk"), jammer=False, realtime=True)
     top.connect(source, channel, blocks.null_sink(gr.sizeof_gr_complex))
-    top.run()
+    run_to_end(top, time_limit_s=60)
     assert 0.8 * 50 * W.sweep_s < now[0] - 100.0 <= 50 * W.sweep_s
 
 

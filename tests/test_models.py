@@ -285,5 +285,5 @@ def test_a_run_tells_nobody_and_leaves_nothing(root, tmp_path):
     telling = {"ORT_DISABLE_TELEMETRY", "CI", "XDG_CACHE_HOME"}
     environ = {name: value for name, value in os.environ.items() if name not in telling}
     environ |= {"TMPDIR": str(tmp_path), "HOME": str(tmp_path), "PYTHONPATH": str(root / "python")}
-    subprocess.run([sys.executable, "-c", code], env=environ, check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], env=environ, check=True, timeout=120)
     assert list(tmp_path.rglob("*")) == []

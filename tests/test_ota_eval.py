@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import ota_eval
 import pytest
+from waiting import end_of, wait_for, written
 
 from gnuradio.radalt.core.scene import SweepSpec, load_scene
 from gnuradio.radalt.evaluation.overlap.points import sweep_points
@@ -30,7 +30,7 @@ def start(*arguments):
 
 def run(*arguments):
     process = start(*arguments)
-    out, err = process.communicate(timeout=120)
+    out, err = end_of(process, limit_s=120)
     return process.returncode, out, err
 
 
@@ -91,13 +91,9 @@ def test_the_rows_make_sense(whole):
 def test_a_killed_run_resumes_to_the_same_rows_with_another_number_of_workers(whole, tmp_path):
     folder = tmp_path / "run"
     process = start(*SWEEP, "--out", folder, "--jobs", 1)
-    try:
-        rows = folder / "rows.csv"  # there for an instant before the first point is in it
-        while process.poll() is None and not (rows.exists() and rows.stat().st_size):
-            time.sleep(0.02)
-    finally:
-        process.kill()
-        process.communicate()
+    wait_for(written(folder / "rows.csv"), "the first point's rows", process=process)
+    process.kill()
+    end_of(process)
     measured = len(stable(folder)) - 1
     with pytest.raises(FolderError, match="is not finished"):
         read_report(folder)
@@ -136,10 +132,9 @@ def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tm
     process = start(
         *SWEEP, "--altitudes", "600,40,50,60", "--frames", 20, "--out", tmp_path / "run", "--jobs", 1
     )
-    while process.poll() is None and not (tmp_path / "run" / "rows.csv").exists():
-        time.sleep(0.02)
+    wait_for((tmp_path / "run" / "rows.csv").exists, "rows.csv", process=process)
     os.kill(worker_of(process.pid), signal.SIGKILL)
-    _, err = process.communicate(timeout=60)
+    _, err = end_of(process)
     assert process.returncode == 2
     # between two points nobody knows what it died of
     assert err.startswith("ota_eval: overlap")
@@ -245,7 +240,7 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     # without site packages this very interpreter has neither GNU Radio nor NumPy
     command = [sys.executable, "-S", str(root / "flowgraphs" / program), "x"]
     command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make eval" in done.stderr
 
@@ -258,7 +253,7 @@ def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_pat
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
     command = [sys.executable, str(root / "flowgraphs" / "collect.py"), str(whole[0]), str(again)]
     done = subprocess.run(
-        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=60, check=False
+        [*command, "--out", str(tmp_path / "all")], capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}

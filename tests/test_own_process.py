@@ -11,8 +11,9 @@ import pytest
 from gnuradio.radalt.core import cores
 from gnuradio.radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
 from gnuradio.radalt.core.waveform import Waveform
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 W = Waveform()
 
@@ -151,8 +152,7 @@ def test_in_a_flowgraph(tmp_path):
     source = blocks.vector_source_c(frames.reshape(-1).tolist(), vlen=W.samples_per_frame)
     network, sink = radalt.tcae(scene, own_process=True), blocks.vector_sink_c(W.samples_per_frame)
     top.connect(source, network, sink)
-    top.start()
-    top.wait()
+    run_to_end(top, time_limit_s=60)
     np.testing.assert_array_equal(np.array(sink.data(), np.complex64).reshape(wanted.shape), wanted)
     assert network.status()["frames"] == 21
     assert network.milliseconds().size == 21

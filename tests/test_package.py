@@ -24,7 +24,7 @@ def run_in_package(root: Path, tmp_path: Path):
 
     def run(statements: str) -> str:
         command = [sys.executable, "-c", statements]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -82,7 +82,7 @@ def test_package_and_core_load_nothing_but_numpy_and_scipy(root: Path):
     )
     command = [sys.executable, "-c", statements]
     done = subprocess.run(
-        command, cwd=root / "python", capture_output=True, text=True, timeout=60, check=False
+        command, cwd=root / "python", capture_output=True, text=True, timeout=120, check=False
     )
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
 

@@ -26,7 +26,7 @@ from radalt.evaluation.results.markdown import to_html
 from radalt.evaluation.runtime.study import RuntimeStudy
 from radalt.evaluation.stability.study import StabilityStudy, compared_chains
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(150)
 
 RUN = Run(1, 3, 0, 2.0, 1, ".venv/bin/python flowgraphs/a_study.py --seed=3")
 CHAINS = (Chain("none", "none"), Chain("whitening", "whitening"))
@@ -38,6 +38,14 @@ def _landing(root):
     return LandingStudy(
         replace(config, methods=("none",), approach=replace(config.approach, frames=4, chunk=4), curve=curve)
     )
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    """Flights of four outputs, costs of two frames."""
+    package = "radalt.evaluation.cancellation"
+    for name, count in {"study.FRAMES": 160, "costs._ROUNDS": 1, "costs._FRAMES": 2}.items():
+        monkeypatch.setattr(f"{package}.{name}", count)
 
 
 # a small study, and the points of it that are measured
@@ -152,7 +160,9 @@ def test_a_page_is_whole_and_a_browser_sorts_it(name, root, tmp_path, browser):
         return
     copy = page.with_name("probe.html")
     copy.write_text(text.replace("</body>", PROBE), encoding="utf-8")
-    done = subprocess.run([*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*browser, "--dump-dom", copy.as_uri()], capture_output=True, text=True, timeout=120, check=True
+    )
     found = dict(re.findall(r'data-(up|down|drawn)="([^"]*)"', done.stdout))
     up, down = (found[key].split("|") for key in ("up", "down"))
     key = (lambda v: (v == "", float(v or 0))) if re.fullmatch(r"[-+.e\d|]*", found["up"]) else None

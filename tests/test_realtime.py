@@ -21,7 +21,7 @@ from gnuradio.radalt.evaluation.realtime.study import (
     prepare_benchmark,
 )
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 W = Waveform()
 

@@ -20,8 +20,9 @@ from gnuradio.radalt.evaluation.flowgraph.generate import prepare
 from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
 from gnuradio.radalt.evaluation.flowgraph.run import run_point
 from gnuradio.radalt.evaluation.radios.hardware import run_hardware
+from gnuradio.radalt.evaluation.results.folder import FolderError, read_report
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(150)
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -281,6 +282,8 @@ def test_replay_from_the_command_line_gives_the_live_rows(live, tmp_path, capsys
     assert ota_eval.main(["--replay", str(path), "--methods", "none,whitening", "--out", str(out)]) == 0
     assert "whitening" in capsys.readouterr().out
     assert len((out / "rows.csv").read_text().splitlines()) == 3
+    with pytest.raises(FolderError, match=r"or a replay, which has none$"):
+        read_report(out)
     assert ota_eval.main(["--replay", str(path), "--out", str(out)]) == 2
     assert "--out" in capsys.readouterr().err
     assert ota_eval.main(["--replay", str(tmp_path / "absent"), "--out", str(out)]) == 2

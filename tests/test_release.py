@@ -21,7 +21,12 @@ def test_every_file_that_names_the_version_names_the_packages(root):
 
 def test_a_tag_on_this_commit_is_the_version(root):
     tags = subprocess.run(
-        ["git", "tag", "--points-at", "HEAD"], cwd=root, capture_output=True, text=True, check=False
+        ["git", "tag", "--points-at", "HEAD"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     ).stdout.split()
     tags = [tag for tag in tags if re.fullmatch(r"v\d+\.\d+\.\d+", tag)]
     # only a release is tagged; that all files state one version is the test above, on every commit

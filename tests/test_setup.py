@@ -61,7 +61,7 @@ def install(root, tmp_path):
         environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
         command = [str(root / "tools/install-debian-packages.sh"), "list"]
         done = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=False
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=False
         )
         return done.returncode, done.stderr, said.read_text()
 
@@ -130,7 +130,7 @@ def test_bare_system_without_root_is_one_line(root, tmp_path):
         env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

@@ -9,6 +9,7 @@ import pytest
 from gnuradio import blocks, gr, radalt
 
 from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
 from gnuradio.radalt.evaluation.overlap.points import OverlapPoint
 from gnuradio.radalt.evaluation.overlap.study import OverlapStudy, capture_name
 
@@ -21,7 +22,7 @@ def played(source) -> np.ndarray:
     top = gr.top_block()
     sink = blocks.vector_sink_c()
     top.connect(source, sink)
-    top.run()
+    run_to_end(top, time_limit_s=60)
     return np.array(sink.data(), dtype=np.complex64).reshape(-1, 7500)
 
 
@@ -103,7 +104,7 @@ def test_faa_mask_keeps_its_level_through_multipath():
     assert heard.sir_db == direct.sir_db
 
 
-@pytest.mark.timeout(170)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["nr5", "nr10", "tones", "mixture", "faa_mask"])
 def test_evaluation_of_the_scene_ends_in_a_report_with_a_figure(root, tmp_path, name):
     out = tmp_path / name

@@ -41,7 +41,7 @@ print("ran to its end", flush=True)
 
 def run_flowgraph(statement: str) -> subprocess.CompletedProcess:
     command = [sys.executable, "-c", FLOWGRAPH.format(statement=statement)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_array_in_a_thread_local_ends_a_flowgraph_from_python_3_13_on():
@@ -109,7 +109,7 @@ class MeetingBlas:
         self._meet = meet
 
     def sgemm(self, *args, **options):
-        self._meet.wait(timeout=30)
+        self._meet.wait(timeout=120)
         return blas.sgemm(*args, **options)
 
 

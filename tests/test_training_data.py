@@ -152,7 +152,7 @@ def test_the_evaluation_writes_its_folder_and_resumes(root, tmp_path):
 
     def run(*more):
         done = subprocess.run(
-            [*command, *more], capture_output=True, text=True, timeout=300, check=False, env=environment
+            [*command, *more], capture_output=True, text=True, timeout=150, check=False, env=environment
         )
         return done.returncode, done.stderr
 

@@ -27,7 +27,7 @@ def training(root):
     def run(program, *arguments):
         environment = {**os.environ, "PYTHONPATH": str(root / "python"), "OMP_NUM_THREADS": "1"}
         command = [python, root / "training" / program, *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=500)
+        done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=150)
         return done.returncode, done.stdout, done.stderr
 
     return run
@@ -91,7 +91,11 @@ def test_doubling_is_a_transposed_convolution(root):
     if not (root / ".venv-train/.training").is_file():
         pytest.skip("no training environment; make train ARGS=--help makes it")
     run = subprocess.run(
-        [root / ".venv-train/bin/python", "-c", DOUBLING], cwd=root, capture_output=True, text=True
+        [root / ".venv-train/bin/python", "-c", DOUBLING],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=100,
     )
     assert run.returncode == 0 and float(run.stdout) < 1e-5, run.stderr
 
@@ -138,5 +142,5 @@ def test_a_data_process_that_dies_is_not_waited_for(root):
         pytest.skip("no training environment; make train ARGS=--help makes it")
     command = [root / ".venv-train/bin/python", "-c", DYING]
     environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=120)
     assert "ended with status 3" in done.stdout, done.stderr

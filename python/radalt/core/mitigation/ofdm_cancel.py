@@ -18,7 +18,7 @@ from .ofdm.demodulator import (
     demodulate,
     once_more,
 )
-from .ofdm.drift import change_of_all, moves
+from .ofdm.drift import change_of_all, matters, moves
 from .ofdm.echoes import grown
 from .ofdm.emission import READABLE, SHORT, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
@@ -46,6 +46,7 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
 _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
+_NOISE = 0.55  # the same in the first turn: noise leaves 0.6 and more, what is read in the end 0.35
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 4  # from then on one frame in four is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
@@ -251,8 +252,8 @@ class OfdmCancel(Mitigation):
         shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
         if next(shares) < _BESIDE * next(shares):
             return None
-        received = demodulate(grid, clear, numerology, FIRST)
-        best = received.misread.min()
+        received = demodulate(grid, clear, numerology, FIRST, limit=_NOISE)
+        best = received.misread.min() if received else 1.0
         if best > _UNSURE:
             least = 0.0
             if best <= _HOPELESS:
@@ -380,17 +381,24 @@ class OfdmCancel(Mitigation):
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[_Straight, Received]:
         """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
-        still = straight
+        still, taken = straight, np.zeros_like(received.points)
         for number in range(_MOST_STILL):
             drift = change_of_all(received, grid)
             if drift is None:
                 break
             change = drift * received.points * received.phase.conj() * grid.used
+            if number and not matters(change - taken, received, grid):
+                break
+            taken = change
             spread = self._modulator.samples(change, received.weight > 0, grid.starts, numerology)
             samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
             symbols = transforms(samples, grid.starts, numerology) * received.phase
             before = received.noise
-            finer = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN)
+            # a channel that moved may stand still now, so its error says nothing
+            likely = replace(received.as_before(clear & grid.used), steady=0.0)
+            finer = once_more(
+                grid, clear, replace(received, symbols=symbols), numerology, AGAIN, before=likely
+            )
             if finer.noise > before and (number or not moves(received, grid)):
                 break
             still, received = replace(straight, samples=samples), finer

@@ -14,7 +14,7 @@ from .ofdm.tones import without_tones
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols
 from .qpsk.follower import Follower, can_follow
-from .qpsk.held import Held, find_held
+from .qpsk.held import Held, astray, find_held
 from .qpsk.pulse import heard
 
 __all__ = ["QpskCancel"]
@@ -30,6 +30,7 @@ _SENDS = 0.1  # of the mean power of what was sent
 _LIMIT = 6.0  # times the median power: what is left where a burst begins
 _JUMP = 100.0  # of power, which no emitter that goes on makes in a frame
 _CLEAR = 0.99  # of a frame: where so much is left unblanked, every sample is a point
+_ASTRAY = 0.03  # of the samples' steps, from which a filter made them
 _FEW = 25  # one sample in 25 tells the median
 _SHORTEST = 1024  # samples in a frame
 
@@ -125,10 +126,7 @@ class QpskCancel(Mitigation):
         if not 0 < scale < np.inf:
             return None
         frame = frame * (1 / scale)  # a complex division costs four times that
-        found = self._held(frame)
-        if found is None or np.count_nonzero(found.out) < _CLEAR * frame.size:
-            tried = [one for one in (found, self._impulses(frame)) if one is not None]
-            found = min(tried, key=lambda one: one.left, default=None)
+        found = self._found(frame)
         if found is None:
             return None
         self.depth_db, self.busy = found.depth_db, found.busy
@@ -136,6 +134,20 @@ class QpskCancel(Mitigation):
         if found.follower is not None:
             self._lock = _Lock(found.follower, scale, tones)
         return found.out * scale
+
+    def _found(self, frame: np.ndarray) -> _Found | None:
+        """QPSK of a frame of unit power. What makes steps of all sizes is no QPSK on the sample grid, and what makes a
+        few is hardly any: it is asked for a pulse first.
+        """
+        strays = astray(frame)
+        held = self._held(frame) if strays < _ASTRAY else None
+        if held is not None and np.count_nonzero(held.out) >= _CLEAR * frame.size:
+            return held
+        filtered = self._impulses(frame)
+        if filtered is None and _ASTRAY <= strays < 1:
+            held = self._held(frame)
+        tried = [one for one in (held, filtered) if one is not None]
+        return min(tried, key=lambda one: one.left, default=None)
 
     def _held(self, frame: np.ndarray) -> _Found | None:
         """QPSK of a frame of unit power, every sample of which is a point."""

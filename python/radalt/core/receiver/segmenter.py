@@ -122,8 +122,9 @@ class FrameSegmenter:
     def push(self, samples: np.ndarray, *, lend: bool = False) -> list[Frame]:
         """Take a chunk of complex64 samples, return the frames that it completed and that are safe to use.
 
-        With ``lend`` frames may be views of ``samples``, which saves a copy of each. Whoever overwrites these calls
-        `Frame.keep` for the frames that are still to be used; those that the segmenter holds back are safe.
+        With ``lend`` the frames returned may be views of ``samples``, which saves a copy of each. They are valid until
+        ``samples`` are overwritten: before that, copy their samples, or call ``frame.keep(samples)`` for each that is
+        still needed. Without ``lend`` every frame has samples of its own, and so has what the segmenter holds back.
         """
         out: list[Frame] = []
         taken, n = 0, self._n

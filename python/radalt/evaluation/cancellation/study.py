@@ -113,9 +113,9 @@ class CancellationStudy(Study):
         if point.table == "tracked":
             kind = list(FLIGHTS).index(point.case)
             seeds = [[self.seed, 97, kind, flight, batch] for flight in range(self.flights)]
-            return [
-                row for seed in seeds for row in fly(point.case, TRACKED_METHODS, np.random.default_rng(seed))
-            ]
+            count = max(1, point.frames // self.flights)
+            flown = (fly(point.case, TRACKED_METHODS, np.random.default_rng(seed), count) for seed in seeds)
+            return [row for rows in flown for row in rows]
         if point.table == "mixtures":
             seed = [self.seed, 131, batch]
             return [measure_mixture(point.case, sir_db, point.frames, seed) for sir_db in MIXTURE_SIRS_DB]

@@ -78,14 +78,16 @@ def _method(name: str) -> Mitigation:
     return Chain(name, name, options=_LIVE.get(name, ())).build(WAVEFORM)
 
 
-def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dict[str, Any]]:
-    """One flight of `FRAMES` frames through ``FLIGHTS[name]``: a row per method and allowed speed.
+def fly(
+    name: str, methods: Sequence[str], rng: np.random.Generator, count: int = FRAMES
+) -> list[dict[str, Any]]:
+    """One flight of ``count`` frames through ``FLIGHTS[name]``: a row per method and allowed speed.
 
     All see the same frames.
     """
     flight, n = FLIGHTS[name], WAVEFORM.samples_per_frame
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S)
-    altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(FRAMES)
+    altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(count)
     each_db = flight.sir_db + 10.0 * np.log10(len(flight.emitters))
     parts = [Interferer(emitter, each_db) for emitter in flight.emitters]
     stream = JammerStream(
@@ -101,7 +103,7 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator) -> list[dic
     results, outputs = {key: [] for key in trackers}, {key: [] for key in trackers}
     for method in methods:
         _method(method).reset()
-    for first in range(0, FRAMES, _CHUNK):
+    for first in range(0, count, _CHUNK):
         part = altitude_m[first : first + _CHUNK]
         noise = rng.standard_normal((len(part), n, 2)).view(np.complex128)[..., 0]
         frames = point_return(

@@ -125,7 +125,9 @@ def read_report(path: Path) -> dict[str, Any]:
         One line: what is missing, unfinished or cannot be read.
     """
     if (path / _MARKER).is_file() and not (path / _REPORT).exists():
-        raise FolderError(f"{path}: the run is not finished; repeat its command with --resume")
+        raise FolderError(
+            f"{path}: no report: the run is not finished (repeat its command with --resume), or a replay, which has none"
+        )
     return _read_json(path / _REPORT, "name the folder of a finished run")
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from .acquisition import Grid
 from .amplitudes import decide_scaled
@@ -35,6 +36,7 @@ __all__ = [
     "Received",
     "again",
     "astray",
+    "bridged",
     "demodulate",
     "once_more",
 ]
@@ -58,6 +60,7 @@ _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
+_TOUCHED = 0.1  # the same beside them, where it is hardly wrong
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
@@ -154,21 +157,22 @@ def demodulate(
     turns: Sequence[tuple[int, int, float]],
     before: Before | None = None,
     scaled: bool = False,
-) -> Received:
+    limit: float = np.inf,
+) -> Received | None:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     ``before`` spares what the frame before makes unlikely. ``scaled`` lets users have amplitudes of their own, in a
-    channel that stands still.
+    channel that stands still. None if in the first turn the mean errors of all symbols are above ``limit``.
     """
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     count = len(symbols)
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
     times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
-    first = bool(turns)
     heard = np.ones((count, 1), dtype=bool)
-    late, likely, scaled = 0.0, before and before.likely, scaled or bool(before and before.scaled)
+    first, late, likely = bool(turns), 0.0, before and before.likely
+    scaled = scaled or bool(before and before.scaled)
     for number, (width, order, share) in enumerate(_steps(turns, scaled)):
         values = symbols * (1 / channel)
         rough = first and not number
@@ -176,6 +180,8 @@ def demodulate(
         trusted = clear & (power(values) < 1) if rough else clear
         found, amplitudes = _decided(values, channel, trusted, halves, likely, scaled)
         off = _misread(found.capped, clear, channel)
+        if rough and off.min() > limit:
+            return None
         last = order < 0 or (not rough and off.mean() < _WHOLE)
         if not rough:
             heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
@@ -184,9 +190,8 @@ def demodulate(
                 odd = _turned(values, off, clear, channel, halves, found.kinds)
                 symbols, phase, angles = _upright(symbols, phase, angles, odd)
                 heard[odd] = False
-            if not first and off.mean() > _WHOLE:
-                if not scaled:  # a step may be another user's
-                    channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
+            if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
+                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         sure = (found.error < (0.9 if rough else 1) * SURE) & trusted & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
@@ -234,13 +239,13 @@ def once_more(
     received: Received,
     numerology: Numerology,
     turns: Sequence[tuple[int, int, float]],
-    scaled: bool = False,
+    before: Before | None = None,
 ) -> Received:
     """`demodulate` again, from what was ``received`` before on the same ``grid``."""
     grid = replace(
         grid, symbols=received.symbols, phase=received.phase, channel=received.channel, angles=received.angles
     )
-    again = demodulate(grid, clear, numerology, turns, scaled=scaled or received.amplitudes is not None)
+    again = demodulate(grid, clear, numerology, turns, before, received.amplitudes is not None)
     again.late += received.late
     return again
 
@@ -288,14 +293,26 @@ def _bridged(
     halves: np.ndarray,
 ) -> tuple[np.ndarray, Decisions, np.ndarray]:
     """Channel, decisions and misread symbols with the channel `mended`, where that is better, or as they are."""
-    asked = clear & heard
-    wrong = (found.capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
-    other = mended(channel if channel.ndim == 1 else channel[len(channel) // 2], box(wrong, _RUN) > _ASTRAY)
+    other = bridged(channel, found.capped, clear & heard)
     if other is None:
         return channel, found, off
     decided = decide(symbols * (1 / other), clear, halves)
     left = _misread(decided.capped, clear, other)
     return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
+
+
+def bridged(channel: np.ndarray, capped: np.ndarray, asked: np.ndarray) -> np.ndarray | None:
+    """(K,) channel `mended` over runs of subcarriers whose ``asked`` (L, K) elements are wrong; None if it has none.
+
+    A run is found where most of its elements are wrong and ends where they are right: the channel makes its false turn
+    over a dozen subcarriers, and at either end of that it is hardly wrong.
+    """
+    wrong = (capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
+    wrong = box(wrong, _RUN)
+    amiss = wrong > _ASTRAY
+    if amiss.any():
+        amiss = ndimage.binary_propagation(amiss, mask=wrong > _TOUCHED)
+    return mended(channel if channel.ndim == 1 else channel[len(channel) // 2], amiss)
 
 
 def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from .demodulator import Received
 from .emission import PARTLY
 from .lattice import power
 
-__all__ = ["change_of_all", "moves"]
+__all__ = ["change_of_all", "matters", "moves"]
 
 _MOVES = 0.05  # of the error, what a change within a symbol has to add to it
 _ORDER = 2  # of the course of the symbols' angles
@@ -19,7 +19,7 @@ _FASTEST = 0.1  # radians per symbol: a carrier is acquired more exactly, and no
 
 def moves(received: Received, grid: Grid) -> bool:
     """Whether the channel's own change, beside what all subcarriers have in common, matters."""
-    return received.channel.ndim > 1 and _matters(np.gradient(received.channel, axis=0), received, grid)
+    return received.channel.ndim > 1 and matters(np.gradient(received.channel, axis=0), received, grid)
 
 
 def change_of_all(received: Received, grid: Grid) -> np.ndarray | None:
@@ -34,10 +34,10 @@ def change_of_all(received: Received, grid: Grid) -> np.ndarray | None:
     if turning is not None:
         turned = channel * (1j * turning[:, None]).astype(np.complex64)
         change = turned if change is None else change + turned
-    return change if change is not None and _matters(change, received, grid) else None
+    return change if change is not None and matters(change, received, grid) else None
 
 
-def _matters(change: np.ndarray, received: Received, grid: Grid) -> bool:
+def matters(change: np.ndarray, received: Received, grid: Grid) -> bool:
     """Whether a change evenly spread over a symbol, which leaves a twelfth of its power to others, adds to errors."""
     return bool(power(change)[:, grid.used].mean() / 12 > _MOVES * received.noise)
 
@@ -54,8 +54,12 @@ def _turning(received: Received) -> np.ndarray | None:
         return None  # an emitter that is followed does not turn
     index = heard - heard.mean()
     weight = np.sqrt(received.weight[heard])
-    course = np.polynomial.Polynomial.fit(index, angles, _ORDER, w=weight)
-    if np.abs(course(index) - angles).max() > _SCATTER:
+    half = np.abs(index).max()
+    powers = np.arange(_ORDER + 1)
+    basis = (index[:, None] / half) ** powers
+    course = np.linalg.lstsq(basis * weight[:, None], angles * weight, rcond=None)[0]
+    if np.abs(basis @ course - angles).max() > _SCATTER:
         return None
-    turning = course.deriv()(np.arange(received.angles.size) - heard.mean())
+    every = (np.arange(received.angles.size) - heard.mean()) / half
+    turning = every[:, None] ** powers[:-1] @ (course[1:] * powers[1:]) / half
     return turning if np.abs(turning).max() < _FASTEST else None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .acquisition import Grid
-from .demodulator import AGAIN, MORE, MOVING, SCALED, Received, astray, demodulate, once_more
+from .demodulator import AGAIN, MORE, MOVING, SCALED, Received, astray, bridged, demodulate, once_more
 from .drift import moves
 from .echoes import grown
 from .emission import PARTLY
@@ -29,6 +29,7 @@ def read_thoroughly(
     grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology, *, unequal: bool = True
 ) -> Received:
     """A frame as it was ``received``, or read with what else may be in it: ``unequal`` powers, a moving channel."""
+    received = _turned_back(grid, clear, received, numerology)
     scaled = _scaled(grid, clear, received, numerology) if unequal else None
     if scaled is not None:
         return scaled
@@ -41,6 +42,17 @@ def read_thoroughly(
     if moving.misread.mean() < received.misread.mean():
         received = moving
     return _settled(grid, clear, received, numerology)
+
+
+def _turned_back(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
+    """The frame read without the quarter turns that its channel made by chance, or as it was."""
+    if received.misread.mean() < READ:
+        return received
+    other = bridged(received.channel, received.capped, clear & grid.used & (received.weight > 0)[:, None])
+    if other is None:
+        return received
+    finer = once_more(grid, clear, replace(received, channel=other), numerology, AGAIN)
+    return finer if finer.misread.mean() < received.misread.mean() else received
 
 
 def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..ofdm.lattice import middle
 from .equaliser import decide, turning
 from .runs import MOSTLY, Blocks, longest_run
 
-__all__ = ["Held", "find_held"]
+__all__ = ["Held", "astray", "find_held"]
 
 _SPREAD = 0.25  # of the modulus, over its mean; the return alone makes 0.2 at an SIR of -11 dB
 _LOUD = 0.5  # of the modulus while it sends
@@ -15,7 +16,31 @@ _ALL = 0.98  # of the samples: where so many are loud, the others are faint by c
 _ERROR = 0.08  # of the points' power; samples at random have 0.3
 _WORSE = 2.0  # error over that of the first frame
 _CHANGES = (0.01, 0.5)  # of samples that are another point than the one before
+_EVERY = 4  # one step from a sample to the next in so many is looked at
+_COHERENCE = 0.3  # of those steps' fourth powers; a sweep and OFDM have less than 0.1, what can be decided 0.5 and more
+_FAR = 5.0  # times the median distance of a fourth power from their mean
 _BLOCKS = Blocks(size=150, fine=30, fewest=600)  # of samples
+
+
+def astray(frame: np.ndarray) -> float:
+    """Share of an (n,) complex64 frame's steps from sample to sample that no such QPSK makes; 1 where none can be told.
+
+    From one sample to the next the phase steps by quarter turns and the carrier, so fourth powers of the products of
+    neighbours are alike. A filter leaves steps of other sizes where symbols change.
+    """
+    steps = frame[1::_EVERY] * frame[:-1:_EVERY].conj()
+    size = np.abs(steps)
+    high = int(0.9 * size.size)
+    loud = size > np.float32(_LOUD**2) * np.partition(size, high)[high]
+    fourth = steps[loud] / size[loud]
+    fourth *= fourth
+    fourth *= fourth
+    mean = complex(fourth.mean()) if fourth.size else 0.0
+    coherence = abs(mean)
+    if not coherence > _COHERENCE:
+        return 1.0
+    away = np.abs(fourth - np.complex64(mean / coherence))
+    return np.count_nonzero(away > _FAR * middle(away)) / away.size
 
 
 def find_held(frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, Held] | None:
