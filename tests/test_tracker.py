@@ -332,6 +332,51 @@ def test_a_track_whose_doppler_its_altitudes_contradict_twice_no_longer_holds_it
         assert track.seen is seen
 
 
+def test_the_pair_that_has_shown_more_power_than_the_tracks_is_found_within_reach_span_and_speed():
+    """Up four cells higher shows more power, down as well three lower; both together are a speed of seven cells."""
+    evidence, everywhere = Evidence(2.0), (-20.0, 20.0)
+    mean = np.full((2, 41), 5.0)
+    mean[:, 20] = 0.0  # the track itself
+    mean[0, 20 + 4], mean[1, 20 - 3], mean[0, 20 + 9] = -2.0, -1.0, -20.0
+    evidence.add(mean, np.full((2, 41), 0.5))
+    assert evidence.better_pair(8, (-9, 9), 1.0, everywhere) == (4, -3)
+    assert evidence.better_pair(8, (-9, 4), 1.0, everywhere) == (4, 0)
+    assert evidence.better_pair(9, (-9, 9), 1.0, everywhere) == (9, 0)
+    assert evidence.better_pair(8, (-9, 4), 1.0, (-20.0, 1.0)) == (0, -3)
+    assert evidence.better_pair(8, (-2, 2), 1.0, everywhere) is None
+    assert evidence.better_pair(8, (-9, 9), 4.0, everywhere) is None  # within the main lobe
+    evidence.recentre((4, -3))
+    assert evidence.mean[0, 20] == evidence.mean[1, 20] == 0.0
+    assert evidence.mean[0, 20 - 4] == 2.0 and evidence.mean[1, 20 + 3] == 1.0
+    assert evidence.mean[0, 20 + 5] == -18.0 and evidence.variance[0, 20 + 5] == 1.0
+
+
+def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_more_power():
+    """It began with a lobe of the up half, six cells higher. Once certain, it stays whatever else has more power."""
+    for settled in (False, True):
+        tracker = AltitudeTracker(FAST)
+        track = started(tracker, 156, 150, 37)
+        lobe_m, track.settled = track.latest.altitude_m, settled
+        ratio = np.random.default_rng(39).exponential(size=(40, 2, FAST.beat_hz.size)).astype(np.float32)
+        ratio[:, :, 150], ratio[:, 0, 156] = 60.0, 20.0
+        block = tracker.integrator.integrate(ratio, np.arange(40.0))
+        found = tracker._continue(track, block, 59.5)
+        rise = 0.0 if settled else -3.0 * tracker.integrator.cell_m
+        assert found.altitude_m - lobe_m == pytest.approx(rise, abs=1.5)
+        assert track.filter.mean[0] - lobe_m == pytest.approx(rise, abs=1.5)
+        assert track.history[0][1] - lobe_m == pytest.approx(rise, abs=1.5)
+
+
+def test_what_one_half_is_off_by_leaves_the_altitude_once_the_speed_is_known():
+    """The up half is off by 4 m; the down half is right, and so is its altitude at the known speed of zero."""
+    off_m, per_m = 4.0, 2.0  # m/s of Doppler per metre of the halves' mean
+    found = Measurement(off_m / 2, per_m * off_m / 2, 4.0, 16.0, 10.0, np.zeros(2), 1.0, 0, 7.9)
+    for covariance, left_m in ((7.9, 0.1), (0.0, 1.0)):
+        kalman = Kalman(np.zeros(2), np.diag([4.0, 0.01]))
+        kalman.update(replace(found, altitude_speed_covariance=covariance), 0.0, with_speed=True)
+        assert kalman.mean[0] == pytest.approx(left_m, abs=0.1)
+
+
 def test_a_candidate_does_not_keep_another_return_from_becoming_one():
     tracker = AltitudeTracker(FAST)
     frames = flight(np.random.default_rng(42), np.full(80, 300.0), -10.0)

@@ -47,6 +47,8 @@ class Measurement:
         Power over noise, mean of both halves, linear.
     row : int
         Row of the joint table, for the speed by which frames were moved.
+    altitude_speed_covariance : float
+        In m m/s; the halves' errors differ, and each goes into both.
     """
 
     altitude_m: float
@@ -57,6 +59,7 @@ class Measurement:
     cells: np.ndarray
     power: float
     row: int
+    altitude_speed_covariance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -198,11 +201,14 @@ class Block:
         up, down = (float(t.beat_hz[0] + t.cell_hz * f) for f in fine)
         hz2 = float(variance.sum()) * t.cell_hz**2
         w = t.waveform
+        per_hz = float(w.beats_to_altitude_m(1.0, 0.0)), float(w.beats_to_vertical_speed_m_per_s(1.0, 0.0))
+        apart_hz2 = float(variance[0] - variance[1]) * t.cell_hz**2
         return Measurement(
             altitude_m=float(w.beats_to_altitude_m(up, -down)),
             speed_m_per_s=float(w.beats_to_vertical_speed_m_per_s(up, -down)),
-            altitude_variance_m2=hz2 * float(w.beats_to_altitude_m(1.0, 0.0)) ** 2,
-            speed_variance_m2_per_s2=hz2 * float(w.beats_to_vertical_speed_m_per_s(1.0, 0.0)) ** 2,
+            altitude_variance_m2=hz2 * per_hz[0] ** 2,
+            speed_variance_m2_per_s2=hz2 * per_hz[1] ** 2,
+            altitude_speed_covariance=apart_hz2 * per_hz[0] * per_hz[1],
             strength=entry.strength,
             cells=fine,
             power=float(over.mean()),

@@ -44,20 +44,21 @@ class Kalman:
         )
 
     def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
-        """Take a measurement, of altitude alone or of speed as well."""
+        """Take a measurement, of altitude alone or of speed as well.
+
+        Both at once: what one half sweep is off by is in both, and a known speed takes it out of the altitude.
+        """
         rest, variance = self.innovation(found, lead_s)
         self.nis += 0.1 * (rest**2 / variance - self.nis)
-        self._correct(np.array([1.0, -lead_s]), rest, variance, float(np.sqrt(found.altitude_variance_m2)))
-        if with_speed:
-            row = np.array([0.0, 1.0])
-            rest = found.speed_m_per_s - self.mean[1]
-            self._correct(row, rest, self.covariance[1, 1] + found.speed_variance_m2_per_s2)
-
-    def _correct(self, row: np.ndarray, rest: float, variance: float, pull: float = 0.0) -> None:
-        gain = self.covariance @ row / variance
-        self.mean = self.mean + gain * rest
-        self.pulled = self.pulled + gain * (pull - row @ self.pulled)
-        self.covariance = self.covariance - np.outer(gain, row @ self.covariance)
+        n, both = 1 + with_speed, found.altitude_speed_covariance
+        rows = np.array([[1.0, -lead_s], [0.0, 1.0]])[:n]
+        noise = np.array([[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]])[:n, :n]
+        rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
+        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)  # and what Doppler is off by then
+        gain = self.covariance @ rows.T @ np.linalg.inv(rows @ self.covariance @ rows.T + noise)
+        self.mean = self.mean + gain @ rest
+        self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
+        self.covariance = self.covariance - gain @ rows @ self.covariance
         self.covariance = 0.5 * (self.covariance + self.covariance.T)
 
 
@@ -116,6 +117,35 @@ class Evidence:
                 speed = max(speed, float(abs(d)))
         return altitude, speed
 
+    def better_pair(
+        self, reach: int, apart: tuple[int, int], lobe: float, span: tuple[float, float]
+    ) -> tuple[int, int] | None:
+        """The pair of cells beside the track's that has shown the most power; None where its own have.
+
+        Steps of the up half and of the down half from the track's cells, ``reach`` at most; the rest as in `farthest`.
+        """
+        middle, steps = self.mean.shape[1] // 2, np.arange(-reach, reach + 1)
+        near = slice(middle - reach, middle + reach + 1)
+        up, down = steps[:, None], steps
+        height, speed = 0.5 * (up + down), up - down
+        other = np.maximum(np.abs(up), np.abs(down)) > lobe
+        other &= (speed >= apart[0]) & (speed <= apart[1]) & (height >= span[0]) & (height <= span[1])
+        less = np.where(other, self.mean[0, near, None] + self.mean[1, near], np.inf)
+        less[np.isnan(less)] = np.inf  # beyond the beat band
+        i, j = divmod(int(less.argmin()), steps.size)
+        return (int(steps[i]), int(steps[j])) if less[i, j] < 0.0 else None
+
+    def recentre(self, steps: tuple[int, int]) -> None:
+        """Count from cells that lie so many steps from the track's, in each half."""
+        reach = self.mean.shape[1] // 2
+        cells = np.arange(-reach, reach + 1)
+        for half, step in enumerate(steps):
+            at = np.clip(cells + step, -reach, reach) + reach
+            here = self.mean[half, step + reach], self.variance[half, step + reach]
+            self.mean[half] = self.mean[half, at] - here[0]
+            # at most: the errors of both have a part in common
+            self.variance[half] = self.variance[half, at] + here[1]
+
     def lean(self, resolution_cells: float) -> float:
         """How much more stands beyond the track's cells than before them, over their own power.
 
@@ -137,6 +167,7 @@ class Track:
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
+    settled: bool = False  # whether every other pair of cells was ruled out once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
@@ -148,6 +179,13 @@ class Track:
         """Remember a measurement."""
         self.latest, self.measured_at = found, middle
         self.history.append((middle, found.altitude_m))
+
+    def move(self, found: Measurement) -> None:
+        """What was followed was a lobe, and this is the return: it stood as far from the lobe all along."""
+        rise = found.altitude_m - self.latest.altitude_m
+        self.filter.mean[0] += rise
+        self.history = deque(((t, a + rise) for t, a in self.history), maxlen=self.history.maxlen)
+        self.latest = found
 
     def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
         """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""

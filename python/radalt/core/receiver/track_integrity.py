@@ -16,6 +16,7 @@ from .tracker_settings import TrackerSettings
 __all__ = ["SPARE_SIGMAS", "Integrity", "noise_threshold"]
 
 SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grating lobe's speed pass
+_GRATING = 2.0  # resolution cells: where the first grating lobe of what a method leaves of the sweep lies
 _LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
 # metres by which what a method leaves of a peak pulls it; 5 MHz NR behind tcae keeps up 0.95 m for seconds
 _SYSTEMATIC_M = 1.0
@@ -168,6 +169,13 @@ class Integrity:
         return track.evidence.farthest(
             self._rival_sigmas, self.open_cells(track), t.resolution_cells, tuple(span)
         )
+
+    def better_pair(self, track: Track) -> tuple[int, int] | None:
+        """`Evidence.better_pair` as far as the grating lobes beside a return, over the speeds that are open."""
+        t = self.integrator
+        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
+        reach = round(_GRATING * t.resolution_cells)
+        return track.evidence.better_pair(reach, self.open_cells(track), t.resolution_cells, tuple(span))
 
     def protection_m(self, track: Track) -> float:
         """See the class: noise and ambiguity, each at half the risk, and the extent."""

@@ -315,11 +315,31 @@ class AltitudeTracker:
             track.latest, track.measured_at = before
             return None
         track.contradicted = 0
-        _, open_speed = self._integrity.farthest(track)
+        open_m, open_speed = self._integrity.farthest(track)
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.hits, track.missed = track.hits + 1, 0
-        return found
+        track.settled |= open_m == 0.0
+        return found if track.settled or not cleaned else self._settled(track, block, found)
+
+    def _settled(self, track: Track, block: Block, found: Measurement) -> Measurement:
+        """The track's measurement, or that of the pair beside it that all its blocks together show with more power.
+
+        One block takes a grating lobe for the return more easily than ten do. A track whose altitude was certain once
+        does not move any more: what outdoes it then is another return.
+        """
+        t, steps = self.integrator, self._integrity.better_pair(track)
+        if steps is None:
+            return found
+        at = np.round(found.cells).astype(int) + steps
+        near = (np.abs(t._up - at[0]) <= 1) & (np.abs(t._down - at[1]) <= 1)
+        other = block.best(block.at_peaks(near))
+        if other is None or not self._possible(other):
+            return found
+        other = self._calibrated(other)
+        track.move(other)
+        track.evidence.recentre(steps)
+        return other
 
     def _calibrated(self, found: Measurement) -> Measurement:
         """The measurement less the residual delay, its variances raised by what every measurement has at least."""
