@@ -15,7 +15,8 @@ from ...core.interference.emitters.tones import ToneEmitter
 from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation
-from ...core.receiver.altimeter import shared_altimeter
+from ...core.receiver.altimeter import Spectra, shared_altimeter
+from ...core.receiver.integrator import Integrator
 from ...core.receiver.tracker import AltitudeTracker, TrackerSettings
 from ...core.returns.point import point_return
 from ..results.chain import Chain
@@ -38,11 +39,12 @@ TRACKED_COLUMNS = Columns(
         "trials",
         "correct",
         "wrong_frames",
+        "best_right",
         "first_s",
         *Integrity().row(),
     ),
     text=frozenset({"flight", "method"}),
-    whole=frozenset({"trials", "correct", "wrong_frames", *COUNTS}),
+    whole=frozenset({"trials", "correct", "wrong_frames", "best_right", *COUNTS}),
 )
 
 
@@ -101,6 +103,7 @@ def fly(
         for speed in ALLOWED_M_PER_S
     }
     results, outputs = {key: [] for key in trackers}, {key: [] for key in trackers}
+    best_right = dict.fromkeys(trackers, 0)
     for method in methods:
         _method(method).reset()
     for first in range(0, count, _CHUNK):
@@ -124,10 +127,32 @@ def fly(
                 key = method, limit
                 results[key].append(altimeter.detect(spectra, vertical_speed_m_per_s=(-limit, limit)))
                 outputs[key].append(trackers[key].process(spectra, received=before))
+                best_right[key] += _best_is_right(trackers[key].integrator, spectra, part)
     return [
-        _row(name, *key, np.concatenate(results[key]), np.concatenate(outputs[key]), altitude_m)
+        _row(
+            name,
+            *key,
+            np.concatenate(results[key]),
+            np.concatenate(outputs[key]),
+            altitude_m,
+            best_right[key],
+        )
         for key in trackers
     ]
+
+
+def _best_is_right(integrator: Integrator, spectra: Spectra, altitude_m: np.ndarray) -> bool:
+    """Whether a forced decision by these frames alone is right: the pair of most power, of those that stand out.
+
+    It is what the tracker's measurement gives without a track, and without keeping doubtful altitudes back.
+    """
+    ratio = integrator.normalise(spectra)
+    at = np.nonzero(~np.isnan(ratio[:, 0, 0]))[0]
+    if 2 * at.size < len(ratio):
+        return False
+    block = integrator.integrate(ratio[at], at.astype(float))
+    found = block.best(block.prominent(np.ones(block.table.shape, dtype=bool)))
+    return found is not None and abs(found.altitude_m - altitude_m.mean()) <= 5.0
 
 
 def _row(
@@ -137,12 +162,18 @@ def _row(
     results: np.ndarray,
     outputs: np.ndarray,
     altitude_m: np.ndarray,
+    best_right: int,
 ) -> Mapping[str, Any]:
     """Per-frame score, and the tracker's, of one flight."""
     score = score_frames(results, altitude_m)
     truth_m = altitude_m[outputs["frame_index"]]
     judged = integrity(outputs, truth_m, alert_limit_m(truth_m)).row()
-    frames = {"trials": score.trials, "correct": score.correct, "wrong_frames": score.wrong}
+    frames = {
+        "trials": score.trials,
+        "correct": score.correct,
+        "wrong_frames": score.wrong,
+        "best_right": best_right,
+    }
     first_s = time_to_first_s(outputs, WAVEFORM.sweep_s)
     where = {"flight": name, "method": method, "allowed_m_per_s": allowed_m_per_s, "first_s": first_s}
     return TRACKED_COLUMNS.row({**where, **frames, **judged})
