@@ -427,7 +427,7 @@ def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
     with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
         collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")
     RunFolder(tmp_path / "b", head_of(scene_of())).close()
-    with pytest.raises(FolderError, match="not finished; repeat its command with --resume"):
+    with pytest.raises(FolderError, match=r"not finished \(repeat its command with --resume\), or a replay"):
         collect([tmp_path / "b"], tmp_path / "all")
     with pytest.raises(FolderError, match="cannot be read"):
         collect([tmp_path / "nowhere"], tmp_path / "all")
