@@ -367,6 +367,23 @@ def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_m
         assert track.history[0][1] - lobe_m == pytest.approx(rise, abs=1.5)
 
 
+def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next_one_agrees():
+    """After coasting the gate is wide: a strong pair of lobes may lie in it, farther off than its level says."""
+    tracker = AltitudeTracker(FAST)
+    track = started(tracker, 150, 150, 37)
+    for k in range(10):
+        block = showing(tracker, 150, 150, 60 + k)
+        found = tracker._continue(track, block, 59.5 + 40.0 * k)
+    assert tracker._undisputed(track, block, found)
+    track.filter.covariance[0, 0] = 36.0
+    given = []
+    for k in range(2):
+        block = showing(tracker, 152, 152, 80 + k)
+        found = tracker._continue(track, block, 499.5 + 40.0 * k)
+        given.append(tracker._undisputed(track, block, found))
+    assert given == [False, True]
+
+
 def test_what_one_half_is_off_by_leaves_the_altitude_once_the_speed_is_known():
     """The up half is off by 4 m; the down half is right, and so is its altitude at the known speed of zero."""
     off_m, per_m = 4.0, 2.0  # m/s of Doppler per metre of the halves' mean

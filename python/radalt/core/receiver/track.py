@@ -167,6 +167,7 @@ class Track:
     hits: int = 1  # consecutive
     missed: int = 0  # consecutive
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
+    corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
     settled: bool = False  # whether every other pair of cells was ruled out once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement

@@ -316,8 +316,10 @@ class AltitudeTracker:
             return None
         track.contradicted = 0
         open_m, open_speed = self._integrity.farthest(track)
+        predicted_m = track.filter.mean[0]
         track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
+        track.corrected_m = float(abs(track.filter.mean[0] - predicted_m))
         track.hits, track.missed = track.hits + 1, 0
         track.settled |= open_m == 0.0
         return found if track.settled or not cleaned else self._settled(track, block, found)
@@ -421,6 +423,8 @@ class AltitudeTracker:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
         if track.hits < self.settings.confirm_outputs and found.strength < self._integrity.search_threshold:
             return False  # back from coasting: few weak returns in a row may be noise
+        if track.corrected_m > self._integrity.protection_m(track):
+            return False  # what was predicted and what was measured contradict each other: one may be a grating lobe
         moved_m, sigma_m = block.moved_since(found)
         if abs(moved_m) > max(self._integrity.protection_m(track), _GATE_SIGMAS * sigma_m):
             return False  # a step of the ground that leaves the peak of the whole block where it was
