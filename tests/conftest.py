@@ -11,6 +11,8 @@ import pytest
 # Before NumPy is first imported: tests run side by side, and BLAS threads would only get in their way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# On CI pytest writes out how two values differ. Of frames, millions of bytes, that takes longer than any limit.
+os.environ.pop("CI", None)
 
 # A script's background job (`make test &`) starts with Ctrl-C ignored, and hands that on to the programs under test.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

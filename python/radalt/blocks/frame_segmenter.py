@@ -174,11 +174,13 @@ class frame_segmenter(gr.basic_block):
         self._take(bite, lend)
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
-        self.consume(0, bite.size)
         done = self._hand_on(out)
         if lend:
             for frame in self._ready:
                 frame.keep(bite)
+        self.consume(0, bite.size)  # from here on the block before this one writes over them
+        if self.drop_when_slow:
+            self._drop()
         self._report()
         return done
 
@@ -220,8 +222,6 @@ class frame_segmenter(gr.basic_block):
             sent_m = self._known(frame.index)[0] if self._known is not None else float("nan")
             self.add_item_tag(0, first + done, FRAME_KEY, frame_tag(frame, sent_m))
             done += 1
-        if self.drop_when_slow:
-            self._drop()
         return done
 
     def _drop(self) -> None:

@@ -111,8 +111,10 @@ def run_tasks(
                         raise WorkerError(f"{what}: {value}")
                     hand_out()
                     yield index, value
-        finally:
+        except BaseException:
+            # at the end workers leave by themselves: one that is still starting, or leaving, would print a traceback
             pool.stop()
+            raise
 
 
 def too_late(time_limit_s: float) -> str:
