@@ -14,12 +14,15 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from multiprocessing import resource_tracker
+from multiprocessing.synchronize import Semaphore
 from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.text import said
 
 __all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
+
+_START_S = 10.0  # that a worker may take to start before a run ends without it
 
 
 class WorkerError(RuntimeError):
@@ -79,7 +82,8 @@ def run_tasks(
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
     context = multiprocessing.get_context("spawn")
     workers = min(jobs, len(tasks))
-    with ProcessPool(workers, context=context, initializer=_enter_pool) as pool:
+    ready = context.Semaphore(0)
+    with ProcessPool(workers, context=context, initializer=_enter_pool, initargs=(ready,)) as pool:
         todo = iter(enumerate(tasks))
         running: dict[Future, int] = {}
 
@@ -112,9 +116,13 @@ def run_tasks(
                     hand_out()
                     yield index, value
         except BaseException:
-            # at the end workers leave by themselves: one that is still starting, or leaving, would print a traceback
             pool.stop()
             raise
+        finally:
+            # a worker that still starts when the pool closes its pipes prints a traceback
+            for _ in range(workers):
+                if not ready.acquire(timeout=_START_S):
+                    break
 
 
 def too_late(time_limit_s: float) -> str:
@@ -145,14 +153,15 @@ def enter() -> None:
                 break
 
 
-def _enter_pool() -> None:
-    """`enter`, and a method of the user's that calls ``os._exit(0)`` ends as a failure.
+def _enter_pool(ready: Semaphore) -> None:
+    """`enter`; a method of the user's that calls ``os._exit(0)`` ends as a failure; then ``ready``.
 
     pebble takes a worker with status 0 for one that has nothing left to do, and its task would wait for the time limit.
     """
     enter()
     leave = os._exit
     os._exit = lambda status: leave(status or 1)
+    ready.release()
 
 
 @contextlib.contextmanager
