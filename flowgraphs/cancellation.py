@@ -4,6 +4,7 @@
 .venv/bin/python flowgraphs/cancellation.py                    # some minutes, into results/cancellation
 .venv/bin/python flowgraphs/cancellation.py --publish docs     # then docs/cancellation.md
 .venv/bin/python flowgraphs/cancellation.py --cases nr10_256qam --methods none,ofdm_cancel --frames 300
+.venv/bin/python flowgraphs/cancellation.py --flights-only --methods whitening,tcae --flights 100 --flight-s 2
 """
 
 from __future__ import annotations
@@ -42,8 +43,10 @@ def _parser() -> Parser:
         "--flights",
         type=number(int, 0, 1000),
         default=10,
-        help="of 1 s per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
+        help="per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
     )
+    add("--flights-only", action="store_true", help="no cases: flights alone, behind --methods")
+    add("--flight-s", type=number(int, 1, 1000), help="length of a flight with --flights-only (default: 1)")
     add("--seed", type=number(int, 0, MAX_SEED), default=271_828, help="default: %(default)s")
     add_options(parser, out=f"results/{PROGRAM}", time_limit_s=3600.0)
     return parser
@@ -58,12 +61,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from gnuradio.radalt.core.mitigation import METHODS as KNOWN
     from gnuradio.radalt.evaluation.cancellation.cases import CASES
+    from gnuradio.radalt.evaluation.cancellation.flights import FlightsStudy
     from gnuradio.radalt.evaluation.cancellation.study import CancellationStudy
     from gnuradio.radalt.evaluation.engine.command import main as run
 
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     cases = names_of(parser, "--cases", args.cases, CASES) if args.cases else tuple(CASES)
-    study = CancellationStudy(methods, cases, args.frames, args.flights, args.seed)
+    if not args.flights_only and args.flight_s is not None:
+        parser.error(f"--flight-s {args.flight_s} needs --flights-only; beside the cases a flight lasts 1 s")
+    if args.flights_only and (args.cases or not args.flights):
+        parser.error("--flights-only measures no case and at least one flight; leave --cases and --flights 0")
+    study = (
+        FlightsStudy(methods, args.flights, args.flight_s or 1, args.seed)
+        if args.flights_only
+        else CancellationStudy(methods, cases, args.frames, args.flights, args.seed)
+    )
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
 
 

@@ -13,6 +13,7 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
 from gnuradio.radalt.core.scene import parse_scene
 from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
+from gnuradio.radalt.evaluation.cancellation.flights import FlightsStudy
 from gnuradio.radalt.evaluation.cancellation.known_symbols import (
     BLANKED_BURST,
     KNOWN,
@@ -135,6 +136,20 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     written = csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8"))
     again = [float(row["rmse_correct_m"] or "nan") for row in written if row["case"] == "nr10_64qam"]
     assert again == pytest.approx([row["rmse_correct_m"] for row in rows], nan_ok=True) and len(again) > 14
+
+
+def test_flights_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("gnuradio.radalt.evaluation.cancellation.flights.FRAMES", 200)
+    page = run(FlightsStudy(("none",), flights=2, length_s=1, seed=5), Options(tmp_path / "a", jobs=1))
+    assert "2 flights of 1 s" in page.read_text(encoding="utf-8")
+    rows = list(csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8")))
+    assert len(rows) == 3 * 2 * 3 and {r["outputs"] for r in rows} == {"5"}  # kinds, flights, allowed speeds
+    for stray, said in (("--flight-s=3", "needs --flights-only"), ("--flights=0", "at least one flight")):
+        options = [stray] if "flight-s" in stray else ["--flights-only", stray]
+        with pytest.raises(SystemExit) as left:
+            cancellation.main(options)
+        error = capsys.readouterr().err
+        assert left.value.code == 2 and said in error and error.count("\n") == 1
 
 
 def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():

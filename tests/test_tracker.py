@@ -303,11 +303,11 @@ def started(tracker: AltitudeTracker, up: int, down: int, seed: int) -> Track:
     return tracker._start(block, tracker._calibrated(block.best()), 19.5)
 
 
-def showing(tracker: AltitudeTracker, up: int, down: int, seed: int):
+def showing(tracker: AltitudeTracker, up: int, down: int, seed: int, power: float = 12.0):
     """A block that shows a pair of cells, each with its neighbours."""
     ratio = exponential(seed)
     for half, cell in enumerate((up, down)):
-        ratio[:, half, cell - 1 : cell + 2] += np.array([6.0, 12.0, 6.0], dtype=np.float32)
+        ratio[:, half, cell - 1 : cell + 2] += power * np.array([0.5, 1.0, 0.5], dtype=np.float32)
     return tracker.integrator.integrate(ratio, np.arange(40.0))
 
 
@@ -382,6 +382,24 @@ def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next
         found = tracker._continue(track, block, 499.5 + 40.0 * k)
         given.append(tracker._undisputed(track, block, found))
     assert given == [False, True]
+
+
+@pytest.mark.parametrize("missed, settled, given", [(1, True, True), (2, True, False), (1, False, False)])
+def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, settled, given):
+    """The next block shows too little to start a track; after two poor ones that is no proof."""
+    tracker = AltitudeTracker(FAST)
+    tracker._track = track = started(tracker, 150, 150, 37)
+    for k in range(10):
+        tracker._continue(track, showing(tracker, 150, 150, 60 + k), 59.5 + 40.0 * k)
+    assert track.settled
+    track.settled = settled
+    for _ in range(missed):
+        tracker._missed()
+    block = showing(tracker, 150, 150, 91, power=0.4)
+    found = tracker._continue(track, block, 499.5)
+    track.settled = settled
+    assert found.strength < tracker._integrity.search_threshold
+    assert tracker._undisputed(track, block, found) is given
 
 
 def test_what_one_half_is_off_by_leaves_the_altitude_once_the_speed_is_known():

@@ -411,7 +411,9 @@ class AltitudeTracker:
         track, s = self._track, self.settings
         if track is None:
             return State.SEARCH
-        track.missed, track.hits = track.missed + 1, 0
+        track.missed += 1
+        if track.missed > 1 or not track.settled:  # one poor block leaves a certain track what it is
+            track.hits = 0
         if track.missed * s.output_s > s.coast_s:
             self._track = None
             return State.LOST

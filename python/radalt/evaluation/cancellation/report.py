@@ -22,12 +22,12 @@ from ..results.break_point import break_point
 from ..results.chain import Chain
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
-from ..results.integrity import Integrity
 from ..results.page import write_pages
 from ..results.score import pool, score_frames
 from ..results.table import number, table
 from .cases import CASES, WAVEFORM, received
 from .costs import costs
+from .flights import tracked_table
 from .known_symbols import (
     BLANKED_BURST,
     KNOWN,
@@ -37,7 +37,6 @@ from .known_symbols import (
     weak_return_gain_db,
 )
 from .mixtures import MIXTURES
-from .tracked import CONFIRMING, FLIGHTS
 
 if TYPE_CHECKING:
     from .study import CancellationStudy
@@ -65,7 +64,8 @@ def write_report(
         "known": _known(rows["known"]),
         "misread": _misread(),
         "gains": _gains(),
-        "tracked": _tracked(rows["tracked"]),
+        "tracked": tracked_table(rows["tracked"]),
+        "length_s": 1,
         "sir_db": f"{_ERROR_SIR_DB:g}",
         "costs": costs(study.seed),
         "frame_samples": f"{WAVEFORM.samples_per_frame:,}",
@@ -137,33 +137,6 @@ def _within(row: Row | None, limit_m: float) -> str:
 
 def _error(row: Row) -> str:
     return f"{row['pd']:.2f}, {number(row['rmse_detected_m'])}, {number(row['rmse_correct_m'])}"
-
-
-def _tracked(rows: Sequence[Row]) -> str:
-    """Per-frame altitudes and the tracker's of all flights, by interference and method."""
-    lines = []
-    names = "flight", "method", "allowed_m_per_s"
-    for key in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
-        mine = [r for r in rows if tuple(r[name] for name in names) == key]
-        flight, method, allowed = key
-        frames, correct, wrong = (
-            sum(r[name] for r in mine) for name in ("trials", "correct", "wrong_frames")
-        )
-        total = sum((Integrity.of_row(r) for r in mine), Integrity())
-        counts = (f"{getattr(total, name)} ({total.bound(name):.3f})" for name in ("wrong_5m", "hazardous"))
-        shares = (
-            number(correct / frames, 3),
-            number(wrong / frames, 3),
-            number(sum(r["best_right"] for r in mine) / total.outputs, 3),
-            number((total.rate("computed") - total.rate("wrong_5m")) / (1.0 - CONFIRMING), 3),
-            number(total.availability / (1.0 - CONFIRMING), 3),
-        )
-        first = np.median([np.inf if r["first_s"] is None else r["first_s"] for r in mine])
-        after = f"{first:.2f}" if np.isfinite(first) else "–"
-        lines.append([FLIGHTS[flight].title, method, f"{allowed:g}", *shares, after, total.outputs, *counts])
-    header = ["interference", "method", "allowed, m/s", "Pd per frame", "wrong and valid per frame"]
-    tracked = ["best pair", "Pd tracked", "available", "first after, s", "outputs"]
-    return table([*header, *tracked, "wrong by 5 m (bound)", "hazardous (bound)"], lines)
 
 
 def _mixtures(rows: Sequence[Row]) -> dict[str, str]:

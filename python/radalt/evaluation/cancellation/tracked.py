@@ -28,8 +28,8 @@ from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 __all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
 
 _CHUNK = 40  # frames of an output
-FRAMES = 25 * _CHUNK  # of a flight
-CONFIRMING = 2 / 25  # of its outputs cannot be there yet: a track is confirmed by three
+FRAMES = 25 * _CHUNK  # of a second
+CONFIRMING = 2  # outputs that cannot be there yet: a track is confirmed by three
 ALLOWED_M_PER_S = (10.0, 20.0, 150.0)  # by altimeter and tracker; flown are up to the first
 TRACKED_COLUMNS = Columns(
     (
@@ -80,9 +80,7 @@ def _method(name: str) -> Mitigation:
     return Chain(name, name, options=_LIVE.get(name, ())).build(WAVEFORM)
 
 
-def fly(
-    name: str, methods: Sequence[str], rng: np.random.Generator, count: int = FRAMES
-) -> list[dict[str, Any]]:
+def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int) -> list[dict[str, Any]]:
     """One flight of ``count`` frames through ``FLIGHTS[name]``: a row per method and allowed speed.
 
     All see the same frames.
