@@ -52,7 +52,9 @@ def test_more_batches_are_other_frames_and_their_counts_add():
 
 
 def test_times_are_of_method_and_altimeter_together():
-    rows = list(runtime._times((Chain("none", "none"), Chain("nlms", "nlms")), 1))
+    rows = list(runtime._times((Chain("none", "none"), Chain("nlms", "nlms")), (TONES,), 1))
+    assert rows[-1]["chain"] == runtime.TRANSFORM and rows[-1]["ms_method"] > 0
+    assert {r["interferer"] for r in rows} == {runtime.CLEAN, TONES}
     frames = {1: 16, 8: 16}
     for label in ("none", "nlms"):
         for batch, count in frames.items():

@@ -58,7 +58,7 @@ STUDIES = {
     ),
     "landing": lambda root: (_landing(root), slice(None)),
     "error_vs_runtime": lambda root: (
-        RuntimeStudy(CHAINS, (-15.0, -45.0), frames=2, rounds=1, interferers=("5 tones, all",)),
+        RuntimeStudy(CHAINS, (-15.0, -45.0), frames=2, rounds=2, interferers=("5 tones, all",)),
         slice(None),
     ),
 }

@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy import fft
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.emitters.nr import NrEmitter
+from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.returns.point import point_return
@@ -29,10 +31,15 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
 
-__all__ = ["INTERFERERS", "RuntimePoint", "RuntimeStudy", "compared_chains"]
+__all__ = ["CLEAN", "INTERFERERS", "TRANSFORM", "RuntimePoint", "RuntimeStudy", "compared_chains"]
 
 SNR_DB = 10.0
 _BATCHES = (1, 8)  # frames at once whose time is taken
+_TIMED = 8  # frames of each interferer, and of none
+_TIMED_SIR_DB = -30.0
+_TRANSFORMS = 200
+TRANSFORM = "transform"  # what stands for a chain in rows that time one complex64 transform of a frame
+CLEAN = "clean"  # for an interferer in frames without
 _FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
 _W = Waveform()
 # name -> (emitter, overlap)
@@ -40,6 +47,7 @@ INTERFERERS: dict[str, tuple[Any, float]] = {
     "QPSK shaped, all": (QpskEmitter(pulse="rrc"), 1.0),
     "QPSK rectangular, all": (QpskEmitter(), 1.0),
     "QPSK rectangular, 30 %": (QpskEmitter(), 0.3),
+    "QPSK as received, all": (QpskReceivedEmitter(), 1.0),
     "5 tones, all": (ToneEmitter(5), 1.0),
     "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6), 1.0),
     "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
@@ -61,8 +69,8 @@ _TABLES = {
         ),
     ),
     "times": Columns(
-        names=("chain", "batch", "round", "ms_method", "ms_altimeter"),
-        text=frozenset({"chain"}),
+        names=("chain", "interferer", "batch", "round", "ms_method", "ms_altimeter"),
+        text=frozenset({"chain", "interferer"}),
         whole=frozenset({"batch", "round"}),
         timing=frozenset({"ms_method", "ms_altimeter"}),
     ),
@@ -89,6 +97,7 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
         "linear_prediction",
         "blanking",
         "ofdm_cancel",
+        "qpsk_cancel",
         "nlms_predictor",
         "nlms",
         "lms_reference_input",
@@ -98,6 +107,8 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
     bare = {"options": (("shift_check", False),), "settings": settings()}
     return (
         *(Chain(method, method, settings=settings()) for method in methods),
+        # as on the air: to read OFDM and QPSK of one band jointly takes a third of a second
+        Chain("hybrid", "hybrid", options=(("joint", False),), settings=settings()),
         *(Chain.of_model(model, **bare) for model in models),
         *(Chain(label, "none", settings=settings(**change)) for label, change in altimeters.items()),
     )
@@ -192,7 +203,12 @@ class RuntimeStudy(Study):
                 for name, sir in jammed
             ),
             *(
-                RuntimePoint(f"times, round {k}", 4 * max(_BATCHES), "times", round=k)
+                RuntimePoint(
+                    f"times, round {k}",
+                    len(_BATCHES) * _TIMED * (1 + len(self.interferers)),
+                    "times",
+                    round=k,
+                )
                 for k in range(1, self.rounds + 1)
             ),
         )
@@ -202,10 +218,10 @@ class RuntimeStudy(Study):
         if point.table == "facts":
             return [_facts(next(c for c in self.chains if c.label == point.chain))]
         if point.table == "times":
-            return list(_times(self.chains, point.round))
+            return list(_times(self.chains, self.interferers, point.round))
         frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed, batch)
         where = {
-            "interferer": point.interferer or "clean",
+            "interferer": point.interferer or CLEAN,
             "sir_db": point.sir_db if point.interferer else None,
         }
         return [
@@ -258,24 +274,38 @@ def _scored(result: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=1)
-def _warmed_up(chains: tuple[Chain, ...]) -> tuple[np.ndarray, list[tuple[str, Mitigation, Altimeter]]]:
-    """Frames to be timed, and every chain built; each has been run once, so that nothing is first in what counts."""
-    frames, _ = frames_of("QPSK rectangular, 30 %", -20.0, 2 * max(_BATCHES), 99)
+def _warmed_up(
+    chains: tuple[Chain, ...], interferers: tuple[str, ...]
+) -> tuple[dict[str, np.ndarray], list[tuple[str, Mitigation, Altimeter]]]:
+    """Frames to be timed by interferer, and every chain built; each has been run once, so that nothing is first."""
+    names = (None, *interferers)
+    frames = {name or CLEAN: frames_of(name, _TIMED_SIR_DB, _TIMED, 99)[0] for name in names}
     built = [(c.label, c.build(_W), shared_altimeter(_W, c.settings)) for c in chains]
     for _, method, altimeter in built:
         for batch in _BATCHES:
-            list(_timed(method, altimeter, frames, batch))
+            list(_timed(method, altimeter, frames[CLEAN], batch))
     return frames, built
 
 
-def _times(chains: tuple[Chain, ...], number: int) -> Iterator[dict[str, Any]]:
-    """One round: CPU milliseconds per frame of the calling thread, a row per batch, all chains by turns."""
-    frames, built = _warmed_up(chains)
+def _times(chains: tuple[Chain, ...], interferers: tuple[str, ...], number: int) -> Iterator[dict[str, Any]]:
+    """One round: CPU milliseconds per frame of the calling thread, a row per batch, all chains by turns.
+
+    The last row is that of a transform.
+    """
+    frames, built = _warmed_up(chains, interferers)
     for label, method, altimeter in built:
-        for batch in _BATCHES:
-            for in_method, in_altimeter in _timed(method, altimeter, frames, batch):
-                taken = {"ms_method": in_method, "ms_altimeter": in_altimeter}
-                yield {"chain": label, "batch": batch, "round": number} | taken
+        for name, some in frames.items():
+            for batch in _BATCHES:
+                method.reset()
+                where = {"chain": label, "interferer": name, "batch": batch, "round": number}
+                for in_method, in_altimeter in _timed(method, altimeter, some, batch):
+                    yield where | {"ms_method": in_method, "ms_altimeter": in_altimeter}
+    begin = time.thread_time_ns()
+    for _ in range(_TRANSFORMS):
+        fft.fft(frames[CLEAN][0])
+    each = (time.thread_time_ns() - begin) * 1e-6 / _TRANSFORMS
+    where = {"chain": TRANSFORM, "interferer": CLEAN, "batch": 1, "round": number}
+    yield where | {"ms_method": each, "ms_altimeter": 0.0}
 
 
 def _timed(
