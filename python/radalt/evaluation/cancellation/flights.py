@@ -18,7 +18,7 @@ from ..results.page import write_pages
 from ..results.rows import Columns
 from ..results.table import number, table
 from .cases import WAVEFORM
-from .tracked import CONFIRMING, FLIGHTS, FRAMES, TRACKED_COLUMNS, fly
+from .tracked import CONFIRMING, FLIGHTS, FRAMES, NR_MS, TRACKED_COLUMNS, fly
 
 __all__ = ["FlightPoint", "FlightsStudy", "tracked_table"]
 
@@ -79,7 +79,7 @@ class FlightsStudy(Study):
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""
-        report = folder.head | {"run": run.as_dict(), "tracked": tracked_table(rows["rows"])}
+        report = folder.head | {"run": run.as_dict(), "tracked": tracked_table(rows["rows"]), "nr_ms": NR_MS}
         page = write_pages(folder, Path(__file__).with_name("flights.md.j2"), report)
         folder.write_report(report | {"rows": list(rows["rows"])})
         return page

@@ -37,6 +37,7 @@ from .known_symbols import (
     weak_return_gain_db,
 )
 from .mixtures import MIXTURES
+from .tracked import NR_MS
 
 if TYPE_CHECKING:
     from .study import CancellationStudy
@@ -66,6 +67,7 @@ def write_report(
         "gains": _gains(),
         "tracked": tracked_table(rows["tracked"]),
         "length_s": 1,
+        "nr_ms": NR_MS,
         "sir_db": f"{_ERROR_SIR_DB:g}",
         "costs": costs(study.seed),
         "frame_samples": f"{WAVEFORM.samples_per_frame:,}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -25,7 +25,7 @@ from ..results.rows import Columns
 from ..results.score import score_frames
 from .cases import SNR_DB, SPEED_M_PER_S, WAVEFORM
 
-__all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "TRACKED_COLUMNS", "Flight", "fly"]
+__all__ = ["ALLOWED_M_PER_S", "CONFIRMING", "FLIGHTS", "FRAMES", "NR_MS", "TRACKED_COLUMNS", "Flight", "fly"]
 
 _CHUNK = 40  # frames of an output
 FRAMES = 25 * _CHUNK  # of a second
@@ -50,18 +50,19 @@ TRACKED_COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class Flight:
-    """Interference that goes on from frame to frame, its parts of equal power, at one SIR."""
+    """Interference that goes on from frame to frame, its parts of equal power, at one SIR; its data differ by flight."""
 
     title: str
     emitters: tuple[Emitter, ...]
     sir_db: float
 
 
-_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
+NR_MS = 160  # before a carrier repeats: no block of the tracker hears the same data twice
+_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=NR_MS // 10)
 FLIGHTS = {
     "nr10": Flight(
         "10 MHz, 64QAM, SIR -48 dB",
-        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211, frame_count=2, seed=41),),
+        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211, frame_count=NR_MS // 10),),
         -48.0,
     ),
     "mixture": Flight(
@@ -89,7 +90,9 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int)
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S)
     altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(count)
     each_db = flight.sir_db + 10.0 * np.log10(len(flight.emitters))
-    parts = [Interferer(emitter, each_db) for emitter in flight.emitters]
+    seed = int(rng.integers(2**31))
+    emitters = (replace(e, seed=seed) if isinstance(e, NrEmitter) else e for e in flight.emitters)
+    parts = [Interferer(emitter, each_db) for emitter in emitters]
     stream = JammerStream(
         WAVEFORM, parts, seed=int(rng.integers(2**31)), free_running=True, total_sir_db=None
     )
