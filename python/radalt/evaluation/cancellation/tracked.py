@@ -50,7 +50,7 @@ TRACKED_COLUMNS = Columns(
 
 @dataclass(frozen=True)
 class Flight:
-    """Interference that goes on from frame to frame, its parts of equal power, at one SIR; its data differ by flight."""
+    """Interference that goes on from frame to frame, parts of equal power, at one SIR; its data differ by flight."""
 
     title: str
     emitters: tuple[Emitter, ...]
