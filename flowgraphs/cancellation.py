@@ -70,7 +70,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not args.flights_only and args.flight_s is not None:
         parser.error(f"--flight-s {args.flight_s} needs --flights-only; beside the cases a flight lasts 1 s")
     if args.flights_only and (args.cases or not args.flights):
-        parser.error("--flights-only measures no case and at least one flight; leave --cases and --flights 0")
+        parser.error(
+            "--flights-only measures at least one flight and no case; leave out --cases, and --flights 0"
+        )
     study = (
         FlightsStudy(methods, args.flights, args.flight_s or 1, args.seed)
         if args.flights_only

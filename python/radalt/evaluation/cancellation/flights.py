@@ -25,10 +25,10 @@ __all__ = ["FlightPoint", "FlightsStudy", "tracked_table"]
 
 @dataclass(frozen=True)
 class FlightPoint(Point):
-    """Some flights of one kind of `FLIGHTS`, from number ``first`` on."""
+    """A flight: its kind (of `FLIGHTS`) and its number."""
 
     flight: str = ""
-    first: int = 0
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ class FlightsStudy(Study):
     def points(self) -> Sequence[FlightPoint]:
         """A point per flight."""
         return [
-            FlightPoint(f"{kind.title}, {number}", self.length_s * FRAMES, flight=name, first=number)
+            FlightPoint(f"{kind.title}, {number}", self.length_s * FRAMES, flight=name, number=number)
             for name, kind in FLIGHTS.items()
             for number in range(self.flights)
         ]
 
     def measure(self, point: FlightPoint, batch: int = 0) -> list[dict[str, Any]]:
         """A row per method and allowed speed."""
-        seed = [self.seed, 97, list(FLIGHTS).index(point.flight), point.first, batch]
+        seed = [self.seed, 97, list(FLIGHTS).index(point.flight), point.number, batch]
         return fly(point.flight, self.methods, np.random.default_rng(seed), point.frames)
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
