@@ -332,6 +332,21 @@ def test_a_track_whose_doppler_its_altitudes_contradict_twice_no_longer_holds_it
         assert track.seen is seen
 
 
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_half_that_is_pulled_once_costs_a_certain_track_nothing(settled):
+    """Its altitudes are level and nothing else is left that it could be: one foreign Doppler is interference's."""
+    tracker = AltitudeTracker(FAST)
+    track = started(tracker, 150, 150, 42)
+    for k in range(25):
+        assert tracker._continue(track, showing(tracker, 150, 150, 43 + k), 40.0 * k + 59.5) is not None
+    speed, track.settled = track.filter.mean[1], settled
+    pulled = showing(tracker, 151, 149, 70)  # 17 m/s at the same altitude
+    assert tracker._integrity.alone(track)
+    given = [tracker._continue(track, pulled, 1079.5 + 40.0 * k) is not None for k in range(3)]
+    assert given == [settled, False, False]
+    assert track.filter.mean[1] == pytest.approx(speed, abs=0.5)
+
+
 def test_the_pair_that_has_shown_more_power_than_the_tracks_is_found_within_reach_span_and_speed():
     """Up four cells higher shows more power, down as well three lower; both together are a speed of seven cells."""
     evidence, everywhere = Evidence(2.0), (-20.0, 20.0)

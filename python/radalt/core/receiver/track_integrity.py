@@ -170,6 +170,16 @@ class Integrity:
             self._rival_sigmas, self.open_cells(track), t.resolution_cells, tuple(span)
         )
 
+    def alone(self, track: Track) -> bool:
+        """Whether every other pair of cells, of any speed, as far as the grating lobes is ruled out."""
+        t = self.integrator
+        reach = round(_GRATING * t.resolution_cells)
+        span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
+        farthest, _ = track.evidence.farthest(
+            self._rival_sigmas, (-reach, reach), t.resolution_cells, tuple(span)
+        )
+        return farthest == 0.0
+
     def better_pair(self, track: Track) -> tuple[int, int] | None:
         """`Evidence.better_pair` as far as the grating lobes beside a return, over the speeds that are open."""
         t = self.integrator

@@ -272,7 +272,11 @@ class AltitudeTracker:
         """Whether a measurement lies within a track's gate."""
         rest, variance = track.filter.innovation(found, self._lead_s)
         near = abs(rest) <= min(_GATE_SIGMAS * np.sqrt(variance), self._widest_m)
-        return near and self._possible(found)
+        return near and (self._possible(found) or self._pulled(track))
+
+    def _pulled(self, track: Track) -> bool:
+        """Whether interference that pulls one half may explain a Doppler that cannot be: once, and of nothing else."""
+        return track.settled and track.contradicted == 0 and self._integrity.alone(track)
 
     def _possible(self, found: Measurement) -> bool:
         """Whether a measurement's speed is one that is allowed, as far as it is known."""
@@ -309,15 +313,17 @@ class AltitudeTracker:
         before = track.latest, track.measured_at
         track.take(found, middle)
         lowest, highest = self._integrity.open_cells(track)
-        if lowest > highest:  # its Doppler is none that its altitudes allow: a lobe's
-            track.contradicted += 1
+        foreign = lowest > highest  # its Doppler is none that its altitudes allow
+        pulled = foreign and self._pulled(track)
+        track.contradicted = track.contradicted + 1 if foreign else 0
+        if foreign and not pulled:  # a lobe's
             track.seen = track.contradicted < _LOBE_BLOCKS
             track.latest, track.measured_at = before
             return None
-        track.contradicted = 0
         open_m, open_speed = self._integrity.farthest(track)
         predicted_m = track.filter.mean[0]
-        track.filter.update(found, self._lead_s, with_speed=t.doppler and open_speed < 1.5)
+        with_speed = t.doppler and open_speed < 1.5 and not foreign
+        track.filter.update(found, self._lead_s, with_speed=with_speed)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.corrected_m = float(abs(track.filter.mean[0] - predicted_m))
         track.hits, track.missed = track.hits + 1, 0
