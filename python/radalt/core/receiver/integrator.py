@@ -97,6 +97,7 @@ class Integrator:
         self._valid &= (self.altitude_m >= self.altitude_span_m[0]) & (
             self.altitude_m <= self.altitude_span_m[1]
         )
+        self._no_pair = ~self._valid
         by_cells = self.rows[:, 1] * self.speed_per_cell
         self.row_speed = by_cells if self.doppler else self.speeds[self.rows[:, 0]]
         # neighbours are correlated at twice the resolution's sampling: every other entry is a trial of its own
@@ -129,30 +130,42 @@ class Integrator:
         """A block from normalised spectra (m, 2, J) of usable frames and their places (m,) in the block."""
         return Block(self, ratio, at)
 
-    def shifts(self, at: np.ndarray, speed: int) -> np.ndarray:
-        """(m,) cells by which frames at these places are moved to the block's middle, for a speed under test."""
-        return (at - at.mean()) * self._cells_per_frame[speed]
+    def shifts(self, at: np.ndarray) -> np.ndarray:
+        """(K, m) cells by which frames at these places are moved to the block's middle, for each speed under test."""
+        return np.multiply.outer(self._cells_per_frame, at - at.mean())
 
-    def moved_sum(self, values: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-        """(2, J) sum of spectra (m, 2, J), each moved by a fraction of cells, linear between cells.
+    def moved_sums(self, values: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """(K, 2, J) sums of spectra (m, 2, J), each moved by a fraction of cells (K, m), linear between cells.
 
         One matrix product per block: rows are the frames' weights for every whole shift that occurs.
         """
         whole = np.floor(shifts).astype(int)
         rest = shifts - whole
         least, most = int(whole.min()), int(whole.max()) + 1
-        weights = np.zeros((most - least + 1, len(values)), dtype=np.float32)
-        frames = np.arange(len(values))
-        weights[whole - least, frames] = 1.0 - rest
-        weights[whole - least + 1, frames] += rest
-        parts = (weights @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+        weights = np.zeros((len(shifts), most - least + 1, len(values)), dtype=np.float32)
+        speed, frames = np.arange(len(shifts))[:, None], np.arange(len(values))
+        weights[speed, whole - least, frames] = 1.0 - rest
+        weights[speed, whole - least + 1, frames] += rest
+        parts = weights.reshape(-1, len(values)) @ values.reshape(len(values), -1)
+        parts = parts.reshape(*weights.shape[:2], *values.shape[1:])
         cells = values.shape[-1]
-        total = np.zeros(values.shape[1:])
-        for shift, part in zip(range(least, most + 1), parts, strict=True):
-            total[..., max(0, -shift) : cells - max(0, shift)] += part[
-                ..., max(0, shift) : cells - max(0, -shift)
-            ]
+        total = np.zeros((len(shifts), *values.shape[1:]))
+        for k, shift in enumerate(range(least, most + 1)):
+            here, there = max(0, -shift), max(0, shift)
+            total[..., here : cells - there] += parts[:, k, ..., there : cells - here]
         return total
+
+    def joint(self, halves: np.ndarray) -> np.ndarray:
+        """(rows, cells) sums of up and down cell of (K, 2, J); minus infinity where there is no such pair."""
+        cells, speed, offset = self.last - self.first, self.rows[:, 0], self.rows[:, 1]
+        reach = int(np.abs(offset).max())
+        down = np.zeros((len(halves), cells + 2 * reach))
+        down[:, reach : reach + cells] = halves[:, 1, self.first : self.last]
+        # whole rows of windows: picking single cells takes ten times as long
+        windows = np.lib.stride_tricks.sliding_window_view(down, cells, axis=1)
+        out = halves[speed, 0, self.first : self.last] + windows[speed, reach - offset]
+        np.copyto(out, -np.inf, where=self._no_pair)
+        return out
 
     @staticmethod
     def moved(values: np.ndarray, shifts: np.ndarray) -> np.ndarray:

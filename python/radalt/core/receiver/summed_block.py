@@ -77,20 +77,21 @@ class Block:
     """One block's sums; what follows from them is computed on request."""
 
     def __init__(self, tables: Integrator, ratio: np.ndarray, at: np.ndarray) -> None:
-        self.tables, self._ratio, self._at = tables, ratio, at
+        self.tables, self._ratio = tables, ratio
         self.count = len(ratio)
         self._known: dict[int, tuple] = {}
+        self._away: dict[bytes, np.ndarray] = {}
         self.middle = float(at.mean())
         self._votes = np.log1p(ratio)
         self.late = late = -(-self.count // _LATEST)  # frames of its last quarter
-        shifts = [tables.shifts(at, k) for k in range(tables.speeds.size)]
-        sums = np.stack([tables.moved_sum(self._votes, s) for s in shifts])  # (K, 2, J)
+        self._shifts = shifts = tables.shifts(at)
+        sums = tables.moved_sums(self._votes, shifts)
         background, self._sigma = self._noise(sums[len(sums) // 2])
         self._excess = sums - background
-        self.table = self._joint(self._excess) / self._sigma
-        latest = np.stack([tables.moved_sum(self._votes[-late:], s[-late:]) for s in shifts])
+        self.table = tables.joint(self._excess) / self._sigma
+        latest = tables.moved_sums(self._votes[-late:], shifts[:, -late:])
         latest -= background * (late / self.count)
-        self._late = self._joint(latest) / np.sqrt(2 * late * _VARIANCE)
+        self._late = tables.joint(latest) / np.sqrt(2 * late * _VARIANCE)
 
     def _noise(self, sums: np.ndarray) -> tuple[np.ndarray, float]:
         """Background around each cell, and the standard deviation of the sum of two halves in noise.
@@ -108,14 +109,6 @@ class Block:
         seen = 1.4826 * upper_median(np.abs(residual - upper_median(residual)[:, None]))
         expected = self.count * _VARIANCE
         return everywhere, float(np.sqrt(np.maximum(seen**2, expected).sum()))
-
-    def _joint(self, halves: np.ndarray) -> np.ndarray:
-        """(rows, cells) sums of up and down cell; minus infinity where there is no such pair."""
-        t = self.tables
-        k = t.rows[:, :1]
-        out = halves[k, 0, t._up] + halves[k, 1, t._down]
-        out[~t._valid] = -np.inf
-        return out
 
     def strongest(self, allowed: np.ndarray | None = None) -> Entry | None:
         """The strongest pair, of those allowed (a mask like `table`); None where none is allowed."""
@@ -238,7 +231,7 @@ class Block:
         k = int(t.rows[found.row, 0])
         share = self.late / self.count
         _, floor, slope = self._sums(k)
-        power = t.moved_sum(self._ratio[-self.late :], t.shifts(self._at, k)[-self.late :])
+        power = t.moved_sums(self._ratio[-self.late :], self._shifts[k : k + 1, -self.late :])[0]
         reach = round(_MAIN_LOBE * t.resolution_cells)
         steps, cells = np.arange(-reach, reach + 1), np.arange(power.shape[1])
         over = [np.interp(found.cells[half] + steps, cells, power[half]) / floor[half] for half in range(2)]
@@ -256,7 +249,7 @@ class Block:
         """(2, J) power moved by speed ``k``; (2,) its level in noise; (2,) variance of its slope in noise."""
         if k not in self._known:
             t = self.tables
-            power = t.moved_sum(self._ratio, t.shifts(self._at, k))
+            power = t.moved_sums(self._ratio, self._shifts[k : k + 1])[0]
             inner = power[:, t.first : t.last]
             floor = np.maximum(upper_median(inner), 1e-12)
             slopes = np.abs(inner[:, 2:] - inner[:, :-2])
@@ -277,9 +270,12 @@ class Block:
 
     def away_from(self, found: Measurement) -> np.ndarray:
         """Mask like `table`: entries of which at least one half lies beyond the main lobe of a return."""
-        t = self.tables
-        lobe = _MAIN_LOBE * t.resolution_cells
-        return (np.abs(t._up - found.cells[0]) > lobe) | (np.abs(t._down - found.cells[1]) > lobe)
+        t, key = self.tables, found.cells.tobytes()
+        if key not in self._away:  # asked for several times
+            lobe = _MAIN_LOBE * t.resolution_cells
+            up = np.abs(t._up[0] - found.cells[0]) > lobe
+            self._away[key] = up | (np.abs(t._down - found.cells[1]) > lobe)
+        return self._away[key]
 
     def power_at(self, found: Measurement) -> float:
         """Power over noise, mean of both halves, where another block shows a return."""
@@ -344,7 +340,7 @@ class Block:
         holds whatever the interference is.
         """
         t = self.tables
-        shifts = t.shifts(self._at, int(t.rows[found.row, 0]))
+        shifts = self._shifts[int(t.rows[found.row, 0])]
         power = self._ratio if np.ptp(shifts) <= _STILL else t.moved(self._ratio, shifts)
         mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
         for half in range(2):

@@ -15,6 +15,14 @@ _FITTED = 25  # latest altitudes that say how fast the track moves
 _LEAN = 0.625, 1.5  # resolution cells from a peak, between which an extended return shows
 
 
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Of a covariance of one or two values; LAPACK's wakes its threads, for milliseconds beside a busy flowgraph."""
+    if len(matrix) == 1:
+        return 1.0 / matrix
+    (a, b), (c, d) = matrix
+    return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
+
+
 @dataclass
 class Kalman:
     """Altitude and vertical speed at the end of a block, with their covariance.
@@ -55,7 +63,7 @@ class Kalman:
         noise = np.array([[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]])[:n, :n]
         rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
         pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)  # and what Doppler is off by then
-        gain = self.covariance @ rows.T @ np.linalg.inv(rows @ self.covariance @ rows.T + noise)
+        gain = self.covariance @ rows.T @ _inverse(rows @ self.covariance @ rows.T + noise)
         self.mean = self.mean + gain @ rest
         self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
         self.covariance = self.covariance - gain @ rows @ self.covariance
@@ -168,6 +176,7 @@ class Track:
     missed: int = 0  # consecutive
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
     corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
+    protection_m: float = np.inf  # bound of its altitude's error, once that is to be given
     settled: bool = False  # whether every other pair of cells was ruled out once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement

@@ -238,7 +238,7 @@ class AltitudeTracker:
         if self._track is not None:
             age = (last + 0.5 - self._track.measured_at) * self.sweep_s
             if status == Status.NORMAL:
-                level = self._integrity.protection_m(self._track)
+                level = self._track.protection_m
                 altitude, speed = (float(v) for v in self._track.filter.mean)
                 lowest, highest = self._possible_m
                 nowhere = altitude + level < lowest or altitude - level > highest
@@ -431,10 +431,11 @@ class AltitudeTracker:
         """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
         if track.hits < self.settings.confirm_outputs and found.strength < self._integrity.search_threshold:
             return False  # back from coasting: few weak returns in a row may be noise
-        if track.corrected_m > self._integrity.protection_m(track):
+        track.protection_m = self._integrity.protection_m(track)
+        if track.corrected_m > track.protection_m:
             return False  # what was predicted and what was measured contradict each other: one may be a grating lobe
         moved_m, sigma_m = block.moved_since(found)
-        if abs(moved_m) > max(self._integrity.protection_m(track), _GATE_SIGMAS * sigma_m):
+        if abs(moved_m) > max(track.protection_m, _GATE_SIGMAS * sigma_m):
             return False  # a step of the ground that leaves the peak of the whole block where it was
         here_m = found.altitude_m + self._shift_m
         received = self._received_block if self._beside else None
