@@ -3,6 +3,7 @@
 QT_QPA_PLATFORM=offscreen .venv/bin/python tests/live_probe.py FOLDER
 """
 
+import contextlib
 import json
 import os
 import sys
@@ -35,6 +36,19 @@ def wait(app: object) -> None:
     """Let the window and the flowgraph work for a moment."""
     app.processEvents()
     time.sleep(0.02)
+
+
+def standing(top: object, step: str) -> list[str]:
+    """Where the flowgraph stands when its time is up: items that each block has read and written, and the timing."""
+    out = [f"{step}: {top.frame_segmenter.status()}"]
+    for name, block in vars(top).items():
+        counts = []
+        for count in ("nitems_read", "nitems_written"):
+            with contextlib.suppress(AttributeError, ValueError, RuntimeError):  # no block, no such port
+                counts.append(f"{count} {getattr(block, count)(0)}")
+        if counts:
+            out.append(f"{name}: {', '.join(counts)}")
+    return out
 
 
 def scroll_bars(top: object) -> list:
@@ -95,7 +109,7 @@ def main() -> None:
     top.start()
     deadline = time.monotonic() + TIME_LIMIT_S
     altimeters = {name: getattr(top, f"altimeter_{name}") for name in ("none", "tcae", "selected")}
-    report = {}
+    report: dict[str, object] = {}
     for step, controls in STEPS[:1] if air else STEPS:
         for control, value in controls.items():
             if hasattr(top, f"set_{control}"):
@@ -109,6 +123,8 @@ def main() -> None:
             if step == "mistimed" and top.frame_segmenter.status()["state"] == "lost":
                 break  # no frames come any more
             wait(app)
+        if time.monotonic() >= deadline and "stalled" not in report:
+            report["stalled"] = standing(top, step)
         report[step] = {n: share(a.results()[-LOOK:], top.altitude_m) for n, a in altimeters.items()}
         report[step]["timing"] = top.frame_segmenter.status()["state"]
         top.status_timer.timeout.emit()  # now, and not within half a second
@@ -116,7 +132,6 @@ def main() -> None:
         report[step]["true"] = float(top.altitude_strip.strip.rows[0, -1])
     report["method"] = top.mitigation_selected.status()["method"]
     report["calls"] = [call[:2] for call in calls]
-    report["in time"] = time.monotonic() < deadline
     # what the guard stored; GNU Radio 3.10.12 keeps a logger in the top block, which has a method of that name
     stored = [getattr(block, "error", None) for block in vars(top).values()]
     report["opened"] = [top.width(), top.height()]

@@ -238,7 +238,7 @@ def found(altitude_m: float) -> dict:
 
 
 def test_controls_work_while_it_runs(view):
-    assert view["in time"] and view["errors"] == []
+    assert view["errors"] == [] and "stalled" not in view
     for step, altitude_m in (("start", 300.0), ("higher", 700.0), ("radar only", 700.0)):
         assert view[step] | found(altitude_m) == view[step], step
     assert view["method"] == "nlms"
@@ -331,7 +331,7 @@ def test_picture_shows_the_view(view):
 def test_view_runs_on_radios_set_up_in_order(tmp_path):
     """ota_live itself, on recorded doubles of two B210s: readback printed, common start, altitude right."""
     view = probed(tmp_path, "air")
-    assert view["in time"] and view["errors"] == []
+    assert view["errors"] == [] and "stalled" not in view
     assert view["start"] | found(300.0) == view["start"]
     assert "sent: radar at 300 m, qpsk rectangular at SIR -10 dB" in view["start"]["status"]
     assert view["printed"].count("master clock Hz") == 3

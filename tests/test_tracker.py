@@ -845,3 +845,20 @@ def test_a_scene_settles_whether_speed_shows_as_doppler():
     assert parse_scene({}).tracker_settings.doppler is False
     assert parse_scene({"altitude": {"mode": "true_delay"}}).tracker_settings.doppler is True
     assert parse_scene({"tracker": {"doppler": True, "risk": 1e-3}}).tracker_settings.risk == 1e-3
+
+
+@pytest.mark.parametrize("edge", ["first", "last"])
+def test_a_return_at_the_edge_of_the_span_may_seem_to_move_beyond_it(edge):
+    """The noise of a block's last quarter may lie highest where no cell belongs to an altitude.
+
+    The live view sends altitude zero where its button takes the timing anew.
+    """
+    rng = np.random.default_rng(20)
+    for _ in range(20):
+        block = block_of(rng, 40, -60.0)
+        tables = block.tables
+        cell = tables.first if edge == "first" else tables.last - 1
+        row = int(np.abs(tables.row_speed).argmin())
+        found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.full(2, float(cell)), 9.0, row)
+        moved_m, sigma_m = block.moved_since(found)
+        assert np.isfinite(moved_m) and sigma_m > 0

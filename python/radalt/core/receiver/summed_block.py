@@ -257,8 +257,12 @@ class Block:
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
-        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return."""
+        """Climb to the greatest power next to a cell, since compression flattens the top of a strong return.
+
+        A cell beyond the span, where a return at its edge may have moved to, starts at the edge.
+        """
         t = self.tables
+        cell = min(max(cell, t.first), t.last - 1)
         while True:
             near = slice(max(t.first, cell - 1), min(t.last, cell + 2))
             top = near.start + int(power[near].argmax())
