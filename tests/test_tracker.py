@@ -417,6 +417,16 @@ def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, sett
     assert tracker._undisputed(track, block, found) is given
 
 
+def test_a_track_back_from_coasting_shows_three_blocks_in_a_row():
+    """Seed 730028: with a poor block among them the second and third lay on a grating lobe, and one was given."""
+    tracker = AltitudeTracker(FAST)
+    tracker._track = track = started(tracker, 150, 150, 37)
+    for hits, left in ((1, 0), (2, 0), (3, 3)):
+        track.hits, track.missed, track.settled = hits, 0, True
+        tracker._missed()
+        assert track.hits == left
+
+
 def test_what_one_half_is_off_by_leaves_the_altitude_once_the_speed_is_known():
     """The up half is off by 4 m; the down half is right, and so is its altitude at the known speed of zero."""
     off_m, per_m = 4.0, 2.0  # m/s of Doppler per metre of the halves' mean

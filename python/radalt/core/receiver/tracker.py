@@ -418,7 +418,8 @@ class AltitudeTracker:
         if track is None:
             return State.SEARCH
         track.missed += 1
-        if track.missed > 1 or not track.settled:  # one poor block leaves a certain track what it is
+        # one poor block leaves a certain track what it is, but not one that is just back from coasting
+        if track.missed > 1 or not track.settled or track.hits < s.confirm_outputs:
             track.hits = 0
         if track.missed * s.output_s > s.coast_s:
             self._track = None
