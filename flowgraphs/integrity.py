@@ -29,7 +29,7 @@ from gnuradio.radalt.evaluation.engine.options import (
 )
 
 PROGRAM = "integrity"
-METHODS = "none,whitening,tcae"
+METHODS = "none,whitening,tcae,hybrid"
 _CAPTURES = 50
 
 

@@ -116,7 +116,12 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     # all kinds, and a second of each, take a minute
     monkeypatch.setattr(f"{module}.FLIGHTS", dict(list(FLIGHTS.items())[:1]))
     monkeypatch.setattr(f"{module}.FRAMES", 160)
-    for name, count in {"_ROUNDS": 1, "_FRAMES": 2}.items():  # times are no matter of this test
+    for name, count in {
+        "_ROUNDS": 1,
+        "_FRAMES": 2,
+        "_LONG_LEAD": 2,
+        "_LONG": 2,
+    }.items():  # times are no matter of this test
         monkeypatch.setattr(f"gnuradio.radalt.evaluation.cancellation.costs.{name}", count)
     study = CancellationStudy(
         ("none", "ofdm_cancel"), ("nr10_64qam", "nr10_stream"), frames=3, flights=1, seed=5

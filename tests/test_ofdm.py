@@ -539,6 +539,24 @@ def test_beside_a_burst_the_network_alone_decides():
         np.testing.assert_array_equal(hybrid.process(frame), network.process(frame))
 
 
+def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch):
+    """Tones go to the other method all the same; a carrier that begins later is found, and followed from then on."""
+    _, tones = returns(120, 41)
+    tones = (tones + heard(ToneEmitter(3), 120, -30, 42)).astype(np.complex64)
+    carrier, _ = received(CASES["nr10_stream"], -45.0, 70, np.random.default_rng(43))
+    method, looks = create("hybrid", W, other="whitening", live=True), []
+    find = method._ofdm._find
+    monkeypatch.setattr(method._ofdm, "_find", lambda frame: looks.append(1) or find(frame))
+    cleaned = [method.process(frame) for frame in tones]
+    assert len(looks) == 6  # after pauses of 1, 3, 7, 15 and 31 frames
+    same = cleaned == create("whitening", W).process(tones)
+    assert np.count_nonzero(~same.all(axis=1)) == 6  # in these the tones were taken away before
+    method.process(carrier)
+    assert len(looks) == 7 and method.cancelled == 64  # found in its seventh frame
+    method.process(tones[:1])
+    assert len(looks) == 8  # what was followed for so long is looked for at once
+
+
 def test_hybrid_sums_network_and_whitening_where_neither_is_enough(monkeypatch):
     """Tones, QPSK and 5 MHz NR at once, over the whole frame: both outputs hold the return, their errors differ."""
     monkeypatch.setattr(JointCancel, "cancel", lambda self, frame: None)  # as if it could not be read

@@ -44,7 +44,14 @@ def _landing(root):
 def _short(monkeypatch):
     """Flights of four outputs, costs of two frames."""
     package = "radalt.evaluation.cancellation"
-    for name, count in {"study.FRAMES": 160, "costs._ROUNDS": 1, "costs._FRAMES": 2}.items():
+    short = {
+        "study.FRAMES": 160,
+        "costs._ROUNDS": 1,
+        "costs._FRAMES": 2,
+        "costs._LONG_LEAD": 2,
+        "costs._LONG": 2,
+    }
+    for name, count in short.items():
         monkeypatch.setattr(f"{package}.{name}", count)
 
 

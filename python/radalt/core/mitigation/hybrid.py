@@ -23,6 +23,8 @@ _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: m
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
+_SETTLED = 8  # frames followed in a row, after which a lost emitter is looked for at once
+_LONGEST = 63  # frames between two looks of a live path, at most
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
@@ -38,14 +40,18 @@ class Hybrid(Mitigation):
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
     quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some
-    5,000 transforms, which no live path has.
+    5,000 transforms, which no live path has. On one, a look that led to no eight frames in a row that could be followed
+    is followed by a pause of 1, 3, 7 ... 63 frames, which go to the network.
 
     Parameters
     ----------
     other : str
         For all other frames: ``"tcae"`` (the shipped network) or ``"whitening"``, which needs no ONNX Runtime.
     joint : bool
-        Whether QPSK and OFDM in one band are read jointly. False is for live paths, which would drop such frames.
+        Whether QPSK and OFDM in one band are read jointly.
+    live : bool
+        Whether frames come from one antenna, one after the other, and have to be kept up with. Nothing is read jointly
+        then, and what cannot be followed is looked for less and less often.
     span_m : float or None
         See `OfdmCancel`.
 
@@ -66,13 +72,20 @@ class Hybrid(Mitigation):
     runs_network = True
 
     def __init__(
-        self, waveform: Waveform, *, other: str = "tcae", joint: bool = True, span_m: float | None = None
+        self,
+        waveform: Waveform,
+        *,
+        other: str = "tcae",
+        joint: bool = True,
+        live: bool = False,
+        span_m: float | None = None,
     ) -> None:
         if other not in _OTHERS:
             raise MitigationError(f"hybrid.other is {other!r}; one of {', '.join(_OTHERS)}")
         self._ofdm = OfdmCancel(waveform, span_m=span_m)
         self._qpsk = QpskCancel(waveform)
-        self._joint = JointCancel(waveform, span_m=span_m) if joint else None
+        self._joint = JointCancel(waveform, span_m=span_m) if joint and not live else None
+        self._live = live
         self._other = _OTHERS[other](waveform)
         self._beside = Whitening(waveform) if other == "tcae" else None
         self._detector = InterferenceDetector(waveform)
@@ -83,6 +96,8 @@ class Hybrid(Mitigation):
         super().reset()
         self.cancelled = 0
         self._last: OfdmCancel | QpskCancel | None = None  # that had the frame before, if that had no tones
+        self._followed = 0  # frames in a row
+        self._pause = self._wait = 0  # frames after the next look, and until it, on a live path
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()
@@ -106,20 +121,22 @@ class Hybrid(Mitigation):
 
     def _one(self, frame: np.ndarray) -> np.ndarray:
         """(N,) frame cleaned by the method that knows what fills it, the one that had the frame before first."""
-        last, self._last = self._last, None
+        last, self._last, self._wait = self._last, None, max(0, self._wait - 1)
         out = None
         if last is not None:
-            out = last.follow(frame) if last is self._qpsk else last.cancel(frame, toneless=True)
+            out = last.follow(frame)
             if out is not None and self._fills(last):
                 self._last = last
+                self._followed += 1
                 self.cancelled += 1
                 return out
         if not self._detector.present(frame[None])[0]:
             return self._other.process(frame)  # nothing is there to look for
-        toneless = without_tones(frame)
-        toneless = frame if toneless is None else toneless
+        if not self._looks():
+            return self._elsewhere(frame)
+        toneless = _toneless(frame)
         for method in (self._ofdm, self._qpsk):
-            if method is last is self._ofdm and (out is not None or toneless is frame):
+            if method is last and out is not None:
                 continue  # it has had this frame
             out = method.cancel(toneless, toneless=True)
             if out is not None and self._fills(method):
@@ -128,13 +145,25 @@ class Hybrid(Mitigation):
                 return out
         return self._elsewhere(frame, toneless)
 
+    def _looks(self) -> bool:
+        """Whether this frame is searched; on a live path less and less often, where that leads to nothing."""
+        if self._followed >= _SETTLED:
+            self._pause = self._wait = 0
+        self._followed = 0
+        if self._wait:
+            return False
+        if self._live:
+            self._pause = min(2 * self._pause + 1, _LONGEST)
+            self._wait = self._pause + 1
+        return True
+
     def _fills(self, method: OfdmCancel | QpskCancel) -> bool:
         """Whether what a method cancelled fills so much of the frame that no other method is better."""
         return method.busy >= (_QPSK_BURST if method is self._qpsk else _OFDM_BURST)
 
-    def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
-        """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
-        out = self._other.process(heard if self._beside is None else frame)
+    def _elsewhere(self, frame: np.ndarray, heard: np.ndarray | None = None) -> np.ndarray:
+        """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones, if known."""
+        out = self._other.process(frame if heard is None or self._beside is not None else heard)
         left_db = self._detector.residual_db(out[None])[0]
         if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
@@ -146,11 +175,18 @@ class Hybrid(Mitigation):
             return both
         if self._beside is None or not left_db > _UNCLEAR_DB:
             return out
+        heard = _toneless(frame) if heard is None else heard
         if heard is not frame:
             out = self._other.process(heard)
         white = self._beside.process(heard)
         level, white_level = np.linalg.norm(out), np.linalg.norm(white)
         return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
+
+
+def _toneless(frame: np.ndarray) -> np.ndarray:
+    """An (N,) frame without its tones, or as it is."""
+    rest = without_tones(frame)
+    return frame if rest is None else rest
 
 
 def _lasts(frame: np.ndarray) -> bool:

@@ -189,16 +189,11 @@ class OfdmCancel(Mitigation):
 
         ``toneless`` says that its tones were taken away before.
         """
-        mean = float(np.vdot(frame, frame).real) / frame.size
-        if not _TINY < mean < np.inf:
+        if not _audible(frame):
             return None
-        if self._lock:
-            level, heard = self._lock.level, without_tones(frame) if self._lock.tones else None
-            out = self._follow((frame if heard is None else heard) * np.float32(1 / level))
-            if out is not None:
-                self.followed += 1
-                return out * np.float32(level)
-            self._lock = None
+        out = self.follow(frame)
+        if out is not None:
+            return out
         if self._vain > _PATIENCE and self._vain % _PAUSE:
             self._vain += 1
             return None
@@ -214,6 +209,19 @@ class OfdmCancel(Mitigation):
         if self._lock:
             self._lock.level, self._lock.tones = level, tones
         return out * np.float32(level)
+
+    def follow(self, frame: np.ndarray) -> np.ndarray | None:
+        """The same if the emitter of the frame before goes on; None if it does not, or there was none."""
+        lock = self._lock
+        if lock is None or not _audible(frame):
+            return None
+        heard = without_tones(frame) if lock.tones else None
+        out = self._follow((frame if heard is None else heard) * np.float32(1 / lock.level))
+        if out is None:
+            self._lock = None
+            return None
+        self.followed += 1
+        return out * np.float32(lock.level)
 
     def _find(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, acquired without earlier frames; None if none can be demodulated."""
@@ -455,6 +463,11 @@ class OfdmCancel(Mitigation):
             lock.channel = channel if channel.ndim == 1 else channel[-1]
         lock.channel = lock.channel * np.complex64(np.exp(1j * ahead))
         self._lock = lock
+
+
+def _audible(frame: np.ndarray) -> bool:
+    """Whether an (N,) complex64 frame has a power that float32 can divide by."""
+    return _TINY < float(np.vdot(frame, frame).real) / frame.size < np.inf
 
 
 def _loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:

@@ -8,15 +8,26 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft
 
-from ...core.mitigation import create
+from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.placement import Emitter, Interferer
+from ...core.interference.stream import JammerStream
+from ...core.mitigation import Mitigation, create
 from ...core.mitigation.ofdm.lattice import nearest, power
+from ...core.returns.point import point_return
+from ..results.chain import Chain
 from ..results.table import number, table
-from .cases import CASES, WAVEFORM, received
+from .cases import CASES, SNR_DB, WAVEFORM, received
+from .tracked import FLIGHTS
 
 __all__ = ["costs"]
 
 _ROUNDS = 5  # the median of which is given
 _LEAD = 12  # frames in which a method settles
+_LONG_LEAD, _LONG = (
+    128,
+    128,
+)  # the same where a live path looks ever less often, and frames that hold two looks
 _FRAMES = 20
 _PER_FRAME = 10  # transforms measured beside each frame
 _KINDS = (
@@ -40,6 +51,11 @@ _KINDS = (
     ("hybrid", "following QPSK, SIR -45 dB", "qpsk_stream", -45.0, False),
     ("hybrid", "OFDM that cannot be read (noise 10 dB below it), SIR -45 dB", "nr10_noise10", -45.0, False),
 )
+_ON_THE_AIR = (
+    ("three tones", (ToneEmitter(3),), 1.0),
+    ("QPSK in 0.3 of the frame", (QpskReceivedEmitter(),), 0.3),
+    ("three tones, QPSK and 5 MHz NR", FLIGHTS["mixture"].emitters, 1.0),
+)
 _SYMBOLS = np.arange(13)[:, None] * 535 + np.arange(500)  # 13 whole symbols of 15 kHz
 _ROW = np.exp(2j * np.pi * np.arange(500) / 500).astype(np.complex64)
 _PLACES = np.arange(WAVEFORM.samples_per_frame) % _SYMBOLS.size
@@ -50,27 +66,45 @@ def costs(seed: int) -> str:
     lines = []
     for method, title, case, sir_db, anew in _KINDS:
         frames, _ = received(CASES[case], sir_db, _LEAD + _FRAMES, np.random.default_rng([seed, 8]))
-        lines.append([f"`{method}`: {title}", number(_of_method(method, frames, anew), 0)])
+        lines.append([f"`{method}`: {title}", number(_of_method(create(method, WAVEFORM), frames, anew), 0)])
+    for title, emitters, overlap in _ON_THE_AIR:
+        live = _of_method(
+            Chain.live("hybrid").build(WAVEFORM), _heard(emitters, overlap, seed), lead=_LONG_LEAD
+        )
+        lines.append([f"`hybrid`, `live: true`: {title}, SIR -45 dB", number(live, 0)])
     alone = _transforms(_kernels, np.tile(frames[_LEAD:], (2, 1)))
     return table(
         ["frame", "transforms"], [*lines, ["the arithmetic of following OFDM alone", number(alone, 0)]]
     )
 
 
-def _of_method(name: str, frames: np.ndarray, anew: bool) -> float:
+def _heard(emitters: tuple[Emitter, ...], overlap: float, seed: int) -> np.ndarray:
+    """(n, N) complex64 frames: a return, and 45 dB above it emitters of equal power that go on."""
+    parts = [Interferer(emitter, -45.0, overlap) for emitter in emitters]
+    stream = JammerStream(WAVEFORM, parts, seed=seed, total_sir_db=-45.0, free_running=overlap == 1.0)
+    rng, count = np.random.default_rng([seed, 9]), _LONG_LEAD + _LONG
+    frames = point_return(WAVEFORM, np.linspace(500.0, 505.0, count), dtype=np.complex128)
+    frames += np.stack([stream.next_frame() for _ in range(count)])
+    frames += (
+        np.sqrt(0.5 * 10.0 ** (-SNR_DB / 10.0))
+        * rng.standard_normal((*frames.shape, 2)).view(np.complex128)[..., 0]
+    )
+    return frames.astype(np.complex64)
+
+
+def _of_method(method: Mitigation, frames: np.ndarray, anew: bool = False, lead: int = _LEAD) -> float:
     """One method, which has heard nothing before each frame if ``anew``."""
-    method = create(name, WAVEFORM)
 
     def settle() -> None:
         method.reset()
-        method.process(frames[:_LEAD])
+        method.process(frames[:lead])
 
     def clean(frame: np.ndarray) -> None:
         if anew:
             method.reset()
         method.process(frame)
 
-    return _transforms(clean, frames[_LEAD:], settle)
+    return _transforms(clean, frames[lead:], settle)
 
 
 def _transforms(

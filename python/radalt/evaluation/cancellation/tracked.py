@@ -72,13 +72,9 @@ FLIGHTS = {
 }
 
 
-# as on the air: to read QPSK and OFDM jointly takes a third of a second per frame
-_LIVE: Mapping[str, tuple[tuple[str, Any], ...]] = {"hybrid": (("joint", False),)}
-
-
 @lru_cache(maxsize=16)
 def _method(name: str) -> Mitigation:
-    return Chain(name, name, options=_LIVE.get(name, ())).build(WAVEFORM)
+    return Chain.live(name).build(WAVEFORM)
 
 
 def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int) -> list[dict[str, Any]]:

@@ -161,7 +161,7 @@ class IntegrityStudy(Study):
     seed : int
     """
 
-    methods: tuple[str, ...] = ("none", "whitening", "tcae")
+    methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")
     kinds: tuple[str, ...] = tuple(KINDS)
     frames: int = 2000
     parts: int = 1
@@ -180,7 +180,7 @@ class IntegrityStudy(Study):
     @property
     def chains(self) -> tuple[Chain, ...]:
         """The methods with the altimeter behind them."""
-        return tuple(Chain(m, m, settings=SETTINGS) for m in self.methods)
+        return tuple(Chain.live(m, SETTINGS) for m in self.methods)
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
@@ -234,7 +234,7 @@ class IntegrityStudy(Study):
     @property
     def needs_network(self) -> bool:
         """See `Study`."""
-        return "tcae" in self.methods
+        return not {"tcae", "hybrid"}.isdisjoint(self.methods)
 
 
 def _row(flight: Flight, judged: Judged) -> dict[str, Any]:

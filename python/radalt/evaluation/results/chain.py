@@ -19,6 +19,7 @@ from ...core.waveform import Waveform
 __all__ = ["Chain", "chains_with", "model_files", "seconds_per_frame"]
 
 _CHUNK = 20  # frames processed at once where only the error counts
+_LIVE: Mapping[str, tuple[tuple[str, Any], ...]] = {"hybrid": (("live", True),)}
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,11 @@ class Chain:
     precision: str = "float32"
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
     looks: int = 1
+
+    @classmethod
+    def live(cls, method: str, settings: AltimeterSettings | None = None) -> Chain:
+        """A method with the options that it needs to keep up with the air."""
+        return cls(method, method, _LIVE.get(method, ()), settings=settings or AltimeterSettings())
 
     @classmethod
     def of_model(
