@@ -69,7 +69,7 @@ class NrConfig:
     ssb_indices : SS/PBCH blocks sent in half-frame 0, distinct, each 0..l_max-1; empty for none
     ssb_subcarrier : first subcarrier of the blocks in the carrier; None centres them
     l_max : 4 (carriers up to 3 GHz) or 8 (above)
-    frame_count : number of different 10 ms frames before the signal repeats, 1..64
+    frame_count : number of different 10 ms frames before the signal repeats, 1..100
     upconversion_frequency_hz : f_0 of clause 5.4, turns symbols by exp(-j 2 pi f_0 t_symbol); 0: none
     seed : of the payload bits and of the allocations
 
@@ -124,9 +124,9 @@ class NrConfig:
         self._check_ssb()
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} has to be 0 or above")
-        if not 1 <= self.frame_count <= 64:
+        if not 1 <= self.frame_count <= 100:
             raise ValueError(
-                f"frame_count {self.frame_count} is outside 1..64; use fewer frames (1.2 MB each)"
+                f"frame_count {self.frame_count} is outside 1..100; use fewer frames (1.2 MB each)"
             )
         if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
             raise ValueError(

@@ -57,12 +57,12 @@ class Flight:
     sir_db: float
 
 
-NR_MS = 160  # before a carrier repeats: no block of the tracker hears the same data twice
-_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=NR_MS // 10)
+NR_MS = 1000  # before a carrier repeats its data: a track without a return would live on what recurs earlier
+_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402)
 FLIGHTS = {
     "nr10": Flight(
         "10 MHz, 64QAM, SIR -48 dB",
-        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211, frame_count=NR_MS // 10),),
+        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211),),
         -48.0,
     ),
     "mixture": Flight(
@@ -86,8 +86,8 @@ def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int)
     speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S)
     altitude_m = rng.uniform(20.0, 1480.0) + speed * WAVEFORM.sweep_s * np.arange(count)
     each_db = flight.sir_db + 10.0 * np.log10(len(flight.emitters))
-    seed = int(rng.integers(2**31))
-    emitters = (replace(e, seed=seed) if isinstance(e, NrEmitter) else e for e in flight.emitters)
+    carrier = {"seed": int(rng.integers(2**31)), "frame_count": -(-min(count, NR_MS) // 10)}
+    emitters = (replace(e, **carrier) if isinstance(e, NrEmitter) else e for e in flight.emitters)
     parts = [Interferer(emitter, each_db) for emitter in emitters]
     stream = JammerStream(
         WAVEFORM, parts, seed=int(rng.integers(2**31)), free_running=True, total_sir_db=None

@@ -232,7 +232,7 @@ def _receive(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float, flo
     return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)  # a second is 120 MB
 def _received(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float]:
     signal, _, residual_hz = _receive(emitter, rate_hz)
     signal = signal / np.sqrt(np.vdot(signal, signal).real / signal.size)
