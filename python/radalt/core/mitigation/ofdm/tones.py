@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import fft
+from scipy.linalg import blas
 
 from ...fir import cosine_window
 
@@ -67,14 +68,9 @@ def _lines(frame: np.ndarray) -> np.ndarray:
     least = np.full(count, np.inf, dtype=np.float32)
     for block in high:
         least[block * _BLOCK : (block + 1) * _BLOCK] = max(_LINE * floor[block], _RANGE * level.max())
-    return np.array(
-        [
-            line
-            for line in np.flatnonzero(level > least)
-            if level[line] >= level.take(range(line - _BESIDE, line + _BESIDE + 1), mode="wrap").max()
-        ],
-        dtype=float,
-    )
+    high = np.flatnonzero(level > least)
+    beside = level.take(high[:, None] + np.arange(-_BESIDE, _BESIDE + 1), mode="wrap")
+    return high[level[high] >= beside.max(axis=1)].astype(float)
 
 
 def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,22 +79,37 @@ def _fitted(frame: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarra
     Least squares over ``sum_k (a_k + b_k t) exp(2j pi f_k t)``, t in frames from the middle. What of ``b_k / a_k`` is
     imaginary is an error of ``f_k`` (Gauss and Newton's method).
     """
-    count = frame.size
-    time = ((np.arange(count) - (count - 1) / 2) / count).astype(np.float32)
+    count, tones = frame.size, turns.size
+    basis = np.empty((2 * tones, count), dtype=np.complex64)
+    columns = basis.T  # as BLAS has them: it conjugates without a copy
     for _ in range(_ROUNDS):
-        basis = _carriers(turns, count)
-        basis = np.concatenate([basis, basis * time])
-        gram = basis.conj() @ basis.T
+        _carriers(turns, basis[:tones])
+        np.multiply(basis[:tones], _time(count), out=basis[tones:])
+        gram = blas.cherk(1.0, columns, trans=2)  # its upper half
+        gram += np.triu(gram, 1).conj().T
         gram[np.diag_indices(len(gram))] *= 1 + _LOADING
-        factor = np.linalg.solve(gram, basis.conj() @ frame)
+        factor = np.linalg.solve(gram, blas.cgemv(1.0, columns, frame, trans=2))
         amplitude, slope = factor.reshape(2, -1)
         turns = turns + np.clip((slope / amplitude).imag / (2 * np.pi), -0.5, 0.5)
-    return frame - factor @ basis, turns
+    return frame - blas.cgemv(1.0, columns, factor), turns
 
 
-def _carriers(turns: np.ndarray, count: int) -> np.ndarray:
-    """(tones, count) complex64: products of few long and few short steps."""
-    short = int(np.sqrt(count)) + 1
-    step = 2j * np.pi / count * turns[:, None] * np.arange(short)
-    long = np.exp(short * step).astype(np.complex64)
-    return (long[:, :, None] * np.exp(step).astype(np.complex64)[:, None]).reshape(len(turns), -1)[:, :count]
+@lru_cache(maxsize=4)
+def _time(count: int) -> np.ndarray:
+    """(count,) float32 times in frames from the middle, read-only."""
+    time = ((np.arange(count) - (count - 1) / 2) / count).astype(np.float32)
+    time.setflags(write=False)
+    return time
+
+
+def _carriers(turns: np.ndarray, out: np.ndarray) -> None:
+    """Carriers of so many cycles per frame into (tones, count) complex64: products of few long and few short steps."""
+    count = out.shape[1]
+    short = int(np.sqrt(count))
+    rows, rest = divmod(count, short)
+    step = 2j * np.pi / count * turns[:, None]
+    few = np.exp(step * np.arange(short)).astype(np.complex64)
+    long = np.exp(short * step * np.arange(rows + 1)).astype(np.complex64)
+    whole = out[:, : rows * short].reshape(-1, rows, short)
+    np.multiply(long[:, :rows, None], few[:, None], out=whole)
+    np.multiply(long[:, rows:], few[:, :rest], out=out[:, rows * short :])
