@@ -14,6 +14,7 @@ from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, 
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
+    READ,
     Before,
     Received,
     begin,
@@ -30,7 +31,7 @@ from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
-from .ofdm.thorough import READ, read_thoroughly
+from .ofdm.thorough import read_thoroughly
 from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
@@ -287,7 +288,7 @@ class OfdmCancel(Mitigation):
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        if lock.read_on and lock.heard_through and lock.steady.clear is clear:
+        if lock.read_on and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
             reading = read_on(lock.steady, grid, numerology)
             if reading is not None:
@@ -426,8 +427,10 @@ class OfdmCancel(Mitigation):
         out = self._subtracted(straight, sent, grid.starts, lock.numerology)
         lock.sir_db = sent.sir_db
         lock.before = received.as_before(clear & grid.used)
-        lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
-        lock.read_on = _READ_ON if lock.steady else 0
+        # the frame after the first one is judged anew in any case
+        if lock.heard_through:
+            lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
+            lock.read_on = _READ_ON if lock.steady else 0
         self._keep(lock, grid, received, middle(received.misread))
         return out
 

@@ -30,6 +30,7 @@ __all__ = [
     "AGAIN",
     "FINER",
     "FIRST",
+    "READ",
     "SCALED",
     "SURE",
     "Before",
@@ -59,6 +60,7 @@ SURE = 1.5  # error in cells, up to half a neighbour's distance
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 FINER = 0.01  # change of the channel for which no decision is made again
 _BETTER = 0.8  # of the error, for a mended channel to be taken
+READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
@@ -243,7 +245,7 @@ def demodulate(
         values = symbols * (1 / channel)
         found, amplitudes = _decided(values, channel, clear, halves, likely, scaled)
         off = _misread(found.capped, clear, channel)
-        last = order < 0 or off.mean() < _WHOLE
+        last = order < 0 or off.mean() < READ
         heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
         if not number:
             # set upright for the next turn; what this one decided of them is wrong
@@ -443,13 +445,15 @@ def _best_order(
     known = elements > _ORDERS
     best, least = None, np.inf
     for order in range(_ORDERS):
-        right, left = sums(agreement, weight, times, order)
+        if order < 2:  # the second has all that higher ones need
+            right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed: what was received, the cross term, the model's own energy
-        rest = energy - 2 * (factor.conj() * right).real.sum(axis=0)
+        rest = energy - 2 * (factor.conj() * right[: order + 1]).real.sum(axis=0)
         for i, one in enumerate(factor):
-            for j, other in enumerate(factor):
-                rest += (one.conj() * other).real * left[i + j]
+            rest += power(one) * left[2 * i]
+            for j, other in enumerate(factor[:i]):
+                rest += 2 * (one.conj() * other).real * left[i + j]
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         if rest >= _HELPS * least:
             if not read:
