@@ -79,7 +79,9 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
     size = np.abs(summed)
     peak = int(size.argmax())
     beside = int(1.5 * width) + 1
-    scatter = np.sqrt(np.mean(size.take(np.arange(peak + beside, peak + bins - beside + 1), mode="wrap") ** 2))
+    scatter = np.sqrt(
+        np.mean(size.take(np.arange(peak + beside, peak + bins - beside + 1), mode="wrap") ** 2)
+    )
     contrast = float(size[peak] / scatter) if scatter > 0 else 0.0
     return Prefix(peak * numerology.spacing / bins, float(np.angle(summed[peak]) / (2 * np.pi)), contrast)
 
@@ -159,7 +161,7 @@ def acquire(
     symbols = transforms(frame, starts, numerology)
     clear = clear_of(starts)
     level, used = level_in_use(symbols, clear)
-    fourth = symbols / np.sqrt(level)
+    fourth = symbols * (1 / np.sqrt(level))
     size = power(fourth)
     fourth *= fourth
     fourth *= fourth

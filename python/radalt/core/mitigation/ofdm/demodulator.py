@@ -212,7 +212,9 @@ def begin(
         channel=grid.channel * _course(factor, times),
         angles=grid.angles + angle,
     )
-    return Begun(better, _likely(found.kinds, found.capped, trusted), weight.sum(axis=1) * (off < _FAIR * middle(off)))
+    return Begun(
+        better, _likely(found.kinds, found.capped, trusted), weight.sum(axis=1) * (off < _FAIR * middle(off))
+    )
 
 
 def demodulate(
@@ -239,8 +241,7 @@ def demodulate(
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
-    times = _times(len(symbols))
-    late = 0.0
+    late, times = 0.0, _times(len(symbols))
     for number, (width, order, share) in enumerate(turns):
         values = symbols * (1 / channel)
         found, amplitudes = _decided(values, channel, clear, halves, likely, scaled)
@@ -279,6 +280,10 @@ def demodulate(
             break
         likely = _likely(found.kinds, found.capped, clear)
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
+    if first and channel.ndim == 1:
+        symbols, phase, angles, channel = _finer(
+            symbols, phase, angles, channel, found.points, sure, numerology
+        )
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > FINER or np.abs(course - 1).sum() > FINER * course.size:
         again(found, symbols, channel, ~clear & grid.used, kinds, amplitudes)
@@ -353,6 +358,26 @@ def _standing(
         symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
     )
     return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
+
+
+def _finer(
+    symbols: np.ndarray,
+    phase: np.ndarray,
+    angles: np.ndarray,
+    channel: np.ndarray,
+    points: np.ndarray,
+    sure: np.ndarray,
+    numerology: Numerology,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same, set upright by each subcarrier's own ``channel`` (K,), and that channel by them: an averaged one was a
+    worse measure."""
+    model = channel * points
+    agreement = symbols * model.conj()
+    agreement *= sure
+    turn, angle, _ = true_up(agreement, numerology)
+    agreement *= turn
+    equations = agreement.sum(axis=0)[None], (power(model) * sure).sum(axis=0)[None]
+    return symbols * turn, phase * turn, angles + angle, channel * fit(*equations, 0, 1)[0]
 
 
 def _bridged(

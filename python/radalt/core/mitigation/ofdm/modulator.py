@@ -72,7 +72,9 @@ class Modulator:
             edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
             lengths = np.diff(np.clip([0, *edges[1:-1], count], 0, count))
             since = np.arange(count, dtype=np.int32) - np.repeat(starts.astype(np.int32), lengths)
-            places = since % numerology.useful + np.repeat(np.arange(starts.size) * numerology.useful, lengths)
+            places = since % numerology.useful + np.repeat(
+                np.arange(starts.size) * numerology.useful, lengths
+            )
             inside = slice(max(0, edges[0]), edges[-1])
             self._places = key, places, inside, since
         return self._places[1:]
