@@ -14,8 +14,10 @@ from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, 
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
+    READ,
     Before,
     Received,
+    begin,
     demodulate,
     once_more,
 )
@@ -29,7 +31,7 @@ from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
-from .ofdm.thorough import READ, read_thoroughly
+from .ofdm.thorough import read_thoroughly
 from .ofdm.tones import without_tones
 
 __all__ = ["OfdmCancel"]
@@ -55,7 +57,6 @@ _PAUSE = 8  # from then on one frame in eight is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
 _STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
-_COARSE = 1e-3  # subcarriers of carrier that the first look may be off
 _TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
 _ASKED = 7  # one subcarrier in seven tells the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
@@ -247,11 +248,6 @@ class OfdmCancel(Mitigation):
         carrier = prefix.carrier
         straight = self._without(frame, carrier, numerology)
         grid = acquire(straight.samples, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
-        step = carrier_step(grid.angles, np.ones(len(grid.angles)), numerology)
-        if _COARSE < abs(step) < _TURNS:
-            carrier += step
-            straight = self._without(frame, carrier, numerology)
-            grid = retuned(grid, straight.samples, step, numerology)
         own = power(grid.symbols)
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
@@ -262,7 +258,17 @@ class OfdmCancel(Mitigation):
         shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
         if next(shares) < _BESIDE * next(shares):
             return None
-        received = demodulate(grid, clear, numerology, FIRST, limit=_NOISE)
+        received, begun = None, begin(grid, clear, numerology, FIRST[0], limit=_NOISE)
+        if begun:
+            # known far better than from fourth powers
+            step = carrier_step(begun.grid.angles, begun.weight, numerology)
+            if _STRAIGHT < abs(step) < _TURNS:
+                carrier += step
+                straight = self._without(frame, carrier, numerology)
+                spectra = transforms(straight.samples, grid.starts, numerology)
+                grid = retuned(grid, spectra, step, numerology)
+                begun = replace(begun, grid=retuned(begun.grid, spectra, step, numerology))
+            received = demodulate(grid, clear, numerology, FIRST, begun=begun)
         best = received.misread.min() if received else 1.0
         if best > _UNSURE:
             least = 0.0
@@ -290,7 +296,7 @@ class OfdmCancel(Mitigation):
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
-        if lock.read_on and lock.heard_through and lock.steady.clear is clear:
+        if lock.read_on and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
             reading = read_on(lock.steady, grid, numerology)
             if reading is not None:
@@ -429,8 +435,10 @@ class OfdmCancel(Mitigation):
         out = self._subtracted(straight, sent, grid.starts, lock.numerology)
         lock.sir_db = sent.sir_db
         lock.before = received.as_before(clear & grid.used)
-        lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
-        lock.read_on = _READ_ON if lock.steady else 0
+        # the frame after the first one is judged anew in any case
+        if lock.heard_through:
+            lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
+            lock.read_on = _READ_ON if lock.steady else 0
         self._keep(lock, grid, received, middle(received.misread))
         return out
 
@@ -473,10 +481,14 @@ def _audible(frame: np.ndarray) -> bool:
 def _loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
     """(N,) bool: the burst of at most ``most`` of a frame that has nearly all of its power; None without."""
     level = power(frame)
+    whole = level.sum()
+    # by Cauchy and Schwarz' inequality the loudest so many samples have no more
+    if most * level.size * np.vdot(level, level) < (_LOUD * whole) ** 2:
+        return None
     loud = level > np.float32(BLANKED) * middle(level)
     if np.count_nonzero(loud) > most * loud.size:
         return None
     widened = ndimage.maximum_filter1d(loud.view(np.uint8), _GAP)
     burst = ndimage.minimum_filter1d(widened, _GAP, origin=-1).view(bool)
     short = np.count_nonzero(burst) <= most * burst.size
-    return burst if short and level[burst].sum() > _LOUD * level.sum() else None
+    return burst if short and level[burst].sum() > _LOUD * whole else None

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft, ndimage
 
-from .lattice import BLOCK, box, middle, power, unit
+from .lattice import BLOCK, FAINT, box, middle, power, unit
 from .numerology import Numerology
 
 __all__ = [
@@ -29,6 +29,8 @@ _SMOOTH = 9  # subcarriers over which a first channel is averaged
 _FAR = 41  # the same for a channel without long echoes
 _AS_LARGE = 0.8  # of the sum over fewer, for those to be averaged
 _COURSES = 512  # carriers tried
+_COARSELY = 64  # the same where one of sixteen leaps is sought
+_SQUARINGS = 5  # of Gram matrices: of an eigenvalue of 0.9 times the largest 0.03 are left
 _IN_STEP = 0.8  # of the sum without regard to phase
 _SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
 _LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
@@ -76,8 +78,10 @@ def find_prefix(frame: np.ndarray, numerology: Numerology) -> Prefix:
     summed = ndimage.uniform_filter1d(folded, width, mode="wrap")
     size = np.abs(summed)
     peak = int(size.argmax())
-    distance = np.abs((np.arange(bins) - peak + bins // 2) % bins - bins // 2)
-    scatter = np.sqrt(np.mean(size[distance > 1.5 * width] ** 2))
+    beside = int(1.5 * width) + 1
+    scatter = np.sqrt(
+        np.mean(size.take(np.arange(peak + beside, peak + bins - beside + 1), mode="wrap") ** 2)
+    )
     contrast = float(size[peak] / scatter) if scatter > 0 else 0.0
     return Prefix(peak * numerology.spacing / bins, float(np.angle(summed[peak]) / (2 * np.pi)), contrast)
 
@@ -128,8 +132,8 @@ class Grid:
 def level_in_use(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Power per subcarrier where something is sent, and which subcarriers are in use: (K,) float32, (K,) bool."""
     share = box(clear.astype(np.float32), BLOCK)
-    blocks = box(np.where(clear, power(symbols), 0), BLOCK) / np.maximum(share, 1e-3)
-    blocks[share < 0.4] = 0
+    blocks = box(power(symbols) * clear, BLOCK)
+    blocks *= (share >= 0.4) / np.maximum(share, np.float32(1e-3))
     occupied = blocks > _OCCUPIED * blocks.max(axis=0)
     count = np.maximum(occupied.sum(axis=0, dtype=np.float32), 1)
     level = box((blocks * occupied).sum(axis=0) / count, _SMOOTH)
@@ -157,7 +161,7 @@ def acquire(
     symbols = transforms(frame, starts, numerology)
     clear = clear_of(starts)
     level, used = level_in_use(symbols, clear)
-    fourth = symbols / np.sqrt(level)
+    fourth = symbols * (1 / np.sqrt(level))
     size = power(fourth)
     fourth *= fourth
     fourth *= fourth
@@ -173,15 +177,16 @@ def acquire(
     turns = unit(4 * longer * numerology.turn)
     places = np.arange(min(numerology.per_cycle, count))
     passed = np.cumsum((index % numerology.per_cycle == places[:, None]) & (index > 0), axis=1)
-    # Gram matrices, lower half: symbols n long prefixes apart are turned by n
+    # Gram matrices: symbols n long prefixes apart are turned by n
     rows = fourth * turns[:, None]
     # real and imaginary parts as real products, which cost a quarter
-    apart = [(part.view(np.float32) @ fourth.view(np.float32).T) for part in (rows, -1j * rows)]
-    apart = apart[0] + 1j * apart[1]
-    between = np.maximum(passed[:, :, None] - passed[:, None, :], 0)
-    gram = apart[between, index[:, None], index]
-    place = int(np.linalg.eigvalsh(gram)[:, -1].argmax())
-    vector = np.linalg.eigh(gram[place])[1][:, -1]
+    both = np.concatenate([fourth, 1j * fourth]).view(np.float32)
+    parts = rows.view(np.float32).reshape(-1, both.shape[1]) @ both.T
+    apart = (parts[:, :count] + 1j * parts[:, count:]).reshape(-1, count, count)
+    between = np.abs(passed[:, :, None] - passed[:, None, :])
+    gram = apart[between, np.maximum.outer(index, index), np.minimum.outer(index, index)]
+    gram.imag *= np.sign(np.subtract.outer(index, index))  # the upper half is the lower one's conjugate
+    place, vector = _strongest(gram)
     passed = passed[place]
     fourth *= turns[passed]
     turned = course(vector, passed)
@@ -203,26 +208,43 @@ def acquire(
     )
 
 
-def retuned(grid: Grid, frame: np.ndarray, step: float, numerology: Numerology) -> Grid:
-    """The grid of a frame of whose carrier ``step`` subcarriers more are removed than when it was acquired."""
+def _strongest(gram: np.ndarray) -> tuple[int, np.ndarray]:
+    """Which of Hermitian matrices (n, L, L) of one trace has the largest eigenvalue, and its eigenvector (L,).
+
+    High powers of a matrix have that eigenvalue alone: a solver's steps take four times as long.
+    """
+    # no power is too large for a number, nor too small
+    powers = gram * (4 / max(gram[0].trace().real, FAINT))
+    for _ in range(_SQUARINGS):
+        powers = powers @ powers
+    diagonals = np.einsum("nii->ni", powers).real
+    place = int(diagonals.sum(axis=1).argmax())
+    return place, powers[place, :, diagonals[place].argmax()]
+
+
+def retuned(grid: Grid, spectra: np.ndarray, step: float, numerology: Numerology) -> Grid:
+    """The grid of a frame of whose carrier ``step`` subcarriers more are removed than when it was acquired.
+
+    ``spectra`` (L, K) are its symbols' `transforms`.
+    """
     back = 2 * np.pi * step / numerology.useful * (grid.starts + numerology.useful / 2)
     phase = grid.phase * np.exp(1j * back).astype(np.complex64)[:, None]
-    symbols = transforms(frame, grid.starts, numerology) * phase
-    return replace(grid, symbols=symbols, phase=phase, angles=grid.angles - back)
+    return replace(grid, symbols=spectra * phase, phase=phase, angles=grid.angles - back)
 
 
 def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(K,) complex64 channel, up to a quarter turn, of elements' mean fourth powers (K,) and mean powers (K,)."""
     slope = np.angle(np.vdot(mean[:-1], mean[1:]))
-    straight = mean * np.exp(-1j * slope * numerology.subcarriers)
+    straight = mean * unit(np.float32(-slope) * numerology.subcarriers)
     # a short channel is averaged further: where synchronisation signals cancel the data, noise makes turns of its own
     smooth, far = (ndimage.uniform_filter1d(straight, width) for width in (_SMOOTH, _FAR))
     if np.abs(far).sum() > _AS_LARGE * np.abs(smooth).sum():
         smooth = far
-    angle = np.unwrap(np.angle(smooth))
+    angle = np.angle(smooth)
+    angle[1:] -= 2 * np.pi * np.cumsum(np.rint(np.diff(angle) / (2 * np.pi)))
     # points of QPSK and QAM stand on the diagonals: their fourth power is negative
     angle = (angle + slope * numerology.subcarriers - np.pi) / 4
-    return (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
+    return np.sqrt(level) * unit(angle.astype(np.float32, copy=False))
 
 
 def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
@@ -236,10 +258,11 @@ def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
     weight = np.abs(agreement)
     leap, spectrum = 0.0, np.fft.fft(agreement, _COURSES)
     if np.abs(spectrum).max() < _SURELY * weight.sum() and passed[-1] > 0:
-        spectra = np.fft.fft(agreement * np.exp(-1j * _LEAPS[:, None] * passed), _COURSES)
-        best = int(np.abs(spectra).max(axis=1).argmax())
-        if np.abs(spectra[best]).max() > _SURELY * weight.sum():
-            leap, spectrum = _LEAPS[best], spectra[best]
+        turned = agreement * np.exp(-1j * _LEAPS[:, None] * passed)
+        best = int(np.abs(np.fft.fft(turned, _COARSELY)).max(axis=1).argmax())
+        finer = np.fft.fft(turned[best], _COURSES)
+        if np.abs(finer).max() > _SURELY * weight.sum():
+            leap, spectrum = _LEAPS[best], finer
     best = int(np.abs(spectrum).argmax())
     if np.abs(spectrum[best]) < _IN_STEP * weight.sum():
         return np.angle(agreement)

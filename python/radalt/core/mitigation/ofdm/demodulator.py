@@ -30,12 +30,15 @@ __all__ = [
     "AGAIN",
     "FINER",
     "FIRST",
+    "READ",
     "SCALED",
     "SURE",
     "Before",
+    "Begun",
     "Received",
     "again",
     "astray",
+    "begin",
     "bridged",
     "demodulate",
     "once_more",
@@ -52,10 +55,12 @@ _ORDERS = 3  # 0, 1, 2: tried in the end
 _MOSTLY_READ = 0.05  # mean error with which an order that helps is no chance
 _HELPS = 0.9  # of the error left, for a higher order to be taken
 _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_FAIR = 1.5  # times the median error of the symbols, up to which one tells of the carrier at first
 SURE = 1.5  # error in cells, up to half a neighbour's distance
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 FINER = 0.01  # change of the channel for which no decision is made again
 _BETTER = 0.8  # of the error, for a mended channel to be taken
+READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
@@ -137,6 +142,25 @@ class Received:
         return Before(None if scaled else _likely(self.kinds, self.capped, trusted), steady, scaled)
 
 
+@dataclass(frozen=True)
+class Begun:
+    """The first turn of a frame's demodulation.
+
+    Attributes
+    ----------
+    grid : Grid
+        With a finer channel and finer phases.
+    likely : (int, (K,) bool) or None
+        As in `Before`.
+    weight : (L,) float
+        Weight of each symbol's angle; 0 for those that are misread most.
+    """
+
+    grid: Grid
+    likely: tuple[int, np.ndarray] | None
+    weight: np.ndarray
+
+
 def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     """(K,) bool: subcarriers whose channel is wrong, by the errors of their ``trusted`` (L, K) elements."""
     return ((capped - np.float32(_ASTRAY)) * trusted).sum(axis=0) > 0
@@ -150,6 +174,49 @@ def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple
     return kind, ~astray(capped, trusted)
 
 
+def begin(
+    grid: Grid,
+    clear: np.ndarray,
+    numerology: Numerology,
+    turn: tuple[int, int, float],
+    before: Before | None = None,
+    scaled: bool = False,
+    limit: float = np.inf,
+) -> Begun | None:
+    """The first of the turns of `demodulate`; None if the mean errors of all symbols are above ``limit``."""
+    width, order, share = turn
+    clear = clear & grid.used
+    values = grid.symbols * (1 / grid.channel)
+    # while the gain is rough, the outer points are the uncertain ones
+    trusted = clear & (power(values) < 1)
+    halves = numerology.halves(grid.starts, grid.first_long)
+    found, _ = _decided(values, grid.channel, trusted, halves, before and before.likely, scaled)
+    off = _misread(found.capped, clear, grid.channel)
+    if off.min() > limit:
+        return None
+    times = _times(len(values))
+    sure = (found.error < 0.9 * SURE) & trusted
+    if share < 1:
+        sure &= np.abs(times)[:, None] <= share
+    model = grid.channel * found.points
+    agreement = grid.symbols * model.conj()
+    agreement *= sure
+    upright, angle, _ = true_up(agreement, numerology)
+    agreement *= upright
+    weight = power(model) * sure
+    factor = fit(*sums(agreement, weight, times, order), order, width)
+    better = replace(
+        grid,
+        symbols=grid.symbols * upright,
+        phase=grid.phase * upright,
+        channel=grid.channel * _course(factor, times),
+        angles=grid.angles + angle,
+    )
+    return Begun(
+        better, _likely(found.kinds, found.capped, trusted), weight.sum(axis=1) * (off < _FAIR * middle(off))
+    )
+
+
 def demodulate(
     grid: Grid,
     clear: np.ndarray,
@@ -157,50 +224,46 @@ def demodulate(
     turns: Sequence[tuple[int, int, float]],
     before: Before | None = None,
     scaled: bool = False,
-    limit: float = np.inf,
-) -> Received | None:
+    begun: Begun | None = None,
+) -> Received:
     """Points and channel of a frame's symbols; ``clear`` (L, K) tells which elements no return can be in.
 
     A symbol whose elements fit no alphabet (it began or ended within its transform) has no say in the channel.
     ``before`` spares what the frame before makes unlikely. ``scaled`` lets users have amplitudes of their own, in a
-    channel that stands still. None if in the first turn the mean errors of all symbols are above ``limit``.
+    channel that stands still. ``begun`` is the first turn, if it was made.
     """
+    scaled = scaled or bool(before and before.scaled)
+    turns, likely = _steps(turns, scaled), before and before.likely
+    first = len(turns) > 1
+    if first:
+        begun = begun or begin(grid, clear, numerology, turns[0], before, scaled)
+        grid, likely, turns = begun.grid, begun.likely, turns[1:]
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
-    count = len(symbols)
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
-    times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
-    heard = np.ones((count, 1), dtype=bool)
-    first, late, likely = bool(turns), 0.0, before and before.likely
-    scaled = scaled or bool(before and before.scaled)
-    for number, (width, order, share) in enumerate(_steps(turns, scaled)):
+    late, times = 0.0, _times(len(symbols))
+    for number, (width, order, share) in enumerate(turns):
         values = symbols * (1 / channel)
-        rough = first and not number
-        # while the gain is rough, the outer points are the uncertain ones
-        trusted = clear & (power(values) < 1) if rough else clear
-        found, amplitudes = _decided(values, channel, trusted, halves, likely, scaled)
+        found, amplitudes = _decided(values, channel, clear, halves, likely, scaled)
         off = _misread(found.capped, clear, channel)
-        if rough and off.min() > limit:
-            return None
-        last = order < 0 or (not rough and off.mean() < _WHOLE)
-        if not rough:
-            heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
-            if number == 1 or not first:
-                # set upright for the next turn; what this one decided of them is wrong
-                odd = _turned(values, off, clear, channel, halves, found.kinds)
-                symbols, phase, angles = _upright(symbols, phase, angles, odd)
-                heard[odd] = False
-            if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
-                channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
-        sure = (found.error < (0.9 if rough else 1) * SURE) & trusted & heard
+        last = order < 0 or off.mean() < READ
+        heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
+        if not number:
+            # set upright for the next turn; what this one decided of them is wrong
+            odd = _turned(values, off, clear, channel, halves, found.kinds)
+            symbols, phase, angles = _upright(symbols, phase, angles, odd)
+            heard[odd] = False
+        if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
+            channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
+        sure = (found.error < SURE) & clear & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
         model = channel * found.points
         agreement = symbols * model.conj()
         agreement *= sure
-        if order >= 0 or not number:
+        if order >= 0 or not first:
             turn, angle, slope = true_up(agreement, numerology)
-            late = late if rough else middle(slope)
+            late = middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle
         weight = power(model) * sure
@@ -211,12 +274,16 @@ def demodulate(
             )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
-        course = sum(times[:, None] ** n * part for n, part in enumerate(factor[1:], 1)) + factor[0]
+        course = _course(factor, times)
         channel = channel * course
         if last:
             break
-        likely = _likely(found.kinds, found.capped, trusted)
+        likely = _likely(found.kinds, found.capped, clear)
     channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
+    if first and channel.ndim == 1:
+        symbols, phase, angles, channel = _finer(
+            symbols, phase, angles, channel, found.points, sure, numerology
+        )
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > FINER or np.abs(course - 1).sum() > FINER * course.size:
         again(found, symbols, channel, ~clear & grid.used, kinds, amplitudes)
@@ -224,6 +291,16 @@ def demodulate(
         symbols, phase, channel, found.points, kinds, found.error, found.capped,
         off, noise, angles, weight.sum(axis=1), late, amplitudes,
     )  # fmt: skip
+
+
+def _times(count: int) -> np.ndarray:
+    """(count,) float32 times of a frame's symbols, -1..1."""
+    return ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
+
+
+def _course(factor: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """The polynomial of coefficients (order + 1, K) at ``times`` (L,): (L, K), or (K,) of order 0."""
+    return sum(times[:, None] ** n * part for n, part in enumerate(factor[1:], 1)) + factor[0]
 
 
 def _steps(turns: Sequence[tuple[int, int, float]], scaled: bool) -> list[tuple[int, int, float]]:
@@ -281,6 +358,26 @@ def _standing(
         symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
     )
     return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
+
+
+def _finer(
+    symbols: np.ndarray,
+    phase: np.ndarray,
+    angles: np.ndarray,
+    channel: np.ndarray,
+    points: np.ndarray,
+    sure: np.ndarray,
+    numerology: Numerology,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same, set upright by each subcarrier's own ``channel`` (K,), and that channel by them: an averaged one was a
+    worse measure."""
+    model = channel * points
+    agreement = symbols * model.conj()
+    agreement *= sure
+    turn, angle, _ = true_up(agreement, numerology)
+    agreement *= turn
+    equations = agreement.sum(axis=0)[None], (power(model) * sure).sum(axis=0)[None]
+    return symbols * turn, phase * turn, angles + angle, channel * fit(*equations, 0, 1)[0]
 
 
 def _bridged(
@@ -373,13 +470,15 @@ def _best_order(
     known = elements > _ORDERS
     best, least = None, np.inf
     for order in range(_ORDERS):
-        right, left = sums(agreement, weight, times, order)
+        if order < 2:  # the second has all that higher ones need
+            right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed: what was received, the cross term, the model's own energy
-        rest = energy - 2 * (factor.conj() * right).real.sum(axis=0)
+        rest = energy - 2 * (factor.conj() * right[: order + 1]).real.sum(axis=0)
         for i, one in enumerate(factor):
-            for j, other in enumerate(factor):
-                rest += (one.conj() * other).real * left[i + j]
+            rest += power(one) * left[2 * i]
+            for j, other in enumerate(factor[:i]):
+                rest += 2 * (one.conj() * other).real * left[i + j]
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         if rest >= _HELPS * least:
             if not read:

@@ -118,13 +118,14 @@ def emission(
     # where no return can be, and where it was misread, all of an element goes
     ridge &= empty
     noise /= np.maximum(told.sum(axis=0), 1)
-    rest *= plausible(size, asked, ridge, noise)
+    white = whitened(noise)
+    rest *= plausible(size, asked, ridge, white)
     sir_db = None
     if kept is not None:
         rest[where], sir_db = kept
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
-    skirts = Skirts(fine, empty, whitened(noise))
+    skirts = Skirts(fine, empty, white)
     return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db, skirts)
 
 
@@ -140,7 +141,8 @@ def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least:
     rest = symbols - model
     size = power(rest)
     noise = (size * clear).sum(axis=0) / np.maximum(np.count_nonzero(clear, axis=0), 1)
-    rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, noise.astype(np.float32))
+    white = whitened(noise.astype(np.float32))
+    rest *= plausible(size, ~clear & grid.used, ~clear & ~grid.used, white)
     return Emission((symbols - rest) * phase.conj(), np.ones(len(symbols), dtype=bool), 1.0)
 
 

@@ -231,8 +231,8 @@ def decide(
     if kinds is None and likely is not None:
         found = _explained(values, asked * likely[1], within, likely[0])
     chosen, error, kinds = found or _judged(values, asked, halves, within, kinds)
-    chosen = np.where(few, scanty, chosen)
-    error = np.where(few, scanty_error, error)
+    np.copyto(chosen, scanty, where=few)
+    np.copyto(error, scanty_error, where=few)
     capped = at_most_one(error)
     decisions = Decisions(chosen, error, capped, few, kinds)
     turn_to_axes(values, level, decisions)
@@ -302,5 +302,6 @@ def _judged(
         here = kinds == kind
         if kind != usual and here.any():
             here = here[halves]
-            chosen, error = np.where(here, points[kind], chosen), np.where(here, errors[kind], error)
+            np.copyto(chosen, points[kind], where=here)
+            np.copyto(error, errors[kind], where=here)
     return chosen, error, kinds

@@ -59,21 +59,22 @@ class Modulator:
 
     def offsets(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
         """(N,) float32 distance of each sample from the middle of its symbol, in symbols."""
-        return self._gather(starts, numerology)[2]
+        since = self._gather(starts, numerology)[2]
+        return ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
 
     def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice, np.ndarray]:
         """For each sample of a frame, which one of the symbols without prefixes it is, (N,) int; which of them are in
-        symbols at all; and their distance in symbols from the middle of theirs, (N,) float32."""
+        symbols at all; and how many samples each is after the first of its symbol's window, (N,) int32."""
         key = starts.tobytes()
         if self._places is None or self._places[0] != key:
             count = self._count
             half = numerology.prefix / 2
             edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
-            sample = np.arange(count)
-            symbol = np.repeat(np.arange(starts.size), np.diff(np.clip([0, *edges[1:-1], count], 0, count)))
-            since = sample - starts[symbol]
-            places = symbol * numerology.useful + since % numerology.useful
+            lengths = np.diff(np.clip([0, *edges[1:-1], count], 0, count))
+            since = np.arange(count, dtype=np.int32) - np.repeat(starts.astype(np.int32), lengths)
+            places = since % numerology.useful + np.repeat(
+                np.arange(starts.size) * numerology.useful, lengths
+            )
             inside = slice(max(0, edges[0]), edges[-1])
-            offsets = ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
-            self._places = key, places, inside, offsets
+            self._places = key, places, inside, since
         return self._places[1:]

@@ -61,18 +61,18 @@ class Ridge:
         return mask
 
 
-def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, white: np.ndarray) -> np.ndarray:
     """Weights 0..1 of what is left in elements that hold the return: (L, K) float32, 0 in all others.
 
     ``size`` (L, K) is its power, in elements that were ``asked`` (read) or are ``beside`` the band in use (L, K, bool).
     A return has the same modulus in all elements, so one far beyond the usual power was misread. A subcarrier with more
-    ``noise`` (K,) than usual (the receiver's skirts, where the band ends) weighs less, until it has no more than usual.
+    noise than usual (the receiver's skirts, where the band ends) weighs less, by the factors ``white`` (K,).
     """
     if not asked.any():
         return asked.astype(np.float32)
     held = asked | beside
     held &= size < most_plausible(size, asked)
-    return held * whitened(noise)
+    return held * white
 
 
 def most_plausible(size: np.ndarray, asked: np.ndarray) -> np.float32:

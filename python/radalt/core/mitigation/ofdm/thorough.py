@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from .acquisition import Grid
-from .demodulator import AGAIN, MORE, MOVING, SCALED, Received, astray, bridged, demodulate, once_more
+from .demodulator import AGAIN, MORE, MOVING, READ, SCALED, Received, astray, bridged, demodulate, once_more
 from .drift import moves
 from .echoes import grown
 from .emission import PARTLY
 from .lattice import middle
 from .numerology import Numerology
 
-__all__ = ["READ", "read_thoroughly"]
+__all__ = ["read_thoroughly"]
 
-READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _WELL = 0.013  # the same of most symbols, where only some symbols are misread
 _NEARLY = 0.1  # mean error at first where unequal powers explain a frame; other faults leave 0.15 and more
 _EVENED = 0.7  # of the error is left in the end
