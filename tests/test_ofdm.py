@@ -550,8 +550,7 @@ def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch
     monkeypatch.setattr(method._ofdm, "_find", lambda frame: looks.append(1) or find(frame))
     cleaned = [method.process(frame) for frame in tones]
     assert len(looks) == 6  # after pauses of 1, 3, 7, 15 and 31 frames
-    same = cleaned == create("whitening", W).process(tones)
-    assert np.count_nonzero(~same.all(axis=1)) == 6  # in these the tones were taken away before
+    np.testing.assert_array_equal(cleaned, create("whitening", W).process(tones))
     method.process(carrier)
     assert len(looks) == 7 and method.cancelled == 64  # found in its seventh frame
     method.process(tones[:1])

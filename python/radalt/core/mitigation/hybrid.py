@@ -23,7 +23,7 @@ _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: m
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
-_SETTLED = 8  # frames followed in a row, after which a lost emitter is looked for at once
+_SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
 _LONGEST = 63  # frames between two looks of a live path, at most
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
@@ -40,8 +40,8 @@ class Hybrid(Mitigation):
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
     quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some
-    5,000 transforms, which no live path has. On one, a look that led to no eight frames in a row that could be followed
-    is followed by a pause of 1, 3, 7 ... 63 frames, which go to the network.
+    5,000 transforms, which no live path has. There, looks that lead to no three frames that can be followed are 1, 3,
+    7 ... 63 frames apart. The other frames go to the network, several in one call.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Hybrid(Mitigation):
         Whether QPSK and OFDM in one band are read jointly.
     live : bool
         Whether frames come from one antenna, one after the other, and have to be kept up with. Nothing is read jointly
-        then, and what cannot be followed is looked for less and less often.
+        then, what cannot be followed is looked for less and less often, and the last bits depend on the batch.
     span_m : float or None
         See `OfdmCancel`.
 
@@ -115,12 +115,22 @@ class Hybrid(Mitigation):
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)
-        for row, frame in zip(out, batch, strict=True):
-            row[:] = self._one(frame)
+        unread = np.zeros(len(batch), dtype=bool)
+        for k, frame in enumerate(batch):
+            read = self._one(frame)
+            if read is None:
+                unread[k] = True
+            else:
+                out[k] = read
+        if unread.any():
+            out[unread] = self._together(batch[unread])
         return out
 
-    def _one(self, frame: np.ndarray) -> np.ndarray:
-        """(N,) frame cleaned by the method that knows what fills it, the one that had the frame before first."""
+    def _one(self, frame: np.ndarray) -> np.ndarray | None:
+        """(N,) frame cleaned by the method that knows what fills it, the one that had the frame before first.
+
+        None on a live path if neither knows it.
+        """
         last, self._last, self._wait = self._last, None, max(0, self._wait - 1)
         out = None
         if last is not None:
@@ -130,20 +140,20 @@ class Hybrid(Mitigation):
                 self._followed += 1
                 self.cancelled += 1
                 return out
-        if not self._detector.present(frame[None])[0]:
-            return self._other.process(frame)  # nothing is there to look for
         if not self._looks():
-            return self._elsewhere(frame)
-        toneless = _toneless(frame)
+            return None
+        if not self._detector.present(frame[None])[0]:
+            return None if self._live else self._other.process(frame)  # nothing is there to look for
+        heard = _toneless(frame)
         for method in (self._ofdm, self._qpsk):
             if method is last and out is not None:
                 continue  # it has had this frame
-            out = method.cancel(toneless, toneless=True)
+            out = method.cancel(heard, toneless=True)
             if out is not None and self._fills(method):
-                self._last = method if toneless is frame else None
+                self._last = method if heard is frame else None
                 self.cancelled += 1
                 return out
-        return self._elsewhere(frame, toneless)
+        return None if self._live else self._elsewhere(frame, heard)
 
     def _looks(self) -> bool:
         """Whether this frame is searched; on a live path less and less often, where that leads to nothing."""
@@ -161,9 +171,9 @@ class Hybrid(Mitigation):
         """Whether what a method cancelled fills so much of the frame that no other method is better."""
         return method.busy >= (_QPSK_BURST if method is self._qpsk else _OFDM_BURST)
 
-    def _elsewhere(self, frame: np.ndarray, heard: np.ndarray | None = None) -> np.ndarray:
-        """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones, if known."""
-        out = self._other.process(frame if heard is None or self._beside is not None else heard)
+    def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
+        """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
+        out = self._other.process(heard if self._beside is None else frame)
         left_db = self._detector.residual_db(out[None])[0]
         if not (_lasts(frame) and left_db > _DOUBTED_DB):
             return out
@@ -175,12 +185,25 @@ class Hybrid(Mitigation):
             return both
         if self._beside is None or not left_db > _UNCLEAR_DB:
             return out
-        heard = _toneless(frame) if heard is None else heard
         if heard is not frame:
             out = self._other.process(heard)
-        white = self._beside.process(heard)
-        level, white_level = np.linalg.norm(out), np.linalg.norm(white)
-        return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
+        return _sum(out, self._beside.process(heard))
+
+    def _together(self, frames: np.ndarray) -> np.ndarray:
+        """(n, N) frames of a live path behind the other method, in one call, their tones with them."""
+        out = self._other.process(frames)
+        if self._beside is not None:
+            unclear = self._detector.residual_db(out) > _UNCLEAR_DB
+            for k in np.flatnonzero(unclear):
+                if _lasts(frames[k]):
+                    out[k] = _sum(out[k], self._beside.process(frames[k]))
+        return out
+
+
+def _sum(out: np.ndarray, white: np.ndarray) -> np.ndarray:
+    """(N,) network's output and whitened frame, which hold the return both, with errors that differ."""
+    level, white_level = np.linalg.norm(out), np.linalg.norm(white)
+    return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
 
 
 def _toneless(frame: np.ndarray) -> np.ndarray:
