@@ -18,6 +18,9 @@ __all__ = ["Hybrid"]
 
 # of a frame: of a shorter burst the other method leaves enough of the sweep
 _OFDM_BURST, _QPSK_BURST = 0.45, 0.25
+_MISREAD = (
+    0.2  # mean error in a part of the frame: one emitter leaves 0.16, bursts of several mostly 0.23 and more
+)
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
@@ -168,8 +171,13 @@ class Hybrid(Mitigation):
         return True
 
     def _fills(self, method: OfdmCancel | QpskCancel) -> bool:
-        """Whether what a method cancelled fills so much of the frame that no other method is better."""
-        return method.busy >= (_QPSK_BURST if method is self._qpsk else _OFDM_BURST)
+        """Whether what a method cancelled fills so much of the frame that no other method is better.
+
+        Where OFDM seems to fill a part and much is misread, other emitters' bursts stand beside it.
+        """
+        if method is self._qpsk:
+            return method.busy >= _QPSK_BURST
+        return method.busy >= _OFDM_BURST and (method.busy == 1 or method.misread <= _MISREAD)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""

@@ -121,6 +121,8 @@ class OfdmCancel(Mitigation):
         Frames in which an emitter was acquired, and frames in which it was followed from the frame before.
     busy : float
         Share of the symbols in which the emitter sent, in the last frame that had one.
+    misread : float
+        Mean error of that frame's symbols in cells, each at most 1; noise has 0.75.
 
     Notes
     -----
@@ -162,7 +164,7 @@ class OfdmCancel(Mitigation):
         """See `Mitigation.reset`."""
         super().reset()
         self.found = self.followed = 0
-        self.busy = 0.0
+        self.busy = self.misread = 0.0
         self._contrast = 0.0  # of the prefix, in the last frame that was searched
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
@@ -446,7 +448,7 @@ class OfdmCancel(Mitigation):
         self, straight: _Straight, sent: Emission, starts: np.ndarray, numerology: Numerology
     ) -> np.ndarray:
         """(N,) complex64: the frame less what was sent in it, with its carrier again."""
-        self.busy = sent.busy
+        self.busy, self.misread = sent.busy, sent.misread
         return self._modulator.subtract(
             straight.samples, straight.turn, sent.elements, sent.readable, starts, numerology
         )

@@ -57,6 +57,8 @@ class Emission:
         SIR in dB where the return is larger than a cell of the constellation, None elsewhere.
     skirts : Skirts or None
         Of its subcarriers.
+    misread : float
+        Mean error of its symbols in cells, each at most 1.
     """
 
     elements: np.ndarray
@@ -64,6 +66,7 @@ class Emission:
     busy: float
     sir_db: float | None = None
     skirts: Skirts | None = None
+    misread: float = 0.0
 
 
 def emission(
@@ -126,7 +129,8 @@ def emission(
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
     skirts = Skirts(fine, empty, white)
-    return Emission(elements, readable, np.count_nonzero(sending) / sending.size, sir_db, skirts)
+    busy = np.count_nonzero(sending) / sending.size
+    return Emission(elements, readable, busy, sir_db, skirts, float(misread.mean()))
 
 
 def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least: float) -> Emission | None:
