@@ -523,8 +523,10 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
 
 
 def test_beside_bursts_the_network_alone_decides():
-    """The quiet part is what the network lives on, and whitening spreads bursts over it. NR that is read in two of these
-    frames stands among other emitters' bursts, which are read as OFDM with many errors."""
+    """The quiet part is what the network lives on, and whitening spreads bursts over it.
+
+    In two of these frames NR is found, but other emitters' bursts beside it are read as OFDM, with many errors.
+    """
     emitters = [
         Interferer(emitter, 0.0, 0.3) for emitter in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=3))
     ]
