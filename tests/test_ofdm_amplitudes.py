@@ -7,7 +7,7 @@ import pytest
 
 from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import acquire, find_prefix
-from gnuradio.radalt.core.mitigation.ofdm.amplitudes import decide_scaled
+from gnuradio.radalt.core.mitigation.ofdm.amplitudes import decide_scaled, levelled
 from gnuradio.radalt.core.mitigation.ofdm.demodulator import MORE, SCALED, demodulate, once_more
 from gnuradio.radalt.core.mitigation.ofdm.lattice import decide, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import SPACINGS_HZ, Numerology
@@ -55,6 +55,28 @@ def test_the_amplitude_does_not_follow_the_channel_of_another_user():
     assert wrong(found, sent) < 0.03
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_amplitudes_are_told_up_to_the_last_subcarriers_of_a_user(seed):
+    # an amplitude that is wrong by 2 % leaves more than a return 40 dB below
+    sent, heard = users(np.random.default_rng(seed))
+    trusted = np.ones(heard.shape, dtype=bool)
+    found, _ = decide_scaled(heard, np.ones(500, dtype=np.float32), trusted, HALVES)
+    assert np.mean(np.abs(found.points - sent) > 0.01) < 0.01
+
+
+def test_steps_between_users_are_taken_out_of_the_channel():
+    rng = np.random.default_rng(5)
+    number = np.arange(500)
+    true = (1 + 0.3 * np.sin(number / 60)) * np.exp(0.02j * number)
+    own = np.where(number < 250, 0.7, 1.1)
+    smoothed = np.interp(number, [238, 262], [0.7, 1.1])
+    amplitudes = np.broadcast_to((own / smoothed).astype(np.float32), (13, 500))
+    told = rng.random((13, 500)) < 0.8
+    level = levelled((true * smoothed).astype(np.complex64), amplitudes, told)
+    ratio = level / true
+    assert np.abs(ratio / ratio[0] - 1).max() < 0.02
+
+
 @pytest.mark.parametrize("stream", [False, True])
 def test_a_return_50_db_below_users_of_unequal_powers_is_measured(stream):
     frames, altitude_m = received(
@@ -87,4 +109,4 @@ def test_a_frame_with_unequal_powers_is_read_once_more_in_a_channel_that_stands_
     read = demodulate(grid, clear, numerology, SCALED, scaled=True)
     again = once_more(grid, clear, read, numerology, MORE)
     assert again.channel.shape == read.channel.shape == (500,)
-    assert again.misread.mean() < 1.1 * read.misread.mean() < 0.1
+    assert again.misread.mean() < 1.2 * read.misread.mean() < 0.1

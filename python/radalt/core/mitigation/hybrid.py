@@ -18,9 +18,9 @@ __all__ = ["Hybrid"]
 
 # of a frame: of a shorter burst the other method leaves enough of the sweep
 _OFDM_BURST, _QPSK_BURST = 0.45, 0.25
-_MISREAD = (
-    0.2  # mean error in a part of the frame: one emitter leaves 0.16, bursts of several mostly 0.23 and more
-)
+# mean error in a part of the frame: one emitter leaves 0.06, users of unequal powers up to 0.12, bursts of several
+# emitters mostly 0.14 and more
+_MISREAD = 0.12
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for

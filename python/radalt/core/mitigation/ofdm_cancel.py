@@ -10,7 +10,7 @@ from scipy import ndimage
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms, whole
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
@@ -260,6 +260,7 @@ class OfdmCancel(Mitigation):
         shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
         if next(shares) < _BESIDE * next(shares):
             return None
+        clear = clear & whole(straight.samples, grid.starts, numerology)[:, None]
         received, begun = None, begin(grid, clear, numerology, FIRST[0], limit=_NOISE)
         if begun:
             # known far better than from fourth powers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from .lattice import (
     BLOCK,
@@ -20,7 +21,7 @@ from .lattice import (
     sparse,
 )
 
-__all__ = ["decide_scaled"]
+__all__ = ["decide_scaled", "levelled"]
 
 _WIDE = 13  # subcarriers that tell an amplitude; a user has at least 24
 _ASIDE = (0, -6, 6)  # one of the windows so far from an element holds its user alone
@@ -33,7 +34,9 @@ _RIDGE = np.float32(0.05)  # weight of an element that the return may be in, in 
 _SPARSE_ERROR = np.float32(0.04)  # mean squared error below which a block is one of few points
 _LONE = np.float32(0.1)  # the same of an element and its neighbours
 _DOUBTFUL = 0.1  # mean error of a symbol in cells, each at most 1, that may stand on the axes
-_NO_OTHER = np.float32(0.01)  # error for which a window is not left for another
+_CLEARLY = np.float32(0.8)  # of a window's error, for another one to be taken
+_FAR_BETTER = np.float32(0.02)  # of the error of few points, for square QAM to be taken in their place
+_EVENLY = 25  # subcarriers in most of which no user begins
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _SCALES = np.array([SCALE[dense] for dense in DENSE], dtype=np.float32)
 _TOPS = np.array([np.sqrt(dense) / 2 - 1 for dense in DENSE], dtype=np.float32)
@@ -49,12 +52,16 @@ def decide_scaled(
     ``modulus`` (K,) is the channel's, ``trusted`` (L, K) and ``halves`` (L,) are as in `decide`. A user keeps its
     amplitude and alphabet for a slot. They are those with which the elements of a window of subcarriers in a half slot
     are nearest to a lattice. An element may belong to another user than most of the window about it, so windows beside
-    it and other half slots are tried, too: the one that explains the element and its neighbours best is taken.
+    it and other half slots are tried, too: the one that explains the element and its neighbours best is taken,
+    in the end the one that explains its subcarrier in the half slot.
     """
     level = power(values)
     found = _Scanty(values, level, trusted)
     asked = (trusted & ~found.fits).astype(np.float32)
     own, kinds, points, error = _dense(values, level, modulus, asked, halves)
+    # a user's last element may be in the window of one that sends few points
+    apart = [box(power(values - each), _NARROW) for each in (found.points, points)]
+    found.fits &= _FAR_BETTER * apart[0] <= apart[1]
     points = np.where(found.fits, found.points, points)
     error = np.where(found.fits, found.error, error)
     amplitudes = np.stack([own[halves], found.amplitude])
@@ -70,6 +77,22 @@ def decide_scaled(
         decisions.few[odd] |= axes
         decisions.capped[odd] = at_most_one(error[odd])
     return decisions, amplitudes
+
+
+def levelled(channel: np.ndarray, own: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """(K,) channel without the steps of users' amplitudes ``own`` (L, K), by the elements ``told`` (L, K) bool.
+
+    What is received tells the channel's modulus times a user's amplitude. At first the steps between users are in the
+    modulus, smoothed, and what is wrong there is in the amplitudes, which then are no user's. But a channel goes on
+    evenly and users' amplitudes step: the median of the changes from one subcarrier to the next is the channel's.
+    """
+    size = np.maximum(np.abs(channel), FAINT)
+    count = np.count_nonzero(told, axis=0)
+    both = (np.log(own) * told).sum(axis=0) / np.maximum(count, 1) + np.log(size)
+    even = np.append(0, np.cumsum(ndimage.median_filter(np.diff(both), _EVENLY)))
+    some = count > 0
+    even += (both - even)[some].mean() if some.any() else 0
+    return np.where(some, channel * (np.exp(even) / size), channel).astype(np.complex64)
 
 
 class _Scanty:
@@ -92,7 +115,7 @@ class _Scanty:
             if least is None:
                 least, kept = wrong, tried
             else:
-                better = wrong < least - _NO_OTHER
+                better = wrong < _CLEARLY * least
                 least = np.where(better, wrong, least)
                 kept = [np.where(better, new, old) for new, old in zip(tried, kept, strict=True)]
         self.points, self.error, self.amplitude = kept
@@ -129,25 +152,30 @@ def _dense(
     left = box(within @ (power(upright) * sure), _WIDE)
     finer = np.where(left > 1, right / np.maximum(left, FAINT), own)
     tried = [*((_moved(finer, aside), kinds) for aside in _ASIDE), (own, kinds)]
-    return _best(values, tried, asked, halves)
+    return _best(values, tried, asked, halves, 1)
 
 
 def _best(
-    values: np.ndarray, tried: list[tuple[np.ndarray, np.ndarray]], asked: np.ndarray, halves: np.ndarray
+    values: np.ndarray,
+    tried: list[tuple[np.ndarray, np.ndarray]],
+    asked: np.ndarray,
+    halves: np.ndarray,
+    narrow: int = _NARROW,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Those of the amplitudes and kinds ``tried`` that explain an element and its neighbours best; as `_dense`."""
+    """Those of the amplitudes and kinds ``tried`` that explain ``narrow`` subcarriers about an element best; as
+    `_dense`."""
     within = members(halves)
-    told = np.maximum(box(within @ asked, _NARROW), np.float32(1 / _NARROW))
+    told = np.maximum(box(within @ asked, narrow), np.float32(1 / narrow))
     least = None
     for amplitude, kinds in tried:
         here = amplitude[halves]
         points, error = _rounded(values / here, kinds[halves])
-        wrong = box(within @ (at_most_one(error) * asked), _NARROW) / told
+        wrong = box(within @ (at_most_one(error) * asked), narrow) / told
         new = amplitude, kinds, points * here, error
         if least is None:
             least, kept = wrong, new
             continue
-        better = wrong < least - _NO_OTHER
+        better = wrong < _CLEARLY * least
         least = np.where(better, wrong, least)
         each = better[halves]
         kept = [np.where(b, n, o) for b, n, o in zip((better, better, each, each), new, kept, strict=True)]

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .lattice import box
+from .lattice import box, middle, power
 
-__all__ = ["fit", "mended", "sums"]
+__all__ = ["best_order", "fit", "mended", "standing", "sums"]
 
-_STEADY = np.float32(
-    1e-4
-)  # of the energy, added to what would make a channel move that one symbol alone tells of
+# of the energy, added to what would make a channel move that one symbol alone tells of
+_LOADING = np.float32(1e-4)
 _GAP = 5  # subcarriers: fewer are noise
 _MOST = 0.75  # of the subcarriers have to be right
 _BESIDE = 8  # subcarriers on either side that tell how the channel goes on
+_ORDERS = 3  # 0, 1, 2: tried in the end
+_HELPS = 0.9  # of the error left, for a higher order to be taken
+_STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 
 
 def sums(
@@ -46,7 +48,7 @@ def fit(right: np.ndarray, left: np.ndarray, order: int, width: int) -> np.ndarr
     if order == 0:
         factor = right / np.maximum(energy, 1e-30)
     elif order == 1:
-        square = left[2] + _STEADY * energy
+        square = left[2] + _LOADING * energy
         determinant = np.maximum(energy * square - left[1] * left[1], 1e-30)
         factor = np.stack([square * right[0] - left[1] * right[1], energy * right[1] - left[1] * right[0]])
         factor /= determinant
@@ -65,7 +67,7 @@ def _quadratic(right: np.ndarray, left: np.ndarray) -> np.ndarray:
     Elimination without pivots, as for any positive definite matrix, of all subcarriers at once: a solver called for
     each costs six times that.
     """
-    steady = _STEADY * left[0]
+    steady = _LOADING * left[0]
     energy = left[0] + 1e-30
     first, second = left[1] / energy, left[2] / energy
     inner = left[2] + steady - first * left[1] + 1e-30
@@ -99,3 +101,62 @@ def mended(channel: np.ndarray, astray: np.ndarray) -> np.ndarray | None:
         flat[last:] *= turns
         flat[first : last + 1] = np.linspace(before, after * turns, last - first + 1)
     return (flat * back.conj()).astype(np.complex64)
+
+
+def best_order(
+    symbols: np.ndarray,
+    agreement: np.ndarray,
+    weight: np.ndarray,
+    times: np.ndarray,
+    sure: np.ndarray,
+    steady: float,
+    *,
+    read: bool = False,
+) -> tuple[np.ndarray, float]:
+    """Coefficients of the order with the least error, and that error per element.
+
+    Orders rise while that helps the median subcarrier, and the error is larger than where the channel stood still,
+    ``steady``. At the receiver's edges echoes are longer than the prefix.
+    """
+    energy = (power(symbols) * sure).sum(axis=0)
+    elements = sure.sum(axis=0, dtype=np.float32)
+    known = elements > _ORDERS
+    best, least = None, np.inf
+    for order in range(_ORDERS):
+        if order < 2:  # the second has all that higher ones need
+            right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
+        factor = fit(right, left, order, 1)
+        # |y - c m|^2 summed: what was received, the cross term, the model's own energy
+        rest = energy - 2 * (factor.conj() * right[: order + 1]).real.sum(axis=0)
+        for i, one in enumerate(factor):
+            rest += power(one) * left[2 * i]
+            for j, other in enumerate(factor[:i]):
+                rest += 2 * (one.conj() * other).real * left[i + j]
+        rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
+        if rest >= _HELPS * least:
+            if not read:
+                break
+            continue  # a course may be even in time
+        best, least = factor, rest
+        if rest < _STEADY * steady:
+            break
+    return best, least
+
+
+def standing(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    points: np.ndarray,
+    times: np.ndarray,
+    sure: np.ndarray,
+    noise: float,
+) -> tuple[np.ndarray, float]:
+    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are."""
+    if channel.ndim < 2:
+        return channel, noise
+    flat = channel.mean(axis=0)
+    model = flat * points
+    factor, rest = best_order(
+        symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
+    )
+    return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from .acquisition import Grid
 from .amplitudes import decide_scaled
-from .channel_fit import fit, mended, sums
+from .channel_fit import best_order, fit, mended, standing, sums
 from .lattice import (
     CELL,
     DENSE,
@@ -19,12 +19,13 @@ from .lattice import (
     box,
     decide,
     middle,
+    misread,
     nearest,
     power,
     sparse,
 )
 from .numerology import Numerology
-from .upright import true_up
+from .upright import DOUBTFUL, true_up, turned
 
 __all__ = [
     "AGAIN",
@@ -51,13 +52,9 @@ MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
 MORE = ((9, 2, 1.0), (3, 2, 1.0))
 SCALED = ((15, 0, 1.0), (5, 0, 1.0), (1, 0, 1.0))
 AGAIN = ()
-_ORDERS = 3  # 0, 1, 2: tried in the end
 _MOSTLY_READ = 0.05  # mean error with which an order that helps is no chance
-_HELPS = 0.9  # of the error left, for a higher order to be taken
-_DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _FAIR = 1.5  # times the median error of the symbols, up to which one tells of the carrier at first
 SURE = 1.5  # error in cells, up to half a neighbour's distance
-_STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 FINER = 0.01  # change of the channel for which no decision is made again
 _BETTER = 0.8  # of the error, for a mended channel to be taken
 READ = 0.02  # mean error of all symbols, where nothing is left to be mended
@@ -66,7 +63,6 @@ _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _TOUCHED = 0.1  # the same beside them, where it is hardly wrong
-_EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
@@ -119,6 +115,8 @@ class Received:
         Samples by which the symbols came late.
     amplitudes : (2, L, K) float32 or None
         As in `decide_scaled`, where users' powers differ; None where one lattice was tried. Points have them.
+    few : (L, K) bool
+        As in `Decisions`.
     """
 
     symbols: np.ndarray
@@ -133,7 +131,8 @@ class Received:
     angles: np.ndarray
     weight: np.ndarray
     late: float
-    amplitudes: np.ndarray | None = None
+    amplitudes: np.ndarray | None
+    few: np.ndarray
 
     def as_before(self, trusted: np.ndarray) -> Before:
         """What it tells of the next frame, by its ``trusted`` (L, K) elements."""
@@ -190,8 +189,9 @@ def begin(
     # while the gain is rough, the outer points are the uncertain ones
     trusted = clear & (power(values) < 1)
     halves = numerology.halves(grid.starts, grid.first_long)
-    found, _ = _decided(values, grid.channel, trusted, halves, before and before.likely, scaled)
-    off = _misread(found.capped, clear, grid.channel)
+    found, _, off = _decided(
+        grid.symbols, grid.channel, trusted, clear, halves, before and before.likely, scaled
+    )
     if off.min() > limit:
         return None
     times = _times(len(values))
@@ -242,17 +242,15 @@ def demodulate(
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
     late, times = 0.0, _times(len(symbols))
-    for number, (width, order, share) in enumerate(turns):
-        values = symbols * (1 / channel)
-        found, amplitudes = _decided(values, channel, clear, halves, likely, scaled)
-        off = _misread(found.capped, clear, channel)
+    for width, order, share in turns:
+        found, amplitudes, off = _decided(symbols, channel, clear, clear, halves, likely, scaled)
+        odd, back = turned(symbols, channel, off, clear, halves, found.kinds)
+        if odd.size:
+            symbols, phase, angles = symbols * back, phase * back, angles - np.angle(back[:, 0])
+            found, amplitudes, off = _decided(symbols, channel, clear, clear, halves, likely, scaled)
         last = order < 0 or off.mean() < READ
-        heard = (off < max(_DOUBTFUL, 1.5 * middle(off)))[:, None]
-        if not number:
-            # set upright for the next turn; what this one decided of them is wrong
-            odd = _turned(values, off, clear, channel, halves, found.kinds)
-            symbols, phase, angles = _upright(symbols, phase, angles, odd)
-            heard[odd] = False
+        heard = (off < max(DOUBTFUL, 1.5 * middle(off)))[:, None]
+        heard[odd] = True  # a channel that they alone tell of has to follow them
         if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
             channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
         sure = (found.error < SURE) & clear & heard
@@ -262,14 +260,14 @@ def demodulate(
         agreement = symbols * model.conj()
         agreement *= sure
         if order >= 0 or not first:
-            turn, angle, slope = true_up(agreement, numerology)
+            turn, angle, slope = true_up(agreement, numerology, upright=odd)
             late = middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle
         weight = power(model) * sure
         if last:
             steady = np.inf if scaled else before.steady if before else 0.0
-            factor, noise = _best_order(
+            factor, noise = best_order(
                 symbols, agreement, weight, times, sure, steady, read=off.mean() < _MOSTLY_READ
             )
         else:
@@ -279,7 +277,7 @@ def demodulate(
         if last:
             break
         likely = _likely(found.kinds, found.capped, clear)
-    channel, noise = _standing(symbols, channel, found.points, times, sure, noise)
+    channel, noise = standing(symbols, channel, found.points, times, sure, noise)
     if first and channel.ndim == 1:
         symbols, phase, angles, channel = _finer(
             symbols, phase, angles, channel, found.points, sure, numerology
@@ -289,7 +287,7 @@ def demodulate(
         again(found, symbols, channel, ~clear & grid.used, kinds, amplitudes)
     return Received(
         symbols, phase, channel, found.points, kinds, found.error, found.capped,
-        off, noise, angles, weight.sum(axis=1), late, amplitudes,
+        off, noise, angles, weight.sum(axis=1), late, amplitudes, found.few,
     )  # fmt: skip
 
 
@@ -328,36 +326,21 @@ def once_more(
 
 
 def _decided(
-    values: np.ndarray,
+    symbols: np.ndarray,
     channel: np.ndarray,
     trusted: np.ndarray,
+    clear: np.ndarray,
     halves: np.ndarray,
     likely: tuple[int, np.ndarray] | None,
     scaled: bool,
-) -> tuple[Decisions, np.ndarray | None]:
-    """`decide`, or `decide_scaled` with its amplitudes."""
+) -> tuple[Decisions, np.ndarray | None, np.ndarray]:
+    """`decide`, or `decide_scaled` with its amplitudes, and how much of each symbol was misread, (L,)."""
+    values, amplitudes = symbols * (1 / channel), None
     if scaled:
-        return decide_scaled(values, np.abs(channel), trusted, halves)
-    return decide(values, trusted, halves, likely=likely), None
-
-
-def _standing(
-    symbols: np.ndarray,
-    channel: np.ndarray,
-    points: np.ndarray,
-    times: np.ndarray,
-    sure: np.ndarray,
-    noise: float,
-) -> tuple[np.ndarray, float]:
-    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are."""
-    if channel.ndim < 2:
-        return channel, noise
-    flat = channel.mean(axis=0)
-    model = flat * points
-    factor, rest = _best_order(
-        symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
-    )
-    return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
+        found, amplitudes = decide_scaled(values, np.abs(channel), trusted, halves)
+    else:
+        found = decide(values, trusted, halves, likely=likely)
+    return found, amplitudes, misread(found.capped, clear, channel)
 
 
 def _finer(
@@ -394,7 +377,7 @@ def _bridged(
     if other is None:
         return channel, found, off
     decided = decide(symbols * (1 / other), clear, halves)
-    left = _misread(decided.capped, clear, other)
+    left = misread(decided.capped, clear, other)
     return (other, decided, left) if left.mean() < _BETTER * off.mean() else (channel, found, off)
 
 
@@ -410,13 +393,6 @@ def bridged(channel: np.ndarray, capped: np.ndarray, asked: np.ndarray) -> np.nd
     if amiss.any():
         amiss = ndimage.binary_propagation(amiss, mask=wrong > _TOUCHED)
     return mended(channel if channel.ndim == 1 else channel[len(channel) // 2], amiss)
-
-
-def _misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
-    """(L,) mean error of each symbol's ``clear`` elements in cells, each at most 1, by their power."""
-    level = power(channel)
-    level = level if level.ndim == 1 else level.mean(axis=0)
-    return (capped * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))
 
 
 def again(
@@ -448,78 +424,3 @@ def again(
     np.put(found.points, at, chosen if amplitudes is None else chosen * own)
     np.put(found.error, at, power(values - chosen) / cells)
     np.minimum(found.error, 1, out=found.capped)
-
-
-def _best_order(
-    symbols: np.ndarray,
-    agreement: np.ndarray,
-    weight: np.ndarray,
-    times: np.ndarray,
-    sure: np.ndarray,
-    steady: float,
-    *,
-    read: bool = False,
-) -> tuple[np.ndarray, float]:
-    """Coefficients of the order with the least error, and that error per element.
-
-    Orders rise while that helps the median subcarrier, and the error is larger than where the channel stood still,
-    ``steady``. At the receiver's edges echoes are longer than the prefix.
-    """
-    energy = (power(symbols) * sure).sum(axis=0)
-    elements = sure.sum(axis=0, dtype=np.float32)
-    known = elements > _ORDERS
-    best, least = None, np.inf
-    for order in range(_ORDERS):
-        if order < 2:  # the second has all that higher ones need
-            right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
-        factor = fit(right, left, order, 1)
-        # |y - c m|^2 summed: what was received, the cross term, the model's own energy
-        rest = energy - 2 * (factor.conj() * right[: order + 1]).real.sum(axis=0)
-        for i, one in enumerate(factor):
-            rest += power(one) * left[2 * i]
-            for j, other in enumerate(factor[:i]):
-                rest += 2 * (one.conj() * other).real * left[i + j]
-        rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
-        if rest >= _HELPS * least:
-            if not read:
-                break
-            continue  # a course may be even in time
-        best, least = factor, rest
-        if rest < _STEADY * steady:
-            break
-    return best, least
-
-
-def _upright(
-    symbols: np.ndarray, phase: np.ndarray, angles: np.ndarray, odd: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same with the symbols ``odd`` turned by an eighth."""
-    if not odd.size:
-        return symbols, phase, angles
-    symbols, phase, angles = symbols.copy(), phase.copy(), angles.copy()
-    symbols[odd] *= _EIGHTH
-    phase[odd] *= _EIGHTH
-    angles[odd] -= np.pi / 4
-    return symbols, phase, angles
-
-
-def _turned(
-    values: np.ndarray,
-    off: np.ndarray,
-    clear: np.ndarray,
-    channel: np.ndarray,
-    halves: np.ndarray,
-    kinds: np.ndarray,
-) -> np.ndarray:
-    """Numbers of the symbols that fit their alphabets better turned by an eighth.
-
-    To the fourth power a symbol with most points on the axes (the primary synchronisation signal) looks turned so.
-    ``off`` (L,) is the mean error of each as it stands, in cells.
-    """
-    doubtful = np.flatnonzero(off > _DOUBTFUL)
-    if not doubtful.size:
-        return doubtful
-    clear = clear[doubtful]
-    capped = decide(values[doubtful] * _EIGHTH, clear, halves[doubtful], kinds).capped
-    channel = channel if channel.ndim == 1 else channel[doubtful]
-    return doubtful[_misread(capped, clear, channel) < 0.8 * off[doubtful]]

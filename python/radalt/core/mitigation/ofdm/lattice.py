@@ -20,6 +20,7 @@ __all__ = [
     "at_most_one",
     "box",
     "members",
+    "misread",
     "middle",
     "decide",
     "few_points",
@@ -305,3 +306,10 @@ def _judged(
             np.copyto(chosen, points[kind], where=here)
             np.copyto(error, errors[kind], where=here)
     return chosen, error, kinds
+
+
+def misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:
+    """(L,) mean error of each symbol's ``clear`` elements in cells, each at most 1, by their power."""
+    level = power(channel)
+    level = level if level.ndim == 1 else level.mean(axis=0)
+    return (capped * clear) @ level / np.maximum(clear @ level, np.float32(1e-30))

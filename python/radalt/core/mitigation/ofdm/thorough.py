@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .acquisition import Grid
+from .amplitudes import levelled
 from .demodulator import AGAIN, MORE, MOVING, READ, SCALED, Received, astray, bridged, demodulate, once_more
 from .drift import moves
 from .echoes import grown
@@ -18,6 +19,7 @@ __all__ = ["read_thoroughly"]
 
 _WELL = 0.013  # the same of most symbols, where only some symbols are misread
 _NEARLY = 0.1  # mean error at first where unequal powers explain a frame; other faults leave 0.15 and more
+_TOLD = 0.5  # error in cells up to which an element tells its user's amplitude
 _EVENED = 0.7  # of the error is left in the end
 _HARDLY = 0.08  # of the subcarriers wrong: perhaps the channel moves; the receiver's skirts are 0.05
 _MOST_READINGS = 8  # of a frame whose channel moves
@@ -30,11 +32,17 @@ def read_thoroughly(
     """A frame as it was ``received``, or read with what else may be in it: ``unequal`` powers, a moving channel."""
     received = _turned_back(grid, clear, received, numerology)
     scaled = _scaled(grid, clear, received, numerology) if unequal else None
-    if scaled is not None:
+    if scaled is not None and scaled.misread.mean() < PARTLY:
         return scaled
-    doubtful = moves(received, grid) or astray(received.capped, clear & grid.used).mean() > _HARDLY
-    if not doubtful or received.misread.mean() <= READ:
-        return received
+    if received.misread.mean() > READ and (
+        moves(received, grid) or astray(received.capped, clear & grid.used).mean() > _HARDLY
+    ):
+        received = _moving(grid, clear, received, numerology)
+    return scaled if scaled and scaled.misread.mean() < received.misread.mean() else received
+
+
+def _moving(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
+    """The frame read with a channel that moves, first around its middle, or as it was."""
     quarter = len(grid.starts) // 4
     amid = grid.around(slice(quarter, len(grid.starts) - quarter))
     moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
@@ -62,11 +70,14 @@ def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numer
     scaled = demodulate(grid, clear, numerology, SCALED[:1], scaled=True)
     if scaled.misread.mean() > _NEARLY:
         return None
-    for turns in (SCALED[1:], AGAIN):
-        finer = once_more(grid, clear, scaled, numerology, turns)
+    for turns in (SCALED[1:], SCALED[1:], AGAIN):
+        told = clear & grid.used & (scaled.error < _TOLD)
+        few, (dense, scanty) = scaled.few, scaled.amplitudes
+        level = levelled(scaled.channel, np.where(few, scanty, dense), told)
+        finer = once_more(grid, clear, replace(scaled, channel=level), numerology, turns)
         if finer.misread.mean() < scaled.misread.mean():
             scaled = finer
-    return scaled if scaled.misread.mean() < min(PARTLY, _EVENED * received.misread.mean()) else None
+    return scaled if scaled.misread.mean() < _EVENED * received.misread.mean() else None
 
 
 def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:

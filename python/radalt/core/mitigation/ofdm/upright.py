@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from .lattice import middle, unit
+from .lattice import decide, middle, misread, unit
 from .numerology import Numerology
 
-__all__ = ["true_up"]
+__all__ = ["DOUBTFUL", "true_up", "turned"]
 
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
 _FAINTER = 0.3  # of the strongest symbol's weight, from which a symbol tells how late all are
+DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
+_TURNS = np.float32([-np.pi / 4, *np.arange(-0.7, 0.75, 0.1)])  # radians by which symbols may be ahead
+_UPRIGHT = 0.8  # of a symbol's error, for another angle to be taken
 _TOGETHER = 0.05  # samples by which symbols differ that are equally late
 
 
-def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def true_up(
+    agreement: np.ndarray, numerology: Numerology, upright: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples.
 
-    ``agreement`` (L, K) complex64 is received times conjugate model; zero where not to be used.
+    ``agreement`` (L, K) complex64 is received times conjugate model; zero where not to be used. The symbols ``upright``
+    (int) are so: a channel that is still wrong would turn them.
     """
+    if upright is not None and upright.size:
+        agreement = agreement.copy()
+        agreement[upright] = 0
     mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
@@ -48,3 +57,33 @@ def true_up(agreement: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, 
     terms[:, 1] = back * (-1j * slope)
     terms[:, 2] = back * (-0.5 * slope * slope)
     return (terms.view(np.float32) @ numerology.moments.T).view(np.complex64), angle, slope
+
+
+def turned(
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    off: np.ndarray,
+    clear: np.ndarray,
+    halves: np.ndarray,
+    kinds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the symbols that fit their alphabets better turned, and the factors (L, 1) complex64 that turn them.
+
+    To the fourth power a symbol with most points on the axes (the primary synchronisation signal) looks turned by an
+    eighth. Where the channel is wrong in some subcarriers, symbols that have most of their elements there follow it.
+    ``off`` (L,) is the mean error of each as it stands, in cells; the others are as in `decide`.
+    """
+    doubtful = np.flatnonzero(off > DOUBTFUL)
+    back = np.ones((len(off), 1), dtype=np.complex64)
+    if not doubtful.size:
+        return doubtful, back
+    channel = channel if channel.ndim == 1 else channel[doubtful]
+    values, clear, halves = symbols[doubtful] * (1 / channel), clear[doubtful], halves[doubtful]
+    least = _UPRIGHT * off[doubtful]
+    # with most of them wrong, that is not the fault
+    for angle in _TURNS if doubtful.size < len(off) / 2 else _TURNS[:1]:
+        turn = unit(-angle)
+        left = misread(decide(values * turn, clear, halves, kinds).capped, clear, channel)
+        back[doubtful[left < least]] = turn
+        np.minimum(least, left, out=least)
+    return np.flatnonzero(back != 1), back
