@@ -22,7 +22,7 @@ _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # one element in four tells the SIR
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
-_TOO_MUCH = np.float32(2.0)  # times the usual power: more than return and noise, so the point was another one
+_TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
 _BESIDE = 3  # subcarriers of which noise is alike
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
