@@ -64,6 +64,7 @@ _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
 _MOST_STILL = 4  # rounds in which the change within symbols is told and taken away
+_WORSE = 1.2  # times the mean error of a frame's symbols: such a round has lost some of those that were read
 _STILLER = 0.8  # of the error is left, for one more
 _READ_ON = 7  # frames that are read with what one told of them, before all is judged anew
 
@@ -418,6 +419,9 @@ class OfdmCancel(Mitigation):
             finer = once_more(
                 grid, clear, replace(received, symbols=symbols), numerology, AGAIN, before=likely
             )
+            error = received.misread.mean()
+            if error < _DOUBTFUL and finer.misread.mean() > max(READ, _WORSE * error):
+                break
             if finer.noise > before and (number or not moves(received, grid)):
                 break
             still, received = replace(straight, samples=samples), finer

@@ -13,7 +13,7 @@ from .demodulator import AGAIN, Received, demodulate
 from .lattice import amid, decide, power
 from .numerology import Numerology
 
-__all__ = ["grown"]
+__all__ = ["Echoes", "audible", "grown", "loudest"]
 
 _EARLY, _LATE = 12, 30  # samples of delay about the mean one; echoes come later
 _ORDER = 2  # of each echo's course in time
@@ -75,6 +75,65 @@ def _left(received: Received, clear: np.ndarray) -> float:
     return float((power(received.symbols - received.channel * received.points) * clear).sum())
 
 
+class Echoes:
+    """A channel of a few echoes, each with a quadratic course in time.
+
+    Parameters
+    ----------
+    channel, read : (M, K) complex64, (M, K) bool
+        The channel of some symbols, and where it is known: it tells the mean delay.
+    count : int
+        Symbols of the frame.
+    numerology : Numerology
+
+    Attributes
+    ----------
+    likely : (delays,) float
+        Power of each delay, of the strongest one's.
+    """
+
+    def __init__(self, channel: np.ndarray, read: np.ndarray, count: int, numerology: Numerology) -> None:
+        pairs = (channel[:, 1:] * channel[:, :-1].conj())[read[:, 1:] & read[:, :-1]]
+        late = -np.angle(pairs.sum()) / (2 * np.pi / numerology.useful) - _EARLY
+        self._ahead = np.exp(1j * late * numerology.turn).astype(np.complex64)
+        self._times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
+        self.likely = np.ones(_EARLY + _LATE)
+
+    def fitted(
+        self, symbols: np.ndarray, points: np.ndarray, weight: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(L, K) channel by least squares, and the power of each delay, of the strongest one's, at least `_FAINT`.
+
+        Faint delays are loaded more than strong ones, which leaves few unknowns where little was read.
+        """
+        delays, orders = self.likely.size, _ORDER + 1
+        right, left = sums(symbols * points.conj() * weight, power(points) * weight, self._times, _ORDER)
+        # sums over the subcarriers, which are evenly spaced, are transforms
+        across = fft.ifft(fft.ifftshift(left, axes=1), axis=1, norm="forward").astype(np.complex128)
+        right = fft.ifft(fft.ifftshift(right * self._ahead, axes=1), axis=1, norm="forward")[:, :delays]
+        apart = np.subtract.outer(np.arange(delays), np.arange(delays))
+        power_of = np.add.outer(np.arange(orders), np.arange(orders))
+        matrix = across[power_of[:, None, :, None], apart[None, :, None, :]].reshape(orders * delays, -1)
+        loading = np.array(_LOADING)[:, None] / self.likely * left[0].sum()
+        matrix[np.diag_indices(len(matrix))] += loading.ravel() + 1e-30
+        echoes = np.linalg.solve(matrix, right.ravel().astype(np.complex128)).reshape(orders, delays)
+        courses = fft.fftshift(fft.fft(echoes, symbols.shape[1], axis=1), axes=1) * self._ahead.conj()
+        channel = (self._times[:, None] ** np.arange(orders)) @ courses
+        loud = ndimage.maximum_filter1d((np.square(np.abs(echoes)) * _SHARES).sum(axis=0), 3)
+        return channel.astype(np.complex64), np.maximum(loud / max(loud.max(), 1e-30), _FAINT)
+
+
+def loudest(symbols: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """(K,) largest amplitude that a channel may have, by the power of the ``clear`` (L, K) elements."""
+    return _LOUDEST * np.sqrt(level_in_use(symbols, clear)[0])
+
+
+def audible(model: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """(L, K) channel that is nowhere larger than ``most`` (K,), nor zero."""
+    size = np.abs(model)
+    return np.where(size > 0, model * np.minimum(1, most / np.maximum(size, np.float32(1e-9))), most)
+
+
 class _Growth:
     """Region of a frame whose elements are read with one channel of echoes."""
 
@@ -85,15 +144,10 @@ class _Growth:
         self._halves = numerology.halves(grid.starts, grid.first_long)
         self._heard = clear.astype(np.float32)
         self._before = _Reading(received.points, received.error, amid(received.capped, self._heard))
-        count = len(self.symbols)
-        self._times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
         self._channel = np.broadcast_to(received.channel, self.symbols.shape)
         read = (self._before.near < _SEED) & grid.used
-        pairs = (self._channel[:, 1:] * self._channel[:, :-1].conj())[read[:, 1:] & read[:, :-1]]
-        late = -np.angle(pairs.sum()) / (2 * np.pi / numerology.useful) - _EARLY
-        self._ahead = np.exp(1j * late * numerology.turn).astype(np.complex64)
-        self._most = _LOUDEST * np.sqrt(level_in_use(self.symbols, clear)[0])
-        self._likely = np.ones(_EARLY + _LATE)  # power of each delay, of the strongest one's
+        self._echoes = Echoes(self._channel, read, len(self.symbols), numerology)
+        self._most = loudest(self.symbols, clear)
         self._labels, found = ndimage.label(read)
         self._sizes = np.bincount(self._labels[clear], minlength=found + 1)
         self.region, self.now, self.model = read, self._before, self._channel
@@ -110,11 +164,9 @@ class _Growth:
             weight = self.now.weight(region & self.clear)
             if not weight.any():
                 break
-            model, self._likely = self._fitted(self.now.points, weight)
+            model, self._echoes.likely = self._echoes.fitted(self.symbols, self.now.points, weight)
             self._turn((self.symbols * (model * self.now.points).conj() * weight).sum(axis=1), weight)
-            size = np.abs(model)
-            loudest = np.minimum(1, self._most / np.maximum(size, np.float32(1e-9)))
-            self.model = np.where(size > 0, model * loudest, self._most)
+            self.model = audible(model, self._most)
             found = decide(self.symbols / self.model, self.clear, self._halves)
             self.now = _Reading(found.points, found.error, amid(found.capped, self._heard))
             region = self._connected((self.now.near < _TRUSTED) & self.grid.used, region)
@@ -134,7 +186,7 @@ class _Growth:
         tried = []
         for turn in np.array([1, 1j, -1, -1j], dtype=np.complex64):
             points = np.where(other, turn * before.points, self.now.points)
-            model, _ = self._fitted(points, weight)
+            model, _ = self._echoes.fitted(self.symbols, points, weight)
             tried.append((float((power(self.symbols - model * points) * weight).sum()), points))
         tried.sort(key=lambda one: one[0])
         if tried[0][0] < _CLEARLY * tried[1][0]:
@@ -148,27 +200,6 @@ class _Growth:
         finer = self.now.near.mean(axis=0) <= self._before.near.mean(axis=0)
         channel = np.where(finer, self.model, turned)
         return replace(self.grid, symbols=self.symbols, phase=self.phase, channel=channel, angles=self.angles)
-
-    def _fitted(self, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(L, K) channel by least squares, and the power of each delay, of the strongest one's, at least `_FAINT`.
-
-        Faint delays are loaded more than strong ones, which leaves few unknowns where little was read.
-        """
-        delays, orders = self._likely.size, _ORDER + 1
-        right, left = sums(self.symbols * points.conj() * weight, power(points) * weight, self._times, _ORDER)
-        # sums over the subcarriers, which are evenly spaced, are transforms
-        across = fft.ifft(fft.ifftshift(left, axes=1), axis=1, norm="forward").astype(np.complex128)
-        right = fft.ifft(fft.ifftshift(right * self._ahead, axes=1), axis=1, norm="forward")[:, :delays]
-        apart = np.subtract.outer(np.arange(delays), np.arange(delays))
-        power_of = np.add.outer(np.arange(orders), np.arange(orders))
-        matrix = across[power_of[:, None, :, None], apart[None, :, None, :]].reshape(orders * delays, -1)
-        loading = np.array(_LOADING)[:, None] / self._likely * left[0].sum()
-        matrix[np.diag_indices(len(matrix))] += loading.ravel() + 1e-30
-        echoes = np.linalg.solve(matrix, right.ravel().astype(np.complex128)).reshape(orders, delays)
-        courses = fft.fftshift(fft.fft(echoes, self.symbols.shape[1], axis=1), axes=1) * self._ahead.conj()
-        channel = (self._times[:, None] ** np.arange(orders)) @ courses
-        loud = ndimage.maximum_filter1d((np.square(np.abs(echoes)) * _SHARES).sum(axis=0), 3)
-        return channel.astype(np.complex64), np.maximum(loud / max(loud.max(), 1e-30), _FAINT)
 
     def _turn(self, agreement: np.ndarray, weight: np.ndarray) -> None:
         """Set symbols upright by their ``agreement`` (L,) with the model, where enough elements tell it."""

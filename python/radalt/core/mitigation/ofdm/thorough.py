@@ -14,6 +14,7 @@ from .echoes import grown
 from .emission import PARTLY
 from .lattice import middle
 from .numerology import Numerology
+from .onward import read_onward
 
 __all__ = ["read_thoroughly"]
 
@@ -81,7 +82,12 @@ def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numer
 
 
 def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
-    """The frame read with a channel of echoes, and again while that mends symbols: the echoes need not be few."""
+    """The frame read on from its best symbols, with a channel of echoes, and again while that mends symbols.
+
+    The echoes need not be few.
+    """
+    if received.misread.mean() > PARTLY:
+        received = read_onward(grid, clear, received, numerology)
     if received.misread.mean() > PARTLY:
         received = grown(grid, clear, received, numerology)
     for _ in range(_MOST_READINGS if received.misread.mean() > PARTLY else 0):
