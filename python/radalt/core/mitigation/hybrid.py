@@ -27,7 +27,7 @@ _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked fo
 _SHARE = 2.0  # amplitude of the whitened frame beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
-_LONGEST = 63  # frames between two looks of a live path, at most
+_LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
 
@@ -44,7 +44,7 @@ class Hybrid(Mitigation):
     output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
     quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some
     5,000 transforms, which no live path has. There, looks that lead to no three frames that can be followed are 1, 3,
-    7 ... 63 frames apart. The other frames go to the network, several in one call.
+    7 ... 511 frames apart. The other frames go to the network, several in one call.
 
     Parameters
     ----------

@@ -24,10 +24,8 @@ __all__ = ["costs"]
 
 _ROUNDS = 5  # the median of which is given
 _LEAD = 12  # frames in which a method settles
-_LONG_LEAD, _LONG = (
-    128,
-    128,
-)  # the same where a live path looks ever less often, and frames that hold two looks
+# the same where a live path looks ever less often, and frames that hold a look
+_LONG_LEAD, _LONG = 512, 512
 _FRAMES = 20
 _PER_FRAME = 10  # transforms measured beside each frame
 _KINDS = (
