@@ -15,16 +15,10 @@ from .numerology import Numerology
 
 __all__ = ["read_onward"]
 
-_FIRST = (
-    (15, 0, 1.0),
-    (9, 1, 1.0),
-    (5, 1, 1.0),
-)  # as in `demodulate`: four symbols tell a straight course at most
+_FIRST = ((15, 0, 1.0), (9, 1, 1.0), (5, 1, 1.0))  # turns: four symbols tell a straight course at most
 _LONG, _APART = 4, 2  # symbols that are read by themselves, and from one such group to the next
 _HOPELESS = 0.4  # mean error of the best group; random elements have 0.75
-_ANGLES = (
-    12  # in a quarter turn, tried for a new symbol: half a step leaves 64QAM's outer points in their cells
-)
+_ANGLES = 12  # in a quarter turn, tried for a new symbol: half a step keeps 64QAM in its cells
 _TURNS = np.exp(-0.5j * np.pi * np.arange(_ANGLES) / _ANGLES).astype(np.complex64)[:, None]
 _WEIGHT = np.float32(0.3)  # mean error around an element at which its weight is 1/e
 _ENOUGH = 20.0  # elements of a symbol that tell its phase
