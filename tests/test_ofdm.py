@@ -549,9 +549,9 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
     for other in ("whitening", "tcae"):
         method = create("hybrid", W, other=other, max_altitude_m=1500.0)
         cleaned = method.process(frames)
-        np.testing.assert_array_equal(
-            cleaned[:2], create("ofdm_cancel", W, span_m=1500.0).process(frames[:2])
-        )
+        # of interference of 100, sums in another order differ by 1e-5
+        cancelled = create("ofdm_cancel", W, span_m=1500.0).process(frames[:2])
+        np.testing.assert_allclose(cleaned[:2], cancelled, rtol=0, atol=1e-3)
         expected = [create(other, W).process(frame) for frame in frames[2:]]
         np.testing.assert_array_equal(cleaned[2:], expected)
         assert method.status()["cancelled"] == 2
