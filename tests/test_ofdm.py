@@ -11,7 +11,8 @@ from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.joint import JointCancel
 from gnuradio.radalt.core.mitigation.ofdm import demodulator
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix, whole
+from gnuradio.radalt.core.mitigation.ofdm.acquisition import course, find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.burst import whole
 from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, misread, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology

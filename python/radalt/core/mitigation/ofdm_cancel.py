@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms, whole
+from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms
+from .ofdm.burst import loud_burst, whole
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
@@ -37,10 +37,8 @@ from .ofdm.tones import without_tones
 __all__ = ["OfdmCancel"]
 
 _CONTRAST = 4.5  # of the prefix over its scatter: noise and the bench's other emitters stay below
-_LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
 _SHORT = 0.4  # of a frame: a burst that is blanked where it cannot be read
 _SHORTER = 0.36  # of a frame: a burst that is better blanked than read by its few symbols
-_GAP = 64  # samples that are quiet within a burst, by chance
 _CERTAIN = 8.0  # no other spacing has so much
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
@@ -185,7 +183,7 @@ class OfdmCancel(Mitigation):
 
     def _unread(self, frame: np.ndarray) -> np.ndarray:
         """A frame without the short and loud burst in it that may be OFDM, but could not be read; or as it is."""
-        burst = _loud_burst(frame, _SHORT) if self._contrast >= _CONTRAST else None
+        burst = loud_burst(frame, _SHORT) if self._contrast >= _CONTRAST else None
         return frame if burst is None else np.where(burst, 0, frame)
 
     def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
@@ -243,7 +241,7 @@ class OfdmCancel(Mitigation):
         if prefix.contrast < _CONTRAST:
             self._vain = 0
             return None
-        burst = _loud_burst(frame, _SHORTER)
+        burst = loud_burst(frame, _SHORTER)
         if burst is not None:
             self.busy = np.count_nonzero(burst) / burst.size
             return np.where(burst, 0, frame)
@@ -483,19 +481,3 @@ class OfdmCancel(Mitigation):
 def _audible(frame: np.ndarray) -> bool:
     """Whether an (N,) complex64 frame has a power that float32 can divide by."""
     return _TINY < float(np.vdot(frame, frame).real) / frame.size < np.inf
-
-
-def _loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
-    """(N,) bool: the burst of at most ``most`` of a frame that has nearly all of its power; None without."""
-    level = power(frame)
-    whole = level.sum()
-    # by Cauchy and Schwarz' inequality the loudest so many samples have no more
-    if most * level.size * np.vdot(level, level) < (_LOUD * whole) ** 2:
-        return None
-    loud = level > np.float32(BLANKED) * middle(level)
-    if np.count_nonzero(loud) > most * loud.size:
-        return None
-    widened = ndimage.maximum_filter1d(loud.view(np.uint8), _GAP)
-    burst = ndimage.minimum_filter1d(widened, _GAP, origin=-1).view(bool)
-    short = np.count_nonzero(burst) <= most * burst.size
-    return burst if short and level[burst].sum() > _LOUD * whole else None

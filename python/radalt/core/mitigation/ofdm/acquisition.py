@@ -22,7 +22,6 @@ __all__ = [
     "level_in_use",
     "retuned",
     "transforms",
-    "whole",
 ]
 
 _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two users
@@ -36,9 +35,6 @@ _IN_STEP = 0.8  # of the sum without regard to phase
 _SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
 _LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
 _NO_SLOPE = 2.5  # times its own scatter, a slope may be none
-_SILENT = 0.1  # of the loudest symbol's power: less is silence
-_ENDS = 8  # part of a symbol at either end
-_BEGUN = 0.5  # of the symbol's power, which that part has unless the emitter is silent there
 _IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
 
 
@@ -97,21 +93,6 @@ def transforms(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) ->
     )
     first = (numerology.useful + 1) // 2
     return np.concatenate([spectra[:, first:], spectra[:, :first]], axis=1)
-
-
-def whole(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
-    """(L,) bool: symbols in whose transforms at ``starts`` no burst begins or ends; a frame without silence has no
-    other."""
-    level = power(frame.take(numerology.places(starts), mode="wrap"))
-    own = level.mean(axis=1)
-    silent = own < _SILENT * own.max()
-    if not silent.any():
-        return ~silent
-    end = level.shape[1] // _ENDS
-    beside = np.pad(silent, 1, constant_values=True)
-    begins = beside[:-2] & (level[:, :end].mean(axis=1) < _BEGUN * own)
-    ends = beside[2:] & (level[:, -end:].mean(axis=1) < _BEGUN * own)
-    return ~(begins | ends)
 
 
 @dataclass

@@ -43,6 +43,7 @@ __all__ = [
     "bridged",
     "demodulate",
     "once_more",
+    "times_of",
 ]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
@@ -194,7 +195,7 @@ def begin(
     )
     if off.min() > limit:
         return None
-    times = _times(len(values))
+    times = times_of(len(values))
     sure = (found.error < 0.9 * SURE) & trusted
     if share < 1:
         sure &= np.abs(times)[:, None] <= share
@@ -241,7 +242,7 @@ def demodulate(
     symbols, phase, angles, channel = grid.symbols, grid.phase, grid.angles, grid.channel
     clear = clear & grid.used
     halves = numerology.halves(grid.starts, grid.first_long)
-    late, times = 0.0, _times(len(symbols))
+    late, times = 0.0, times_of(len(symbols))
     for width, order, share in turns:
         found, amplitudes, off = _decided(symbols, channel, clear, clear, halves, likely, scaled)
         odd, back = turned(symbols, channel, off, clear, halves, found.kinds)
@@ -291,7 +292,7 @@ def demodulate(
     )  # fmt: skip
 
 
-def _times(count: int) -> np.ndarray:
+def times_of(count: int) -> np.ndarray:
     """(count,) float32 times of a frame's symbols, -1..1."""
     return ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
 

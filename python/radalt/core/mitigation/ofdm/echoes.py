@@ -9,7 +9,7 @@ from scipy import fft, ndimage
 
 from .acquisition import Grid, level_in_use
 from .channel_fit import sums
-from .demodulator import AGAIN, Received, demodulate
+from .demodulator import AGAIN, Received, demodulate, times_of
 from .lattice import amid, decide, power
 from .numerology import Numerology
 
@@ -96,7 +96,7 @@ class Echoes:
         pairs = (channel[:, 1:] * channel[:, :-1].conj())[read[:, 1:] & read[:, :-1]]
         late = -np.angle(pairs.sum()) / (2 * np.pi / numerology.useful) - _EARLY
         self._ahead = np.exp(1j * late * numerology.turn).astype(np.complex64)
-        self._times = ((np.arange(count) - (count - 1) / 2) / (count / 2)).astype(np.float32)
+        self._times = times_of(count)
         self.likely = np.ones(_EARLY + _LATE)
 
     def fitted(
