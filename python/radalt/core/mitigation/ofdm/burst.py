@@ -36,9 +36,9 @@ def whole(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.n
 def loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
     """(N,) bool: the burst of at most ``most`` of a frame that has nearly all of its power; None without."""
     level = power(frame)
-    whole = level.sum()
+    total = level.sum()
     # by Cauchy and Schwarz' inequality the loudest so many samples have no more
-    if most * level.size * np.vdot(level, level) < (_LOUD * whole) ** 2:
+    if most * level.size * np.vdot(level, level) < (_LOUD * total) ** 2:
         return None
     loud = level > np.float32(BLANKED) * middle(level)
     if np.count_nonzero(loud) > most * loud.size:
@@ -46,4 +46,4 @@ def loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
     widened = ndimage.maximum_filter1d(loud.view(np.uint8), _GAP)
     burst = ndimage.minimum_filter1d(widened, _GAP, origin=-1).view(bool)
     short = np.count_nonzero(burst) <= most * burst.size
-    return burst if short and level[burst].sum() > _LOUD * whole else None
+    return burst if short and level[burst].sum() > _LOUD * total else None
