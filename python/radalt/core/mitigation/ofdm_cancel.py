@@ -27,6 +27,7 @@ from .ofdm.emission import READABLE, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
+from .ofdm.long_prefix import well_placed
 from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
@@ -282,10 +283,20 @@ class OfdmCancel(Mitigation):
                 return self._subtracted(straight, sent, grid.starts, numerology)
             if best > _HOPELESS:
                 return None
-        received = read_thoroughly(grid, clear, received, numerology, unequal=self._unequal)
+        grid, received = self._read(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
         lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
         return self._less(straight, grid, clear, received, lock)
+
+    def _read(
+        self, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
+    ) -> tuple[Grid, Received]:
+        """A frame read thoroughly, with the long prefix where its symbols can be read."""
+        received = read_thoroughly(grid, clear, received, numerology, unequal=self._unequal)
+        placed, received = well_placed(grid, clear, received, numerology)
+        if placed is not grid:
+            received = read_thoroughly(placed, clear, received, numerology, unequal=self._unequal)
+        return placed, received
 
     def _follow(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, followed from the frame before; None if that signal is gone."""

@@ -1,0 +1,53 @@
+"""A long prefix taken for a symbol too late or too early: the symbols between come too late, and tell so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.mitigation.ofdm.acquisition import acquire, find_prefix
+from gnuradio.radalt.core.mitigation.ofdm.demodulator import FIRST, demodulate
+from gnuradio.radalt.core.mitigation.ofdm.lattice import unit
+from gnuradio.radalt.core.mitigation.ofdm.long_prefix import well_placed
+from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
+
+
+def frame():
+    """Grid and elements of a frame of 64QAM, and its numerology."""
+    numerology = Numerology(7.5e6, 15e3)
+    sent = NrEmitter(channel_bandwidth_hz=10e6, seed=6).samples(7500, 7.5e6, np.random.default_rng(5))
+    sent = sent.astype(np.complex64)
+    grid = acquire(
+        sent,
+        find_prefix(sent, numerology),
+        numerology,
+        lambda starts: np.ones((len(starts), 500), dtype=bool),
+    )
+    return grid, np.ones(grid.symbols.shape, dtype=bool), numerology
+
+
+@pytest.mark.parametrize("later", [1, -1])
+def test_symbols_on_the_wrong_side_of_the_long_prefix_are_read(later):
+    grid, clear, numerology = frame()
+    last = np.flatnonzero(np.diff(numerology.halves(grid.starts, grid.first_long)))
+    between = last + (later < 0)
+    ramp = np.ones_like(grid.symbols)
+    # an emitter's long prefix is `later` by a symbol than it was taken for
+    ramp[between] = unit(np.float32(later * numerology.longer) * numerology.turn)
+    step = numerology.useful + numerology.prefix
+    wrong = replace(
+        grid, first_long=grid.first_long - later * step, symbols=grid.symbols * ramp, phase=grid.phase * ramp
+    )
+    received = demodulate(wrong, clear, numerology, FIRST)
+    assert received.misread[between].max() > 0.4
+    placed, finer = well_placed(wrong, clear, received, numerology)
+    assert placed.first_long == pytest.approx(grid.first_long)
+    assert finer.misread.max() < 0.1
+
+
+def test_a_frame_that_is_read_stays_as_it_is():
+    grid, clear, numerology = frame()
+    received = demodulate(grid, clear, numerology, FIRST)
+    same = well_placed(grid, clear, received, numerology)
+    assert same[0] is grid and same[1] is received
