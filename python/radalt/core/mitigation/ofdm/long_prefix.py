@@ -26,7 +26,8 @@ def well_placed(
     ``grid`` and ``received`` as they are.
 
     Acquisition places it by fourth powers, which tell little where the channel fades. A symbol on its wrong side comes
-    too late by what that prefix is longer, and nothing of it can be read.
+    too late or too early by what that prefix is longer, and nothing of it can be read. ``clear`` (L, K) bool tells
+    which elements no return can be in.
     """
     passed = numerology.halves(grid.starts, grid.first_long)
     last = np.flatnonzero(np.diff(passed))
@@ -52,6 +53,7 @@ def well_placed(
                 first_long=grid.first_long + later * (numerology.useful + numerology.prefix),
                 symbols=grid.symbols * turn,
                 phase=grid.phase * turn,
+                angles=grid.angles + angles,
             )
             received = replace(
                 received,
