@@ -563,18 +563,18 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
 def test_beside_bursts_the_network_alone_decides():
     """The quiet part is what the network lives on, and whitening spreads bursts over it.
 
-    In three of these frames NR is found, but other emitters' bursts beside it are read as OFDM, most with many errors.
+    In some of these frames NR is found, but other emitters' bursts beside it are read as OFDM, most with many errors.
     """
     emitters = [
         Interferer(emitter, 0.0, 0.3) for emitter in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=3))
     ]
     rng = np.random.default_rng(32)
-    frames = point_return(W, rng.uniform(3, 1500, 12), dtype=np.complex128)
-    frames += interference_frames(emitters, 12, 7500, W.rate_hz, rng, total_sir_db=-55.0)
+    frames = point_return(W, rng.uniform(3, 1500, 30), dtype=np.complex128)
+    frames += interference_frames(emitters, 30, 7500, W.rate_hz, rng, total_sir_db=-55.0)
     frames = frames.astype(np.complex64)
     hybrid, network = create("hybrid", W), create("tcae", W)
     same = [np.array_equal(hybrid.process(frame), network.process(frame)) for frame in frames]
-    assert hybrid._ofdm.found > hybrid.cancelled and sum(same) >= 10
+    assert hybrid._ofdm.found > hybrid.cancelled and sum(same) >= 27
 
 
 def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch):

@@ -14,15 +14,12 @@ from .ofdm.burst import loud_burst, whole
 from .ofdm.demodulator import (
     AGAIN,
     FIRST,
-    READ,
     Before,
     Received,
     begin,
     demodulate,
     once_more,
 )
-from .ofdm.drift import change_of_all, matters, moves
-from .ofdm.echoes import grown
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, misfit
@@ -32,6 +29,7 @@ from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
 from .ofdm.steady import Reading, Steady, read_on, steady
+from .ofdm.still import still
 from .ofdm.thorough import read_thoroughly
 from .ofdm.tones import without_tones
 
@@ -62,9 +60,6 @@ _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; t
 _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.02  # samples of timing that need no new phases
-_MOST_STILL = 4  # rounds in which the change within symbols is told and taken away
-_WORSE = 1.2  # times the mean error of a frame's symbols: such a round has lost some of those that were read
-_STILLER = 0.8  # of the error is left, for one more
 _READ_ON = 7  # frames that are read with what one told of them, before all is judged anew
 
 
@@ -409,37 +404,9 @@ class OfdmCancel(Mitigation):
     def _still(
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
     ) -> tuple[_Straight, Received]:
-        """Frame and symbols without what a moving channel's change within each symbol spreads over its neighbours."""
-        still, taken = straight, np.zeros_like(received.points)
-        for number in range(_MOST_STILL):
-            drift = change_of_all(received, grid)
-            if drift is None:
-                break
-            change = drift * received.points * received.phase.conj() * grid.used
-            if number and not matters(change - taken, received, grid):
-                break
-            taken = change
-            spread = self._modulator.samples(change, received.weight > 0, grid.starts, numerology)
-            samples = straight.samples - spread * self._modulator.offsets(grid.starts, numerology)
-            symbols = transforms(samples, grid.starts, numerology) * received.phase
-            before = received.noise
-            # a channel that moved may stand still now, so its error says nothing
-            likely = replace(received.as_before(clear & grid.used), steady=0.0)
-            finer = once_more(
-                grid, clear, replace(received, symbols=symbols), numerology, AGAIN, before=likely
-            )
-            error = received.misread.mean()
-            if error < _DOUBTFUL and finer.misread.mean() > max(READ, _WORSE * error):
-                break
-            if finer.noise > before and (number or not moves(received, grid)):
-                break
-            still, received = replace(straight, samples=samples), finer
-            # what that change hid can be read now
-            if received.misread.mean() > READ:
-                received = grown(grid, clear, received, numerology)
-            if received.noise > _STILLER * before:
-                break
-        return still, received
+        """Frame and symbols without the spread of a channel that moves."""
+        samples, received = still(straight.samples, grid, clear, received, numerology, self._modulator)
+        return replace(straight, samples=samples), received
 
     def _less(
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock

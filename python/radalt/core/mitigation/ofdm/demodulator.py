@@ -23,6 +23,7 @@ from .lattice import (
     nearest,
     power,
     sparse,
+    sparse_on_axes,
 )
 from .numerology import Numerology
 from .upright import DOUBTFUL, true_up, turned
@@ -64,6 +65,7 @@ _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _TOUCHED = 0.1  # the same beside them, where it is hardly wrong
+_ON_AXES = 0.25  # of a point's power, in the product of its rails: on the axes it is 0, on the diagonals 0.5
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
@@ -420,6 +422,10 @@ def again(
             chosen[part] = nearest(values[part], dense)
     part = np.flatnonzero(few)
     chosen[part] = sparse(values[part], power(values[part]))
+    before = found.points.ravel()[at[part]]
+    axes = part[np.abs(before.real * before.imag) < _ON_AXES * power(before)]
+    if axes.size:
+        chosen[axes] = sparse_on_axes(values[axes], power(values[axes]))
     cells = _CELLS[kinds]
     cells[part] = FEW_CELL
     np.put(found.points, at, chosen if amplitudes is None else chosen * own)

@@ -29,6 +29,7 @@ __all__ = [
     "power",
     "rounded",
     "sparse",
+    "sparse_on_axes",
     "turn_to_axes",
     "unit",
 ]
@@ -166,6 +167,11 @@ def sparse(values: np.ndarray, level: np.ndarray) -> np.ndarray:
     return out
 
 
+def sparse_on_axes(values: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """The same for `SPARSE_POINTS` turned by an eighth."""
+    return sparse(values * _EIGHTH, level) * _EIGHTH.conj()
+
+
 def at_most_one(error: np.ndarray) -> np.ndarray:
     """(L, K) float32 errors, each at most 1."""
     return np.minimum(error, _row(1.0, error.shape[-1]))
@@ -255,7 +261,7 @@ def turn_to_axes(values: np.ndarray, level: np.ndarray, found: Decisions) -> Non
     odd = np.flatnonzero(found.capped.sum(axis=1) > _DOUBTFUL * found.capped.shape[1])
     if not odd.size:
         return
-    turned = sparse(values[odd] * _EIGHTH, level[odd]) * _EIGHTH.conj()
+    turned = sparse_on_axes(values[odd], level[odd])
     error = power(values[odd] - turned)
     axes = (box(error, BLOCK) < _SPARSE_ERROR) & ~found.few[odd]
     found.points[odd] = np.where(axes, turned, found.points[odd])

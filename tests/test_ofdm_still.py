@@ -1,0 +1,81 @@
+"""A channel that moves: one course for all symbols, and points on the axes that stay there."""
+
+import numpy as np
+import pytest
+
+from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
+from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.mitigation.ofdm import still
+from gnuradio.radalt.core.mitigation.ofdm.demodulator import again
+from gnuradio.radalt.core.mitigation.ofdm.lattice import DENSE, SPARSE_POINTS, decide, nearest
+from gnuradio.radalt.core.waveform import Waveform
+
+W = Waveform()
+TIME_S = np.arange(7500) / 7.5e6
+MIDDLE = slice(600, -600)
+
+
+def test_points_on_the_axes_are_decided_again_on_the_axes():
+    """The primary synchronisation signal is BPSK; in elements that hold the return, too, its points are on the axes."""
+    rng = np.random.default_rng(1)
+    anything = rng.standard_normal((4, 240, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    points = nearest(anything, 64)
+    points[0, :120] = rng.choice([1, -1], 120)
+    points[1, 120:] = rng.choice(SPARSE_POINTS[1:5], 120)
+    heard = points + np.float32(0.01) * anything[::-1]
+    every = np.ones(points.shape, dtype=bool)
+    within = np.abs(np.arange(240) - 119.5) > 12  # blocks of one alphabet
+    found = decide(heard, every, np.zeros(4, dtype=int))
+    np.testing.assert_allclose(found.points[:, within], points[:, within], atol=1e-6)
+    kinds = np.full(points.shape, DENSE.index(64), dtype=np.int8)
+    again(found, heard, np.ones(240, dtype=np.complex64), every, kinds)
+    np.testing.assert_allclose(found.points[:, within], points[:, within], atol=1e-6)
+    assert found.capped[:, within].max() < 0.1
+
+
+def faded_sums(count):
+    """Frames (count, 7500) of a carrier over two paths of opposite Doppler whose sum fades, noise 50 dB below it."""
+    rng = np.random.default_rng(5)
+    turning = np.exp(2j * np.pi * 120.0 * (TIME_S - 0.5e-3))
+    frames = np.empty((count, 7500), dtype=np.complex64)
+    for frame in frames:
+        sent = NrEmitter(channel_bandwidth_hz=10e6, seed=6).samples(7501, 7.5e6, rng)
+        heard = sent[1:] * turning - 0.9 * sent[:-1] * turning.conj()
+        heard /= np.sqrt(np.mean(np.abs(heard) ** 2))
+        noise = rng.standard_normal((7500, 2)).view(np.complex128)[:, 0]
+        frame[:] = heard + 10 ** (-53 / 20) * noise
+    return frames
+
+
+def test_where_the_sum_of_echoes_fades_one_course_of_all_symbols_explains_them(monkeypatch):
+    """Only noise is left, in frames that are given that course, and it is taken where it leaves less."""
+    even, taken = still._evened, []
+
+    def told(samples, grid, clear, received, *others):
+        found = even(samples, grid, clear, received, *others)
+        if found:
+            heard = clear & grid.used
+            assert found[1].noise <= received.noise
+            assert found[1].capped[heard].mean() <= received.capped[heard].mean()
+            np.testing.assert_allclose(np.abs(found[1].phase), 1, atol=1e-5)
+        taken.append(found is not None)
+        return found
+
+    monkeypatch.setattr(still, "_evened", told)
+    frames = faded_sums(6)
+    method = create("ofdm_cancel", W)
+    for frame in frames:
+        method.reset()
+        out = method.process(frame[None])[0]
+        # noise in the elements that may hold a return, and whatever the channel's own noise adds
+        assert np.median(np.abs(out[MIDDLE]) ** 2) < 10 ** (-5.5)
+    assert sum(taken) >= 3
+
+
+def test_a_channel_that_stands_still_is_not_given_a_course(monkeypatch):
+    monkeypatch.setattr(still, "_less", lambda *_: pytest.fail("there is no change within symbols"))
+    rng = np.random.default_rng(7)
+    sent = NrEmitter(channel_bandwidth_hz=10e6, seed=6).samples(7500, 7.5e6, rng)
+    noise = rng.standard_normal((7500, 2)).view(np.complex128)[:, 0] * 10 ** (-53 / 20)
+    out = create("ofdm_cancel", W).process((sent + noise).astype(np.complex64)[None])[0]
+    assert np.median(np.abs(out[MIDDLE]) ** 2) < 10 ** (-5.5)
