@@ -58,6 +58,7 @@ class _OfdmReader(OfdmCancel):
     """Reads a frame and subtracts nothing; each frame for itself."""
 
     _unequal = False  # what QPSK leaves would pass for users of other powers
+    _moving = False  # or for a channel that moves
 
     def read(self, frame: np.ndarray) -> _Ofdm | None:
         """OFDM of an (N,) frame of unit power, None without."""

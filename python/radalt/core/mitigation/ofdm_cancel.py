@@ -28,6 +28,7 @@ from .ofdm.long_prefix import well_placed
 from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
 from .ofdm.ridge import Ridge
+from .ofdm.settled import Returned
 from .ofdm.steady import Reading, Steady, read_on, steady
 from .ofdm.still import still
 from .ofdm.thorough import read_thoroughly
@@ -134,6 +135,7 @@ class OfdmCancel(Mitigation):
     name = "ofdm_cancel"
     style = PlotStyle("#882255", "D", (0, (5, 1, 1, 1)))
     _unequal = True  # whether users may have powers of their own
+    _moving = True  # whether the channel may move
 
     def __init__(self, waveform: Waveform, *, span_m: float | None = None) -> None:
         wide = SPACINGS_HZ[-1]
@@ -152,6 +154,7 @@ class OfdmCancel(Mitigation):
             )
         self.span_m = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         kinds = [Numerology(waveform.rate_hz, spacing_hz) for spacing_hz in SPACINGS_HZ]
+        self._returned = Returned(waveform, self.span_m)
         self._kinds = [(kind, Ridge(waveform, kind, self.span_m)) for kind in kinds]
         super().__init__(waveform)
 
@@ -412,10 +415,17 @@ class OfdmCancel(Mitigation):
         self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock
     ) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
-        sent = emission(received, grid, clear, lock.numerology, lock.sir_db)
+        sent = emission(received, grid, clear, lock.sir_db)
         if sent is None:
             return None
         out = self._subtracted(straight, sent, grid.starts, lock.numerology)
+        if self._moving and received.channel.ndim > 1 and sent.kept is not None:
+            settled = self._returned.settled(
+                straight.samples, straight.turn, grid, clear, received, sent, lock.numerology, self._modulator
+            )
+            if settled is None:
+                return None
+            received, sent, out = settled
         lock.sir_db = sent.sir_db
         lock.before = received.as_before(clear & grid.used)
         # the frame after the first one is judged anew in any case
@@ -431,7 +441,13 @@ class OfdmCancel(Mitigation):
         """(N,) complex64: the frame less what was sent in it, with its carrier again."""
         self.busy, self.misread = sent.busy, sent.misread
         return self._modulator.subtract(
-            straight.samples, straight.turn, sent.elements, sent.readable, starts, numerology
+            straight.samples,
+            straight.turn,
+            sent.elements,
+            sent.readable,
+            starts,
+            numerology,
+            alike=sent.kept is not None,
         )
 
     def _keep(self, lock: _Lock, grid: Grid, received: Received | Reading, usual: float) -> None:

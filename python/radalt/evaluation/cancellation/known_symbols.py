@@ -10,8 +10,7 @@ from scipy.special import erfc
 
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix, transforms
 from ...core.mitigation.ofdm.channel_fit import fit, sums
-from ...core.mitigation.ofdm.lattice import middle, power
-from ...core.mitigation.ofdm.modulator import BLANKED
+from ...core.mitigation.ofdm.lattice import power
 from ...core.mitigation.ofdm_cancel import OfdmCancel
 from ..results.chain import Chain
 from ..results.rows import Columns
@@ -93,9 +92,7 @@ class KnownSymbols(OfdmCancel):
                 samples = frame - spread * self._modulator.offsets(starts, numerology)
         symbols = transforms(samples, starts, numerology) if moving else symbols
         rest = (symbols - channel * points) * ~clear
-        out = samples - self._modulator.samples(symbols - rest, whole, starts, numerology)
-        level = power(out)
-        return out * (level <= np.float32(BLANKED) * middle(level))
+        return self._modulator.subtract(samples, None, symbols - rest, whole, starts, numerology)
 
 
 def placed(frame: np.ndarray, sent: np.ndarray) -> tuple[np.ndarray, int, int]:

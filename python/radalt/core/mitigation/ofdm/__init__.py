@@ -2,5 +2,5 @@
 
 Data flow: `acquisition` finds spacing, timing, carrier, long prefix and phases; `demodulator` estimates the channel and
 decides the subcarriers' points in turns (`lattice`, `channel_fit`); `ridge` separates data and return in the elements
-that hold both.
+that hold both. A channel that moves is estimated once more together with the return (`settled`).
 """

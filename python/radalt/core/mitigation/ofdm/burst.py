@@ -6,7 +6,6 @@ import numpy as np
 from scipy import ndimage
 
 from .lattice import middle, power
-from .modulator import BLANKED
 from .numerology import Numerology
 
 __all__ = ["loud_burst", "whole"]
@@ -14,6 +13,7 @@ __all__ = ["loud_burst", "whole"]
 _SILENT = 0.1  # of the loudest symbol's power: less is silence
 _ENDS = 8  # part of a symbol at either end
 _BEGUN = 0.5  # of the symbol's power, which that part has unless the emitter is silent there
+_LOUDER = 6.0  # times the median power, in a burst
 _LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
 _GAP = 64  # samples that are quiet within a burst, by chance
 
@@ -40,7 +40,7 @@ def loud_burst(frame: np.ndarray, most: float) -> np.ndarray | None:
     # by Cauchy and Schwarz' inequality the loudest so many samples have no more
     if most * level.size * np.vdot(level, level) < (_LOUD * total) ** 2:
         return None
-    loud = level > np.float32(BLANKED) * middle(level)
+    loud = level > np.float32(_LOUDER) * middle(level)
     if np.count_nonzero(loud) > most * loud.size:
         return None
     widened = ndimage.maximum_filter1d(loud.view(np.uint8), _GAP)

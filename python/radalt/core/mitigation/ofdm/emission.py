@@ -8,23 +8,25 @@ import numpy as np
 
 from .acquisition import Grid
 from .demodulator import Received
-from .lattice import FAINT, amid, box, members, middle, power
+from .lattice import FAINT, amid, middle, power
 from .numerology import Numerology
-from .ridge import expected_return, plausible, whitened
+from .ridge import expected_return, plausible, read_around, whitened
 from .under_noise import mean_model
 
-__all__ = ["MISREAD", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
+__all__ = ["PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
 
 READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
 _MOSTLY = 0.45  # median error of the symbols that send; two streams on the same elements have 0.6
+_BADLY = (
+    0.25  # mean error of a longer burst's symbols: what is left then looks like returns at other altitudes
+)
 _SHORT = 0.4  # of a frame's symbols
 _SHORTLY = 0.2  # median error in so short a burst, from which it is better blanked
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-# mean error of a half slot's elements of a subcarrier and its neighbours, whose return is given up
-MISREAD = np.float32(0.2)
-_FEW_BESIDE = 3  # subcarriers
+_MAJORITY = 0.7  # of the elements that hold the return
+_FEWEST_TOLD = 3  # elements of a subcarrier that tell of the receiver, where some regions are misread
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
 _NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
@@ -55,6 +57,8 @@ class Emission:
         Share of the symbols in which the emitter sent.
     sir_db : float or None
         SIR in dB where the return is larger than a cell of the constellation, None elsewhere.
+    kept : (L, K) bool or None
+        Elements that hold the return, which is not subtracted; None where more than a point was subtracted.
     skirts : Skirts or None
         Of its subcarriers.
     misread : float
@@ -65,12 +69,16 @@ class Emission:
     readable: np.ndarray
     busy: float
     sir_db: float | None = None
+    kept: np.ndarray | None = None
     skirts: Skirts | None = None
     misread: float = 0.0
 
 
 def emission(
-    received: Received, grid: Grid, clear: np.ndarray, numerology: Numerology, near_db: float | None
+    received: Received,
+    grid: Grid,
+    clear: np.ndarray,
+    near_db: float | None,
 ) -> Emission | None:
     """What of a demodulated frame may be subtracted; None if too little was read.
 
@@ -89,11 +97,19 @@ def emission(
         not readable.any()
         or middle(misread[sending]) > (_SHORTLY if short else _MOSTLY)
         or np.count_nonzero(readable) < _FEWEST * np.count_nonzero(sending)
+        or (not short and misread[sending].mean() > _BADLY)
     ):
         return None
     rest = received.symbols - received.channel * received.points
     size = power(rest)
     told = (clear & readable[:, None]).astype(np.float32)
+    heard = told * grid.used
+    partly = misread.sum() > PARTLY * misread.size
+    if partly:
+        # regions that are misread tell nothing of the receiver
+        right = amid(received.capped, heard) < _AMISS
+        well = told * right
+        told = np.where(well.sum(axis=0) < _FEWEST_TOLD, told, well)
     noise, level = _over_subcarriers(size, told), _over_subcarriers(own, told)
     left = noise / np.maximum(level, FAINT)
     empty = left > _NOTHING
@@ -109,11 +125,11 @@ def emission(
     # the receiver's skirts stand out of what noise leaves in all subcarriers
     fine = ~empty & (left < min(max(_STANDS_OUT * middle(left), _SKIRT[0]), _SKIRT[1]))
     both = ridge & fine
-    partly = misread.sum() > PARTLY * misread.size
-    heard = told * grid.used
-    asked = both & ~_wrong(received.capped, heard, grid, numerology)
-    if partly:
-        asked &= amid(received.capped, heard) < _AMISS
+    asked = both & right if partly else both
+    # where a return is larger than a cell, most regions look misread
+    read = read_around(received.capped, size, asked)
+    if np.count_nonzero(read) > _MAJORITY * np.count_nonzero(asked):
+        asked = read
     kept, where = expected_return(received, asked, heard, near_db), asked
     if kept is not None and partly:
         # where the return is larger than a cell, misread elements make little difference
@@ -122,15 +138,17 @@ def emission(
     ridge &= empty
     noise /= np.maximum(told.sum(axis=0), 1)
     white = whitened(noise)
-    rest *= plausible(size, asked, ridge, white)
-    sir_db = None
+    weight = plausible(size, asked, ridge, white)
+    rest *= weight
+    sir_db, held = None, weight > 0
     if kept is not None:
         rest[where], sir_db = kept
+        held = None
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
     skirts = Skirts(fine, empty, white)
     busy = np.count_nonzero(sending) / sending.size
-    return Emission(elements, readable, busy, sir_db, skirts, float(misread.mean()))
+    return Emission(elements, readable, busy, sir_db, held, skirts, float(misread.mean()))
 
 
 def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least: float) -> Emission | None:
@@ -158,9 +176,3 @@ def _over_symbols(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def _over_subcarriers(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(K,) weighted sums of (L, K) float32, in one pass."""
     return np.einsum("lk,lk->k", values, weight)
-
-
-def _wrong(capped: np.ndarray, heard: np.ndarray, grid: Grid, numerology: Numerology) -> np.ndarray:
-    """(L, K) bool: subcarriers that were misread in a half slot, by their ``heard`` (L, K) elements."""
-    halves = numerology.halves(grid.starts, grid.first_long)
-    return (box(members(halves) @ ((capped - MISREAD) * heard), _FEW_BESIDE) > 0)[halves]

@@ -25,7 +25,6 @@ __all__ = [
     "decide",
     "few_points",
     "nearest",
-    "of_three",
     "power",
     "rounded",
     "sparse",
@@ -110,16 +109,6 @@ def box(values: np.ndarray, width: int) -> np.ndarray:
             out = out * np.float32(1 / width)
             return out.reshape(padded.shape)[..., :size]
         ahead = ahead[: -count // 2] + ahead[count // 2 :]
-
-
-def of_three(values: np.ndarray) -> np.ndarray:
-    """Sums of (..., K) float32 over each one and its two neighbours, the ends repeated."""
-    out = values.copy()
-    out[..., 1:] += values[..., :-1]
-    out[..., :-1] += values[..., 1:]
-    out[..., 0] += values[..., 0]
-    out[..., -1] += values[..., -1]
-    return out
 
 
 def amid(capped: np.ndarray, heard: np.ndarray) -> np.ndarray:

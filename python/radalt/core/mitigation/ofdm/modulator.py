@@ -12,6 +12,9 @@ __all__ = ["BLANKED", "Modulator"]
 
 BLANKED = 6.0  # times the median power: what is left where symbols meet
 _FEW = 25  # one sample in 25 tells the median
+_REACH = 40  # samples on either side of where symbols meet; the receiver's skirts ring that long
+_SMOOTH = np.full(5, 0.2, dtype=np.float32)  # such samples are judged together
+_LOUDER = 1.3  # times the usual power, in the mean of all places where symbols meet: such samples are blanked
 
 
 class Modulator:
@@ -24,6 +27,7 @@ class Modulator:
     def __init__(self, count: int) -> None:
         self._count = count
         self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
+        self._around: tuple[bytes, np.ndarray] | None = None
 
     def subtract(
         self,
@@ -33,15 +37,38 @@ class Modulator:
         readable: np.ndarray,
         starts: np.ndarray,
         numerology: Numerology,
+        *,
+        alike: bool = True,
     ) -> np.ndarray:
         """(N,) complex64: the frame less the ``model`` (L, K) of its readable symbols, with its carrier again, and
-        blanked where symbols meet."""
+        blanked where symbols meet.
+
+        What is left is ``alike`` in all samples, unless more of the emitter was left where symbols meet.
+        """
         out = frame - self.samples(model, readable, starts, numerology)
         if turn is not None:
             out *= turn.conj()
         level = power(out)
-        out *= level <= np.float32(BLANKED) * middle(level[::_FEW])
+        few = level[::_FEW]
+        most = np.float32(BLANKED * middle(few))
+        kept = level <= most
+        if alike:
+            places, usual = self._meetings(starts, numerology), np.minimum(few, most).mean()
+            total = np.add.reduce(np.minimum(level.take(places), most), axis=0)
+            louder = np.convolve(total, _SMOOTH, mode="same") > _LOUDER * usual * len(places)
+            kept[places[:, louder]] = False
+        out *= kept
         return out
+
+    def _meetings(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
+        """(n, 2 _REACH + 1) int: samples around each place where symbols meet, or begin or end, inside the frame."""
+        key = starts.tobytes()
+        if self._around is None or self._around[0] != key:
+            half = numerology.prefix / 2
+            at = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
+            at = at[(at >= _REACH) & (at < self._count - _REACH)]
+            self._around = key, at[:, None] + np.arange(-_REACH, _REACH + 1)
+        return self._around[1]
 
     def samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology

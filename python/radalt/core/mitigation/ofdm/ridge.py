@@ -9,7 +9,15 @@ from .demodulator import Received
 from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
 from .numerology import Numerology
 
-__all__ = ["FOLD", "Ridge", "expected_return", "most_plausible", "plausible", "whitened"]
+__all__ = [
+    "FOLD",
+    "Ridge",
+    "expected_return",
+    "most_plausible",
+    "plausible",
+    "read_around",
+    "whitened",
+]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
@@ -23,6 +31,11 @@ _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
 _SAMPLE = 4  # one element in four tells the SIR
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
 _TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
+_REGION = 20  # subcarriers that are misread together
+_SPOILT = 0.5  # mean error of such a region, each at most 1; a random one has 0.75
+_DOUBTED = 0.3  # the same of one that is louder than others
+_UNEVEN = 4.0  # times the usual power, in the mean of such a region; a return from rough ground has that, too
+_UNLIKE = 20.0  # times the usual power, more of which tells no more
 _BESIDE = 3  # subcarriers of which noise is alike
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
@@ -73,6 +86,30 @@ def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, white: np
     held = asked | beside
     held &= size < most_plausible(size, asked)
     return held * white
+
+
+def read_around(capped: np.ndarray, size: np.ndarray, asked: np.ndarray) -> np.ndarray:
+    """Bool as ``capped`` (..., K), errors in cells, each at most 1: which of the elements ``asked`` (bool) were read.
+
+    In a region that was misread some elements look like a return by chance; the others tell what they are. Errors
+    alone tell less of the region, as a return makes errors, too; but not with many times the usual ``size`` (power).
+    """
+    count, error = _in_region(asked.astype(np.float32)), _in_region(capped * asked)
+    usual = middle(size[asked]) if asked.any() else 0.0
+    power = _in_region(np.minimum(size, np.float32(_UNLIKE * usual)) * asked)
+    louder = power > np.float32(_UNEVEN * usual) * count
+    return asked & (error <= np.where(louder, np.float32(_DOUBTED), np.float32(_SPOILT)) * count)
+
+
+def _in_region(values: np.ndarray) -> np.ndarray:
+    """Sums of (..., K) float32 in the region of each one, by running sums."""
+    half = _REGION // 2
+    running = values.cumsum(axis=-1)
+    out = np.empty_like(running)
+    out[..., :-half] = running[..., half:]
+    out[..., -half:] = running[..., -1:]
+    out[..., half:] -= running[..., :-half]
+    return out
 
 
 def most_plausible(size: np.ndarray, asked: np.ndarray) -> np.float32:

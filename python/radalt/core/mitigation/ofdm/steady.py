@@ -9,20 +9,18 @@ import numpy as np
 from .acquisition import Grid
 from .channel_fit import fit
 from .demodulator import FINER, SURE, Received, again
-from .emission import MISREAD, PARTLY, Emission
+from .emission import PARTLY, Emission
 from .lattice import (
     Decisions,
     at_most_one,
     few_points,
-    members,
     middle,
-    of_three,
     power,
     rounded,
     turn_to_axes,
 )
 from .numerology import Numerology
-from .ridge import FOLD, most_plausible
+from .ridge import FOLD, most_plausible, read_around
 from .upright import true_up
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
@@ -47,14 +45,12 @@ class Steady:
         Weights of the subcarriers in the symbols' mean errors, and their sums.
     kinds : (L, K) int8
         All one of `DENSE`.
-    at, column, half : (n,) int
-        The other elements: places in (L, K), subcarriers, and places in (half slots, K).
+    at, column : (n,) int
+        The other elements: places in (L, K), and subcarriers.
     fine, empty : (n,) bool
         Which of them hold a return that can be told, and which hold nothing that was sent.
     white : (n,) float32
         Factors that bring their subcarriers' noise down to the usual.
-    doubt : (half slots, K) float32
-        Sums of errors from which a subcarrier is misread.
     misread : float
         Median error of the symbols.
     weight : (L,) float32
@@ -68,11 +64,9 @@ class Steady:
     kinds: np.ndarray
     at: np.ndarray
     column: np.ndarray
-    half: np.ndarray
     fine: np.ndarray
     empty: np.ndarray
     white: np.ndarray
-    doubt: np.ndarray
     misread: float
     weight: np.ndarray
 
@@ -113,8 +107,7 @@ def steady(
     trusted = (clear & grid.used).astype(np.float32)
     level = power(received.channel)
     at = np.flatnonzero(~clear)
-    row, column = np.divmod(at, clear.shape[1])
-    halves = numerology.halves(grid.starts, grid.first_long)
+    column = at % clear.shape[1]
     skirts = sent.skirts
     return Steady(
         clear,
@@ -124,11 +117,9 @@ def steady(
         np.full(clear.shape, likely[0], dtype=np.int8),
         at,
         column,
-        halves[row] * clear.shape[1] + column,
         skirts.fine[column],
         skirts.empty[column],
         skirts.white[column],
-        MISREAD * (members(halves) @ trusted),
         misread,
         received.weight,
     )
@@ -141,7 +132,6 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     points, error = rounded(values, int(known.kinds[0, 0]))
     capped = at_most_one(error)
     misread = (capped * known.trusted) @ known.level / known.told
-    halves = numerology.halves(grid.starts, grid.first_long)
     few = np.zeros(values.shape, dtype=bool)
     odd = np.flatnonzero(misread > _WORSE * known.misread + _FEW)
     if odd.size:  # they have blocks of few points, if no more has changed
@@ -157,7 +147,6 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
         misread[odd] = (found.capped * known.trusted[odd]) @ known.level / known.told[odd]
     if not (misread.max() < _DOUBTFUL and middle(misread) < _WORSE * known.misread + _LEAST):
         return None
-    asked = capped * known.trusted
     sure = (error < SURE) * known.trusted
     model = channel * points
     weight = power(model) * sure
@@ -174,15 +163,15 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     if np.abs(angle).max() > FINER or np.abs(factor - 1).sum() > FINER * factor.size:
         again(Decisions(points, error, capped, few, known.kinds), symbols, channel, ~known.clear, known.kinds)
     at, column = known.at, known.column
-    wrong = of_three(members(halves) @ asked - known.doubt) > 0
-    told = known.fine & ~wrong.ravel().take(known.half)
+    held = capped.ravel().take(at)
     # where the return is wider than a cell, more has to be asked
-    if (capped.ravel().take(at) * told).sum() > FOLD * np.count_nonzero(told):
+    if (held * known.fine).sum() > FOLD * np.count_nonzero(known.fine):
         return None
     here = symbols.ravel().take(at)
     rest = here - channel.take(column) * points.ravel().take(at)
     np.copyto(rest, here, where=known.empty)
     size = power(rest)
+    told = read_around(held, size, known.fine)
     most = most_plausible(size, told)
     told |= known.empty
     told &= size < most

@@ -33,13 +33,20 @@ def read_thoroughly(
     """A frame as it was ``received``, or read with what else may be in it: ``unequal`` powers, a moving channel."""
     received = _turned_back(grid, clear, received, numerology)
     scaled = _scaled(grid, clear, received, numerology) if unequal else None
-    if scaled is not None and scaled.misread.mean() < PARTLY:
+    heard = clear & grid.used
+    if scaled is not None and scaled.misread.mean() < PARTLY and scaled.capped[heard].mean() < PARTLY:
         return scaled
     if received.misread.mean() > READ and (
         moves(received, grid) or astray(received.capped, clear & grid.used).mean() > _HARDLY
     ):
         received = _moving(grid, clear, received, numerology)
-    return scaled if scaled and scaled.misread.mean() < received.misread.mean() else received
+    return scaled if scaled and _less_misread(scaled, received, heard) else received
+
+
+def _less_misread(one: Received, other: Received, heard: np.ndarray) -> bool:
+    """By power and by elements: users' amplitudes make weak elements, which a mean by power hides."""
+    by_power = one.misread.mean() < other.misread.mean()
+    return bool(by_power and one.capped[heard].mean() < other.capped[heard].mean())
 
 
 def _moving(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:

@@ -1,0 +1,151 @@
+"""A channel that moves, estimated together with the return that was found beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import fft
+
+from ...waveform import Waveform
+from .acquisition import Grid, transforms
+from .channel_fit import fit, sums
+from .demodulator import SURE, Received, again, times_of
+from .emission import Emission, emission
+from .lattice import FAINT, Decisions, amid, power
+from .modulator import Modulator
+from .numerology import Numerology
+from .upright import true_up
+
+__all__ = ["Returned"]
+
+_DOPPLER_BINS = 3  # of a half sweep, on the wrong side of no beat: 150 m/s have two
+_FINER = 2  # points per bin of a half sweep
+_EXPLAINED = 0.5  # of the power that was kept, for a return to be one
+_FEWEST = 8  # elements that tell of a return
+_TURNS = 2  # of return and channel
+_ROUNDS = 2  # of points and channel in each
+_ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
+_ORDER = 2  # of the channel's course in time
+_NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
+_LEAST = np.float32(0.01)  # such a weight, at least
+
+
+class Returned:
+    """The return of a frame as a tone in each half sweep, and the channel without it.
+
+    Elements that may hold the return have no say in the channel, as long as the return is not known. Where the channel
+    moves, its course is then extrapolated to them at the frame's ends, and the error of that is larger than the noise.
+    With the return subtracted, as far as it was found, all elements tell of the channel. Return and channel are
+    estimated in turns, which leads to least squares for both.
+    """
+
+    def __init__(self, waveform: Waveform, span_m: float) -> None:
+        self._reference = waveform.reference
+        self._half = waveform.samples_per_half
+        step_hz = waveform.rate_hz / self._half
+        self._most = int(np.ceil(waveform.altitude_to_beat_hz(span_m) / step_hz)) + _DOPPLER_BINS
+
+    def settled(
+        self,
+        samples: np.ndarray,
+        turn: np.ndarray | None,
+        grid: Grid,
+        clear: np.ndarray,
+        received: Received,
+        sent: Emission,
+        numerology: Numerology,
+        modulator: Modulator,
+    ) -> tuple[Received, Emission, np.ndarray] | None:
+        """A frame as it was ``received``, what was ``sent`` in it, and (N,) the frame less that, settled so.
+
+        None if too much of the return was misread: what is left may be anything.
+
+        ``samples`` (N,) is the frame without its carrier, by the factor ``turn`` (N,), and ``clear`` (L, K) bool tells
+        which elements no return can be in. Where no return stands out all is as it was.
+        """
+        held = grid.used & ~clear & sent.readable[:, None]
+        for number in range(_TURNS + 1):
+            out = modulator.subtract(samples, turn, sent.elements, sent.readable, grid.starts, numerology)
+            tones = None if number == _TURNS else self._tones(out, turn)
+            back = tones and _found(tones, held & sent.kept, received, sent, grid, numerology)
+            if back is None:
+                break
+            better = _of_all(received, grid, clear, back, numerology)
+            less = emission(better, grid, clear, None)
+            if less is None or less.kept is None:
+                break
+            received, sent = better, less
+        if np.count_nonzero(held & sent.kept) < _ENOUGH * np.count_nonzero(held):
+            return None
+        return received, sent, out
+
+    def _tones(self, out: np.ndarray, turn: np.ndarray | None) -> list[np.ndarray]:
+        """(N,) complex64 returns of unit power at the strongest beat of either half sweep, without the carrier."""
+        tones, time = [], (np.arange(self._half) - (self._half - 1) / 2) / self._half
+        for half, sign in enumerate((-1, 1)):
+            part = slice(half * self._half, (half + 1) * self._half)
+            bins = _FINER * self._half
+            beats = out[part] * self._reference[part].conj()
+            level = np.abs(fft.fft(beats, bins))
+            asked = sign * np.arange(-_DOPPLER_BINS * _FINER, self._most * _FINER + 1)
+            best = int(asked[level[asked].argmax()])
+            before, at, after = level[[best - 1, best, (best + 1) % bins]]
+            bend = before - 2 * at + after
+            beat = (best + (0.5 * (before - after) / bend if bend < 0 else 0.0)) / _FINER
+            # the phase that is left turns evenly: the slope of its course
+            left = beats * np.exp(-2j * np.pi * beat * time)
+            beat += 12 / (2 * np.pi) * float((left @ time / (left.sum() + FAINT)).imag)
+            tone = np.zeros(out.size, dtype=np.complex64)
+            tone[part] = self._reference[part] * np.exp(2j * np.pi * beat * time)
+            tones.append(tone if turn is None else tone * turn)
+        return tones
+
+
+def _found(
+    tones: list[np.ndarray],
+    held: np.ndarray,
+    received: Received,
+    sent: Emission,
+    grid: Grid,
+    numerology: Numerology,
+) -> np.ndarray | None:
+    """(L, K) complex64 elements of the return that is in the elements ``held`` (L, K, bool); None where none stands
+    out."""
+    kept = (received.symbols - sent.elements * received.phase)[held]
+    parts = [transforms(tone, grid.starts, numerology) * received.phase for tone in tones]
+    basis = np.stack([part[held] for part in parts], axis=1)
+    if len(basis) < _FEWEST:
+        return None
+    gains = np.linalg.lstsq(basis, kept, rcond=None)[0].astype(np.complex64)
+    found = basis @ gains
+    if np.vdot(found, found).real < _EXPLAINED * np.vdot(kept, kept).real:
+        return None
+    return sum(gain * part for gain, part in zip(gains, parts, strict=True))
+
+
+def _of_all(
+    received: Received, grid: Grid, clear: np.ndarray, back: np.ndarray, numerology: Numerology
+) -> Received:
+    """The symbols with points, phases and channel of all elements, of which ``back`` (L, K), the return, was taken."""
+    times, asked = times_of(len(back)), grid.used & (received.weight > 0)[:, None]
+    every, used = np.ones_like(clear), np.broadcast_to(grid.used, clear.shape).astype(np.float32)
+    found = Decisions(
+        received.points.copy(), received.error.copy(), received.capped.copy(), received.few, received.kinds
+    )  # fmt: skip
+    symbols, channel = received.symbols - back, received.channel
+    turns, angles = np.complex64(1), received.angles
+    again(found, symbols, channel, every, received.kinds)
+    for _ in range(_ROUNDS):
+        near = amid(found.capped, used) / _NEAR
+        sure = (asked & (found.error < SURE)) * np.maximum(np.exp(-near * near), _LEAST)
+        agreement = symbols * found.points.conj() * sure
+        turn, angle, _ = true_up(agreement * channel.conj(), numerology)
+        symbols, agreement, turns, angles = symbols * turn, agreement * turn, turns * turn, angles + angle
+        factors = fit(*sums(agreement, power(found.points) * sure, times, _ORDER), _ORDER, 1)
+        channel = sum(times[:, None] ** n * one for n, one in enumerate(factors))
+        again(found, symbols, channel, every, received.kinds)
+    return replace(
+        received, symbols=received.symbols * turns, phase=received.phase * turns, channel=channel,
+        points=found.points, error=found.error, capped=found.capped, angles=angles,
+    )  # fmt: skip
