@@ -96,8 +96,8 @@ def read_around(capped: np.ndarray, size: np.ndarray, asked: np.ndarray) -> np.n
     """
     count, error = _in_region(asked.astype(np.float32)), _in_region(capped * asked)
     usual = middle(size[asked]) if asked.any() else 0.0
-    power = _in_region(np.minimum(size, np.float32(_UNLIKE * usual)) * asked)
-    louder = power > np.float32(_UNEVEN * usual) * count
+    total = _in_region(np.minimum(size, np.float32(_UNLIKE * usual)) * asked)
+    louder = total > np.float32(_UNEVEN * usual) * count
     return asked & (error <= np.where(louder, np.float32(_DOUBTED), np.float32(_SPOILT)) * count)
 
 

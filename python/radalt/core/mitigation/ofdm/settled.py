@@ -25,6 +25,7 @@ _EXPLAINED = 0.5  # of the power that was kept, for a return to be one
 _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
+_DOUBTFUL = 0.1  # mean error of the symbols, each at most 1, with which a return has to stand out
 _ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
 _NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
@@ -59,10 +60,12 @@ class Returned:
     ) -> tuple[Received, Emission, np.ndarray] | None:
         """A frame as it was ``received``, what was ``sent`` in it, and (N,) the frame less that, settled so.
 
-        None if too much of the return was misread: what is left may be anything.
+        None if too much of the return was misread, or too much of the frame and no return stands out: what is left may
+        be anything.
 
         ``samples`` (N,) is the frame without its carrier, by the factor ``turn`` (N,), and ``clear`` (L, K) bool tells
-        which elements no return can be in. Where no return stands out all is as it was.
+        which elements no return can be in. Where no return stands out in a frame that was read
+        all is as it was.
         """
         held = grid.used & ~clear & sent.readable[:, None]
         for number in range(_TURNS + 1):
@@ -70,6 +73,8 @@ class Returned:
             tones = None if number == _TURNS else self._tones(out, turn)
             back = tones and _found(tones, held & sent.kept, received, sent, grid, numerology)
             if back is None:
+                if not number and received.misread.mean() > _DOUBTFUL:
+                    return None
                 break
             better = _of_all(received, grid, clear, back, numerology)
             less = emission(better, grid, clear, None)
