@@ -91,8 +91,8 @@ def plausible(size: np.ndarray, asked: np.ndarray, beside: np.ndarray, white: np
 def read_around(capped: np.ndarray, size: np.ndarray, asked: np.ndarray) -> np.ndarray:
     """Bool as ``capped`` (..., K), errors in cells, each at most 1: which of the elements ``asked`` (bool) were read.
 
-    In a region that was misread some elements look like a return by chance; the others tell what they are. Errors
-    alone tell less of the region, as a return makes errors, too; but not with many times the usual ``size`` (power).
+    In a region that was misread some elements look like a return by chance; the others tell what they are. A strong
+    return makes errors, too. So the limit is lower only where the region has many times the usual ``size`` (power).
     """
     count, error = _in_region(asked.astype(np.float32)), _in_region(capped * asked)
     usual = middle(size[asked]) if asked.any() else 0.0

@@ -45,7 +45,11 @@ class Returned:
         self._reference = waveform.reference
         self._half = waveform.samples_per_half
         step_hz = waveform.rate_hz / self._half
-        self._most = int(np.ceil(waveform.altitude_to_beat_hz(span_m) / step_hz)) + _DOPPLER_BINS
+        most = int(np.ceil(waveform.altitude_to_beat_hz(span_m) / step_hz)) + _DOPPLER_BINS
+        self._bins = np.arange(-_DOPPLER_BINS * _FINER, most * _FINER + 1)  # those of all altitudes
+        self._time = (
+            np.arange(self._half) - (self._half - 1) / 2
+        ) / self._half  # half sweeps from the middle of one
 
     def settled(
         self,
@@ -64,7 +68,7 @@ class Returned:
         be anything.
 
         ``samples`` (N,) is the frame without its carrier, by the factor ``turn`` (N,), and ``clear`` (L, K) bool tells
-        which elements no return can be in. Where no return stands out in a frame that was read
+        which elements no return can be in. Where no return stands out in a frame that was read,
         all is as it was.
         """
         held = grid.used & ~clear & sent.readable[:, None]
@@ -87,13 +91,13 @@ class Returned:
 
     def _tones(self, out: np.ndarray, turn: np.ndarray | None) -> list[np.ndarray]:
         """(N,) complex64 returns of unit power at the strongest beat of either half sweep, without the carrier."""
-        tones, time = [], (np.arange(self._half) - (self._half - 1) / 2) / self._half
+        tones, time = [], self._time
         for half, sign in enumerate((-1, 1)):
             part = slice(half * self._half, (half + 1) * self._half)
             bins = _FINER * self._half
             beats = out[part] * self._reference[part].conj()
             level = np.abs(fft.fft(beats, bins))
-            asked = sign * np.arange(-_DOPPLER_BINS * _FINER, self._most * _FINER + 1)
+            asked = sign * self._bins
             best = int(asked[level[asked].argmax()])
             before, at, after = level[[best - 1, best, (best + 1) % bins]]
             bend = before - 2 * at + after
