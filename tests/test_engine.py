@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -123,6 +124,14 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     end_of(process)
     assert 1 <= len(journal.read_text(encoding="utf-8").splitlines()) < 4
     run(Coins(), Options(tmp_path / "run", resume=True, jobs=2))
+    assert rows_of(tmp_path / "run") == rows_of(whole)
+
+
+@pytest.mark.parametrize("left_out", [1, 40])
+def test_a_journal_that_was_cut_is_completed(whole, tmp_path, left_out):
+    journal = shutil.copytree(whole, tmp_path / "run") / "points.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-left_out])
+    run(Coins(), Options(tmp_path / "run", resume=True, jobs=1))
     assert rows_of(tmp_path / "run") == rows_of(whole)
 
 

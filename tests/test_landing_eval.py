@@ -105,14 +105,12 @@ def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
     arguments = [str(small), "--out", str(out), "--jobs", "1"]
     assert landing_eval.main(arguments) == 0
     whole = {name: (out / name).read_bytes() for name in ("points.jsonl", *TABLES)}
-    # cut in the middle of a line, and at the very last character
     text = whole["points.jsonl"]
-    for cut in (int(0.6 * len(text)), len(text) - 1):
-        (out / "points.jsonl").write_bytes(text[:cut])
-        (out / "curve.csv").write_text("half of")
-        assert landing_eval.main([*arguments, "--resume"]) == 0
-        assert 0 < json.loads((out / "report.json").read_text())["run"]["points_resumed"] < 7
-        assert all((out / name).read_bytes() == whole[name] for name in TABLES)
+    (out / "points.jsonl").write_bytes(text[: int(0.6 * len(text))])  # in the middle of a line
+    (out / "curve.csv").write_text("half of")
+    assert landing_eval.main([*arguments, "--resume"]) == 0
+    assert 0 < json.loads((out / "report.json").read_text())["run"]["points_resumed"] < 7
+    assert all((out / name).read_bytes() == whole[name] for name in TABLES)
     assert landing_eval.main(arguments) == 2
     assert "--resume" in capsys.readouterr().err
     assert landing_eval.main([*arguments, "--resume", "--seed", "4"]) == 2
