@@ -7,17 +7,16 @@ from scipy import ndimage
 
 from .lattice import (
     BLOCK,
-    CELL,
     DENSE,
     FAINT,
     FEW_CELL,
-    SCALE,
     Decisions,
     at_most_one,
     box,
     members,
     power,
     rounded,
+    rounded_each,
     sparse,
 )
 
@@ -38,9 +37,6 @@ _CLEARLY = np.float32(0.8)  # of a window's error, for another one to be taken
 _FAR_BETTER = np.float32(0.02)  # of the error of few points, for square QAM to be taken in their place
 _EVENLY = 25  # subcarriers in most of which no user begins
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
-_SCALES = np.array([SCALE[dense] for dense in DENSE], dtype=np.float32)
-_TOPS = np.array([np.sqrt(dense) / 2 - 1 for dense in DENSE], dtype=np.float32)
-_CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
 def decide_scaled(
@@ -169,7 +165,7 @@ def _best(
     least = None
     for amplitude, kinds in tried:
         here = amplitude[halves]
-        points, error = _rounded(values / here, kinds[halves])
+        points, error = rounded_each(values / here, kinds, halves)
         wrong = box(within @ (at_most_one(error) * asked), narrow) / told
         new = amplitude, kinds, points * here, error
         if least is None:
@@ -180,16 +176,6 @@ def _best(
         each = better[halves]
         kept = [np.where(b, n, o) for b, n, o in zip((better, better, each, each), new, kept, strict=True)]
     return tuple(kept)
-
-
-def _rounded(values: np.ndarray, kinds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest points to (L, K) complex64, each of its own one of `DENSE`, and squared distances in its cells."""
-    step = 2 * _SCALES[kinds][..., None]
-    top = _TOPS[kinds][..., None]
-    rails = np.floor(np.ascontiguousarray(values).view(np.float32).reshape(*values.shape, 2) / step)
-    np.clip(rails, -top - 1, top, out=rails)
-    points = ((rails + np.float32(0.5)) * step).view(np.complex64)[..., 0]
-    return points, power(values - points) / _CELLS[kinds]
 
 
 def _moved(values: np.ndarray, aside: int) -> np.ndarray:

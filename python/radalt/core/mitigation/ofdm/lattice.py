@@ -27,6 +27,7 @@ __all__ = [
     "nearest",
     "power",
     "rounded",
+    "rounded_each",
     "sparse",
     "sparse_on_axes",
     "turn_to_axes",
@@ -41,6 +42,9 @@ _TOP = {m: np.float32(np.sqrt(m) / 2 - 1) for m in SCALE}  # cells above the axe
 CELL = {
     m: np.float32(2 * (2 * SCALE[m]) ** 2 / 12) for m in DENSE
 }  # squared error of a number anywhere in a cell
+_STEPS = np.array([2 * SCALE[m] for m in DENSE], dtype=np.float32)
+_TOPS = np.array([_TOP[m] for m in DENSE], dtype=np.float32)
+_CELLS = np.array([CELL[m] for m in DENSE], dtype=np.float32)
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
@@ -126,8 +130,8 @@ def nearest(values: np.ndarray, points: int) -> np.ndarray:
     np.floor(rails, out=rails)
     top = _TOP[points]
     if rails.ndim > 1:
-        np.maximum(rails, _row(-top - 1, rails.shape[-1]), out=rails)
-        np.minimum(rails, _row(top, rails.shape[-1]), out=rails)
+        np.maximum(rails, _filled(-top - 1, rails.shape), out=rails)
+        np.minimum(rails, _filled(top, rails.shape), out=rails)
     else:
         np.maximum(rails, -top - 1, out=rails)
         np.minimum(rails, top, out=rails)
@@ -137,11 +141,11 @@ def nearest(values: np.ndarray, points: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _row(value: float, count: int) -> np.ndarray:
-    """(count,) float32, read-only, of one value: a limit given as a row costs a quarter of one given as a number."""
-    row = np.full(count, value, dtype=np.float32)
-    row.setflags(write=False)
-    return row
+def _filled(value: float, shape: tuple[int, ...]) -> np.ndarray:
+    """float32, read-only, of one value: such a limit costs a third of one given as a number."""
+    filled = np.full(shape, value, dtype=np.float32)
+    filled.setflags(write=False)
+    return filled
 
 
 def sparse(values: np.ndarray, level: np.ndarray) -> np.ndarray:
@@ -163,7 +167,7 @@ def sparse_on_axes(values: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 def at_most_one(error: np.ndarray) -> np.ndarray:
     """(L, K) float32 errors, each at most 1."""
-    return np.minimum(error, _row(1.0, error.shape[-1]))
+    return np.minimum(error, _filled(1.0, error.shape))
 
 
 @lru_cache(maxsize=8)
@@ -285,22 +289,55 @@ def _judged(
     values: np.ndarray, asked: np.ndarray, halves: np.ndarray, within: np.ndarray, kinds: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, errors and kinds of all elements as members of `DENSE`, judged from the ``asked`` (L, K) ones."""
-    points, errors = zip(*(rounded(values, kind) for kind in range(len(DENSE))), strict=True)
     if kinds is None:
-        score = np.stack([within @ (at_most_one(error) * asked) for error in errors])
-        common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)
-        score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
-        score += _SUBCARRIER * score.sum(axis=1, keepdims=True)
-        kinds = (score + _FRAME * common[:, None, None]).argmin(axis=0).astype(np.int8)
-    usual = int(kinds[0, kinds.shape[1] // 2])
-    chosen, error = points[usual], errors[usual]
-    for kind in range(len(DENSE)):
-        here = kinds == kind
-        if kind != usual and here.any():
-            here = here[halves]
-            np.copyto(chosen, points[kind], where=here)
-            np.copyto(error, errors[kind], where=here)
-    return chosen, error, kinds
+        kinds = _kinds(values, asked, within)
+    return *rounded_each(values, kinds, halves), kinds
+
+
+def _kinds(values: np.ndarray, asked: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """(half slots, K) int8: which of `DENSE` explains the ``asked`` (L, K) elements best."""
+    rails = np.ascontiguousarray(values).view(np.float32)
+    score = np.empty((len(DENSE), len(within), values.shape[1]), dtype=np.float32)
+    away, whole = np.empty_like(rails), np.empty_like(rails)
+    for one, dense in zip(score, DENSE, strict=True):
+        np.multiply(rails, np.float32(0.5) / SCALE[dense], out=away)
+        np.floor(away, out=whole)
+        np.maximum(whole, _filled(-_TOP[dense] - 1, whole.shape), out=whole)
+        np.minimum(whole, _filled(_TOP[dense], whole.shape), out=whole)
+        whole += np.float32(0.5)
+        away -= whole
+        away *= away
+        error = away[:, ::2] + away[:, 1::2]
+        error *= (2 * SCALE[dense]) ** 2 / CELL[dense]
+        error = at_most_one(error)
+        error *= asked
+        np.matmul(within, error, out=one)
+    common = score.sum(axis=(1, 2)) / max(float(asked.sum()), 1.0)
+    score = box(score.reshape(-1, score.shape[-1]), _ONE_USER).reshape(score.shape)
+    score += _SUBCARRIER * score.sum(axis=1, keepdims=True)
+    score += _FRAME * common[:, None, None]
+    kinds, least = np.zeros(score.shape[1:], dtype=np.int8), score[0]
+    for kind, one in enumerate(score[1:], 1):  # argmin over the first axis takes five times that
+        np.putmask(kinds, one < least, kind)
+        least = np.minimum(least, one)
+    return kinds
+
+
+def rounded_each(values: np.ndarray, kinds: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `rounded`, for (L, K) values each of one of `DENSE`: the half slots' ``kinds`` (half slots, K) int."""
+    rails = np.repeat(kinds, 2, axis=1)
+    step, top = (each.take(rails).take(halves, axis=0) for each in (_STEPS, _TOPS))
+    points = np.ascontiguousarray(values).view(np.float32) / step
+    np.floor(points, out=points)
+    np.minimum(points, top, out=points)
+    top += 1
+    np.maximum(points, np.negative(top, out=top), out=points)
+    points += np.float32(0.5)
+    points *= step
+    points = points.view(np.complex64)
+    error = power(values - points)
+    error /= _CELLS.take(kinds).take(halves, axis=0)
+    return points, error
 
 
 def misread(capped: np.ndarray, clear: np.ndarray, channel: np.ndarray) -> np.ndarray:

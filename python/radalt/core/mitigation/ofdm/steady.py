@@ -13,6 +13,7 @@ from .emission import PARTLY, Emission
 from .lattice import (
     Decisions,
     at_most_one,
+    decide,
     few_points,
     middle,
     power,
@@ -33,7 +34,8 @@ _SENDS = 0.2  # of a symbol's usual weight
 
 @dataclass(frozen=True)
 class Steady:
-    """What one frame tells of the next ones: one alphabet beside few points, a channel that stands still.
+    """What one frame tells of the next ones: a channel that stands still, and the alphabet if there is one beside few
+    points.
 
     Attributes
     ----------
@@ -43,8 +45,8 @@ class Steady:
         1 for those of them that are in use.
     level, told : (K,), (L,) float32
         Weights of the subcarriers in the symbols' mean errors, and their sums.
-    kinds : (L, K) int8
-        All one of `DENSE`.
+    kind : int or None
+        The one of `DENSE` that most elements have; None if users have several, which may be others in each slot.
     at, column : (n,) int
         The other elements: places in (L, K), and subcarriers.
     fine, empty : (n,) bool
@@ -61,7 +63,7 @@ class Steady:
     trusted: np.ndarray
     level: np.ndarray
     told: np.ndarray
-    kinds: np.ndarray
+    kind: int | None
     at: np.ndarray
     column: np.ndarray
     fine: np.ndarray
@@ -91,11 +93,13 @@ def steady(
     sent: Emission,
     numerology: Numerology,
 ) -> Steady | None:
-    """What a frame that was ``received`` tells of the next ones; None unless it was read well and has one alphabet,
-    ``likely`` as in `Before`."""
+    """What a frame that was ``received`` tells of the next ones; None unless it was read well, with users of one power.
+
+    ``likely`` is as in `Before`.
+    """
     misread = middle(received.misread)
     if (
-        likely is None
+        received.amplitudes is not None
         or sent.skirts is None
         or sent.sir_db is not None
         or received.channel.ndim > 1
@@ -114,7 +118,7 @@ def steady(
         trusted,
         level,
         trusted @ level,
-        np.full(clear.shape, likely[0], dtype=np.int8),
+        likely[0] if likely else None,
         at,
         column,
         skirts.fine[column],
@@ -128,23 +132,8 @@ def steady(
 def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None:
     """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise."""
     symbols, channel = grid.symbols, grid.channel
-    values = symbols * (1 / channel)
-    points, error = rounded(values, int(known.kinds[0, 0]))
-    capped = at_most_one(error)
-    misread = (capped * known.trusted) @ known.level / known.told
-    few = np.zeros(values.shape, dtype=bool)
-    odd = np.flatnonzero(misread > _WORSE * known.misread + _FEW)
-    if odd.size:  # they have blocks of few points, if no more has changed
-        part = values[odd]
-        level = power(part)
-        chosen, far, some = few_points(part, level)
-        found = Decisions(
-            np.where(some, chosen, points[odd]), np.where(some, far, error[odd]), None, some, None
-        )
-        found.capped = at_most_one(found.error)
-        turn_to_axes(part, level, found)
-        points[odd], error[odd], capped[odd], few[odd] = found.points, found.error, found.capped, some
-        misread[odd] = (found.capped * known.trusted[odd]) @ known.level / known.told[odd]
+    found, misread = _decided(known, grid, symbols * (1 / channel), numerology)
+    points, error, capped = found.points, found.error, found.capped
     if not (misread.max() < _DOUBTFUL and middle(misread) < _WORSE * known.misread + _LEAST):
         return None
     sure = (error < SURE) * known.trusted
@@ -161,7 +150,7 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     factor = fit(agreement.sum(axis=0)[None], weight.sum(axis=0)[None], 0, 1)[0]
     channel = channel * factor
     if np.abs(angle).max() > FINER or np.abs(factor - 1).sum() > FINER * factor.size:
-        again(Decisions(points, error, capped, few, known.kinds), symbols, channel, ~known.clear, known.kinds)
+        again(found, symbols, channel, ~known.clear, found.kinds)
     at, column = known.at, known.column
     held = capped.ravel().take(at)
     # where the return is wider than a cell, more has to be asked
@@ -179,3 +168,31 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     symbols.ravel()[at] -= rest
     symbols *= phase.conj()
     return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))
+
+
+def _decided(
+    known: Steady, grid: Grid, values: np.ndarray, numerology: Numerology
+) -> tuple[Decisions, np.ndarray]:
+    """Decisions, with kinds (L, K), and the symbols' mean errors (L,)."""
+    if known.kind is None:
+        halves = numerology.halves(grid.starts, grid.first_long)
+        found = decide(values, known.trusted > 0, halves)
+        found.kinds = found.kinds[halves]
+        return found, (found.capped * known.trusted) @ known.level / known.told
+    points, error = rounded(values, known.kind)
+    capped = at_most_one(error)
+    misread = (capped * known.trusted) @ known.level / known.told
+    few = np.zeros(values.shape, dtype=bool)
+    odd = np.flatnonzero(misread > _WORSE * known.misread + _FEW)
+    if odd.size:  # they have blocks of few points, if no more has changed
+        part = values[odd]
+        level = power(part)
+        chosen, far, some = few_points(part, level)
+        found = Decisions(
+            np.where(some, chosen, points[odd]), np.where(some, far, error[odd]), None, some, None
+        )
+        found.capped = at_most_one(found.error)
+        turn_to_axes(part, level, found)
+        points[odd], error[odd], capped[odd], few[odd] = found.points, found.error, found.capped, some
+        misread[odd] = (found.capped * known.trusted[odd]) @ known.level / known.told[odd]
+    return Decisions(points, error, capped, few, np.full(values.shape, known.kind, dtype=np.int8)), misread
