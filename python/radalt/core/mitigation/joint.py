@@ -11,6 +11,7 @@ from ..waveform import Waveform
 from .ofdm.acquisition import Grid, transforms
 from .ofdm.demodulator import AGAIN, MORE, Received, once_more
 from .ofdm.echoes import grown
+from .ofdm.first_reading import straightened
 from .ofdm.gain import misfit
 from .ofdm.lattice import DENSE
 from .ofdm_cancel import OfdmCancel
@@ -76,7 +77,7 @@ class _OfdmReader(OfdmCancel):
 
     def again(self, ofdm: _Ofdm, frame: np.ndarray) -> _Ofdm:
         """The same read once more, from a ``frame`` (N,) of which more is known."""
-        samples = self._without(frame, ofdm.lock.carrier, ofdm.lock.numerology).samples
+        samples = straightened(frame, ofdm.lock.carrier, ofdm.lock.numerology).samples
         numerology, before = ofdm.lock.numerology, ofdm.received
         symbols = transforms(samples, ofdm.grid.starts, numerology) * before.phase
         before = _upright(replace(before, symbols=symbols), ofdm.clear & ofdm.grid.used)
@@ -110,7 +111,7 @@ class _OfdmReader(OfdmCancel):
         alphabets = [(DENSE[int(np.median(received.kinds[row]))],) for row in rows]
 
         def errors(frame: np.ndarray) -> np.ndarray:
-            straight = self._without(frame, ofdm.lock.carrier, numerology).samples
+            straight = straightened(frame, ofdm.lock.carrier, numerology).samples
             values = transforms(straight, grid.starts[rows], numerology) * factor
             parts = zip(values[:, None], asked[:, None], alphabets, strict=True)
             return np.array([misfit(*part) for part in parts])

@@ -9,18 +9,17 @@ import numpy as np
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, acquire, carrier_step, course, find_prefix, retuned, transforms
+from .ofdm.acquisition import Grid, carrier_step, course, find_prefix, transforms
 from .ofdm.burst import loud_burst, whole
 from .ofdm.demodulator import (
     AGAIN,
-    FIRST,
     Before,
     Received,
-    begin,
     demodulate,
     once_more,
 )
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
+from .ofdm.first_reading import TURNS, Opened, Straight, straightened
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
@@ -49,13 +48,10 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
 _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
-_NOISE = 0.55  # the same in the first turn: noise leaves 0.6 and more, what is read in the end 0.35
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 8  # from then on one frame in eight is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
 _LOST = 0.25  # of a frame's symbols: an emitter that is looked for anew
-_STRAIGHT = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
-_TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
 _ASKED = 7  # one subcarrier in seven tells the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # one subcarrier in three tells the symbols' phases
@@ -84,14 +80,6 @@ class _Lock:
     read_on: int = 0
     front_end: FrontEnd | None = None
     heard_through: bool = False  # whether the front end was looked for
-
-
-@dataclass(frozen=True)
-class _Straight:
-    """A frame's samples (N,) without the carrier, and the factor (N,) that took it out; None if it was negligible."""
-
-    samples: np.ndarray
-    turn: np.ndarray | None
 
 
 class OfdmCancel(Mitigation):
@@ -245,35 +233,27 @@ class OfdmCancel(Mitigation):
             self.busy = np.count_nonzero(burst) / burst.size
             return np.where(burst, 0, frame)
         self._vain += 1
-        carrier = prefix.carrier
-        straight = self._without(frame, carrier, numerology)
-        grid = acquire(straight.samples, prefix, numerology, lambda starts: ridge.clear(starts, carrier))
+        opened = Opened(frame, prefix, numerology, ridge)
+        straight, grid = opened.straight, opened.grid
         own = power(grid.symbols)
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return None
-        clear = ridge.clear(grid.starts, carrier)
+        clear = opened.clear_of(grid.starts)
         beside = clear & grid.used
         with_return = ~clear & grid.used
         shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
         if next(shares) < _BESIDE * next(shares):
             return None
         clear = clear & whole(straight.samples, grid.starts, numerology)[:, None]
-        received, begun = None, begin(grid, clear, numerology, FIRST[0], limit=_NOISE)
-        if begun:
-            # known far better than from fourth powers
-            step = carrier_step(begun.grid.angles, begun.weight, numerology)
-            if _STRAIGHT < abs(step) < _TURNS:
-                carrier += step
-                straight = self._without(frame, carrier, numerology)
-                spectra = transforms(straight.samples, grid.starts, numerology)
-                grid = retuned(grid, spectra, step, numerology)
-                begun = replace(begun, grid=retuned(begun.grid, spectra, step, numerology))
-            received = demodulate(grid, clear, numerology, FIRST, begun=begun)
-        best = received.misread.min() if received else 1.0
+        first = opened.read()
+        if first is not None:
+            straight, grid, clear, received = first.straight, first.grid, first.clear, first.received
+        best = first.received.misread.min() if first else 1.0
         if best > _UNSURE:
             least = 0.0
             if best <= _HOPELESS:
+                own, beside = power(grid.symbols), clear & grid.used
                 rest = received.symbols - received.channel * received.points
                 least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
             sent = faint_emission(grid, clear, numerology, least)
@@ -283,7 +263,7 @@ class OfdmCancel(Mitigation):
                 return None
         grid, received = self._read(grid, clear, received, numerology)
         straight, received = self._still(straight, grid, clear, received, numerology)
-        lock = _Lock(numerology, ridge, grid.first_long, carrier, grid.channel, grid.used)
+        lock = _Lock(numerology, ridge, grid.first_long, first.carrier, grid.channel, grid.used)
         return self._less(straight, grid, clear, received, lock)
 
     def _read(
@@ -303,7 +283,7 @@ class OfdmCancel(Mitigation):
         if lock.front_end:
             frame = lock.front_end.without(frame)
         starts, ramp = self._ramp(lock)
-        straight = self._without(frame, lock.carrier, numerology)
+        straight = straightened(frame, lock.carrier, numerology)
         symbols = transforms(straight.samples, starts, numerology) * ramp
         clear = lock.ridge.clear(starts, lock.carrier)
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
@@ -353,7 +333,7 @@ class OfdmCancel(Mitigation):
         return self._less(straight, grid, clear, received, lock)
 
     def _front_end(
-        self, straight: _Straight, grid: Grid, received: Received, numerology: Numerology
+        self, straight: Straight, grid: Grid, received: Received, numerology: Numerology
     ) -> FrontEnd | None:
         """What the receiver adds, by the symbols of a frame that were read."""
         elements = received.channel * received.points * received.phase.conj()
@@ -389,30 +369,15 @@ class OfdmCancel(Mitigation):
             self._phases = lock.first_long, starts, unit(-late[:, None] * lock.numerology.turn)
         return self._phases[1:]
 
-    @staticmethod
-    def _without(frame: np.ndarray, carrier: float, numerology: Numerology) -> _Straight:
-        """The frame without a carrier of so many subcarriers, as it is where that is negligible."""
-        if abs(carrier) < _STRAIGHT:
-            return _Straight(frame, None)
-        # a product of few long and few short steps
-        step = -2j * np.pi * carrier / numerology.useful
-        short = int(np.sqrt(frame.size)) + 1
-        few = np.arange(short)
-        turn = np.exp(step * short * few).astype(np.complex64)[:, None] * np.exp(step * few).astype(
-            np.complex64
-        )
-        turn = turn.ravel()[: frame.size]
-        return _Straight(frame * turn, turn)
-
     def _still(
-        self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
-    ) -> tuple[_Straight, Received]:
+        self, straight: Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
+    ) -> tuple[Straight, Received]:
         """Frame and symbols without the spread of a channel that moves."""
         samples, received = still(straight.samples, grid, clear, received, numerology, self._modulator)
         return replace(straight, samples=samples), received
 
     def _less(
-        self, straight: _Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock
+        self, straight: Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock
     ) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
         sent = emission(received, grid, clear, lock.sir_db)
@@ -436,7 +401,7 @@ class OfdmCancel(Mitigation):
         return out
 
     def _subtracted(
-        self, straight: _Straight, sent: Emission, starts: np.ndarray, numerology: Numerology
+        self, straight: Straight, sent: Emission, starts: np.ndarray, numerology: Numerology
     ) -> np.ndarray:
         """(N,) complex64: the frame less what was sent in it, with its carrier again."""
         self.busy, self.misread = sent.busy, sent.misread
@@ -454,7 +419,7 @@ class OfdmCancel(Mitigation):
         """Keep what the next frame needs."""
         numerology, samples = lock.numerology, self.waveform.samples_per_frame
         step = carrier_step(received.angles, received.weight, numerology)
-        step = step if abs(step) < _TURNS else 0.0
+        step = step if abs(step) < TURNS else 0.0
         # angle of the carrier at the frame's end, modulo a quarter turn
         left = 2 * np.pi / numerology.useful * (samples - grid.starts - numerology.useful / 2)
         ahead = np.angle(received.weight @ np.exp(4j * (received.angles + step * left))) / 4

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -16,6 +16,7 @@ __all__ = [
     "Grid",
     "Prefix",
     "acquire",
+    "acquired",
     "carrier_step",
     "course",
     "find_prefix",
@@ -31,6 +32,10 @@ _AS_LARGE = 0.8  # of the sum over fewer, for those to be averaged
 _COURSES = 512  # carriers tried
 _COARSELY = 64  # the same where one of sixteen leaps is sought
 _SQUARINGS = 5  # of Gram matrices: of an eigenvalue of 0.9 times the largest 0.03 are left
+_PLACES = 3  # of the long prefix, in which a frame may be read
+_AS_LIKELY = (
+    0.98  # of the largest eigenvalue: bursts of eight symbols have that at other places, whole frames 0.95
+)
 _IN_STEP = 0.8  # of the sum without regard to phase
 _SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
 _LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
@@ -147,12 +152,23 @@ def acquire(
     numerology: Numerology,
     clear_of: Callable[[np.ndarray], np.ndarray],
 ) -> Grid:
-    """Symbols, long prefix and phases of a frame whose carrier offset is removed.
+    """The first of `acquired`."""
+    return next(acquired(frame, prefix, numerology, clear_of))
+
+
+def acquired(
+    frame: np.ndarray,
+    prefix: Prefix,
+    numerology: Numerology,
+    clear_of: Callable[[np.ndarray], np.ndarray],
+) -> Iterator[Grid]:
+    """Symbols, long prefix and phases of a frame whose carrier offset is removed; the likeliest place of that prefix
+    first, then up to two others that are nearly as likely.
 
     ``clear_of(starts)`` tells which elements (L, K) no return can be in. The fourth power removes the data from QPSK
     and QAM. What is left is alike in all symbols only if they are taken at the right times. All places of the long
-    prefix are tried, and the one where the symbols agree best is kept, by the largest eigenvalue of their Gram matrix;
-    its eigenvector holds the symbols' phases.
+    prefix are tried. The symbols agree best at the right one, by the largest eigenvalue of their Gram matrix; its
+    eigenvector holds the symbols' phases. The symbols of a burst may be too few to tell.
     """
     middles = prefix.middle % numerology.spacing + numerology.spacing * np.arange(
         -1, frame.size // numerology.useful + 1
@@ -186,40 +202,40 @@ def acquire(
     between = np.abs(passed[:, :, None] - passed[:, None, :])
     gram = apart[between, np.maximum.outer(index, index), np.minimum.outer(index, index)]
     gram.imag *= np.sign(np.subtract.outer(index, index))  # the upper half is the lower one's conjugate
-    place, vector = _strongest(gram)
-    passed = passed[place]
-    fourth *= turns[passed]
-    turned = course(vector, passed)
-    phase = unit((longer[passed] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
-    upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * fourth
-    return Grid(
-        starts,
-        float(
-            starts[0]
-            + place * (numerology.useful + numerology.prefix)
-            + (numerology.longer if place else 0.0)
-        ),
-        symbols * phase,
-        phase,
-        _channel(upright.sum(axis=0), level, numerology),
-        used,
-        turned / 4,
-        lambda part: _channel(upright[part].sum(axis=0), level, numerology),
-    )
+    for place, vector in _strongest(gram):
+        before = passed[place]
+        turned = course(vector, before)
+        phase = unit((longer[before] - late) * numerology.turn - (turned / 4).astype(np.float32)[:, None])
+        upright = np.exp(-1j * turned)[:, None].astype(np.complex64) * rows[before, index]
+        first_long = starts[0] + place * (numerology.useful + numerology.prefix)
+        yield Grid(
+            starts,
+            float(first_long + (numerology.longer if place else 0.0)),
+            symbols * phase,
+            phase,
+            _channel(upright.sum(axis=0), level, numerology),
+            used,
+            turned / 4,
+            lambda part, upright=upright: _channel(upright[part].sum(axis=0), level, numerology),
+        )
 
 
-def _strongest(gram: np.ndarray) -> tuple[int, np.ndarray]:
-    """Which of Hermitian matrices (n, L, L) of one trace has the largest eigenvalue, and its eigenvector (L,).
+def _strongest(gram: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Which of Hermitian matrices (n, L, L) of one trace have the largest eigenvalues, and their eigenvectors (L,).
 
-    High powers of a matrix have that eigenvalue alone: a solver's steps take four times as long.
+    The largest first, then at most two that are hardly smaller. High powers of a matrix have that eigenvalue alone: a
+    solver's steps take four times as long.
     """
     # no power is too large for a number, nor too small
     powers = gram * (4 / max(gram[0].trace().real, FAINT))
     for _ in range(_SQUARINGS):
         powers = powers @ powers
     diagonals = np.einsum("nii->ni", powers).real
-    place = int(diagonals.sum(axis=1).argmax())
-    return place, powers[place, :, diagonals[place].argmax()]
+    high = diagonals.sum(axis=1)
+    order = np.argsort(-high, kind="stable")[:_PLACES]
+    least = _AS_LIKELY ** (2**_SQUARINGS) * high[order[0]]
+    likely = [place for place in order if place == order[0] or high[place] >= least]
+    return [(int(place), powers[place, :, diagonals[place].argmax()]) for place in likely]
 
 
 def retuned(grid: Grid, spectra: np.ndarray, step: float, numerology: Numerology) -> Grid:
