@@ -21,7 +21,7 @@ from .ofdm.demodulator import (
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
 from .ofdm.first_reading import TURNS, Opened, Straight, straightened
 from .ofdm.front_end import FrontEnd, front_end
-from .ofdm.gain import gain, misfit
+from .ofdm.gain import gain, usual_misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.long_prefix import well_placed
 from .ofdm.modulator import BLANKED, Modulator
@@ -303,7 +303,7 @@ class OfdmCancel(Mitigation):
         asked = trusted[:, some]
         values = symbols[:, some] * (1 / channel[some])
         usual = (DENSE[lock.before.likely[0]],) if lock.before.likely else DENSE
-        if misfit(values, asked, usual) > _PREDICTED and misfit(values, asked) > _PREDICTED:
+        if usual_misfit(values, asked, usual) > _PREDICTED and usual_misfit(values, asked) > _PREDICTED:
             angle = self._angles(symbols, starts, clear, lock)
             if angle is None:
                 return None

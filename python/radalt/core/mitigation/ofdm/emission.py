@@ -36,11 +36,11 @@ _STANDS_OUT = 4.0  # times the median
 
 @dataclass(frozen=True)
 class Skirts:
-    """Subcarriers (K,) that are ``fine``, or ``empty`` (bool), and the factors that make their noise ``white``."""
+    """Subcarriers (K,) that are ``fine``, or ``empty`` (bool), and the power of their ``noise``."""
 
     fine: np.ndarray
     empty: np.ndarray
-    white: np.ndarray
+    noise: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,7 @@ def emission(
     # where no return can be, and where it was misread, all of an element goes
     ridge &= empty
     noise /= np.maximum(told.sum(axis=0), 1)
-    white = whitened(noise)
-    weight = plausible(size, asked, ridge, white)
+    weight = plausible(size, asked, ridge, whitened(noise))
     rest *= weight
     sir_db, held = None, weight > 0
     if kept is not None:
@@ -146,7 +145,7 @@ def emission(
         held = None
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
-    skirts = Skirts(fine, empty, white)
+    skirts = Skirts(fine, empty, noise)
     busy = np.count_nonzero(sending) / sending.size
     return Emission(elements, readable, busy, sir_db, held, skirts, float(misread.mean()))
 

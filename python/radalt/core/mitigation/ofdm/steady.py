@@ -21,7 +21,7 @@ from .lattice import (
     turn_to_axes,
 )
 from .numerology import Numerology
-from .ridge import FOLD, most_plausible, read_around
+from .ridge import FOLD, most_plausible, read_around, whitened
 from .upright import true_up
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
@@ -29,7 +29,7 @@ __all__ = ["Reading", "Steady", "read_on", "steady"]
 _DOUBTFUL = 0.1  # mean error of a symbol in cells, each at most 1, from which all is judged anew
 _WORSE, _LEAST = 1.5, 0.01  # the same of the median symbol, over that of the frame in which all was judged
 _FEW = 0.003  # the same of a symbol that may have blocks of few points, read as others
-_SENDS = 0.2  # of a symbol's usual weight
+_SENDS = 0.05  # of a symbol's usual weight; beside a synchronisation block little is in use
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,10 @@ class Steady:
         The other elements: places in (L, K), and subcarriers.
     fine, empty : (n,) bool
         Which of them hold a return that can be told, and which hold nothing that was sent.
+    noise : (K,) float32
+        Of the subcarriers.
     white : (n,) float32
-        Factors that bring their subcarriers' noise down to the usual.
+        Factors that bring the other elements' noise down to the usual.
     misread : float
         Median error of the symbols.
     weight : (L,) float32
@@ -68,6 +70,7 @@ class Steady:
     column: np.ndarray
     fine: np.ndarray
     empty: np.ndarray
+    noise: np.ndarray
     white: np.ndarray
     misread: float
     weight: np.ndarray
@@ -123,7 +126,8 @@ def steady(
         column,
         skirts.fine[column],
         skirts.empty[column],
-        skirts.white[column],
+        skirts.noise,
+        whitened(skirts.noise)[column],
         misread,
         received.weight,
     )
@@ -164,10 +168,20 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     most = most_plausible(size, told)
     told |= known.empty
     told &= size < most
-    rest *= told * known.white
+    white = known.white
+    if known.kind is None:  # users change, and what is misread with them
+        white = whitened(_noise(known, symbols, channel * points))[column]
+    rest *= told * white
     symbols.ravel()[at] -= rest
     symbols *= phase.conj()
     return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))
+
+
+def _noise(known: Steady, symbols: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """(K,) float32 mean power of what the ``model`` leaves of the trusted elements; as it was where there are none."""
+    told = known.trusted.sum(axis=0)
+    left = np.einsum("lk,lk->k", power(symbols - model), known.trusted)
+    return np.where(told > 0, left / np.maximum(told, 1), known.noise)
 
 
 def _decided(
