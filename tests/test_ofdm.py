@@ -144,7 +144,7 @@ def test_beside_a_synchronisation_block_a_narrow_carrier_is_followed(modulation,
     monkeypatch.setattr(ofdm_cancel, "still", lambda *a: (still.append(a[3].channel.ndim), fresh(*a))[1])
     method = create("ofdm_cancel", W)
     cleaned = method.process(frames.astype(np.complex64))
-    assert method.found <= 2 and len(still) <= 8 and set(still) == {1}
+    assert method.found <= 2 and len(still) <= 6 and set(still) == {1}
     assert right(cleaned[1:], altitude_m[1:]) == 1.0
 
 
@@ -169,12 +169,15 @@ def test_what_changes_is_read_anew(change, monkeypatch):
     assert right(cleaned[1:], altitude_m[1:]) >= 21 / 23
 
 
-def test_a_followed_clock_of_its_own_costs_no_accuracy():
-    """Two radios: the clock slips by a sample in 70 frames, and the receiver adds an image and a constant."""
+def test_a_followed_clock_of_its_own_costs_no_accuracy(monkeypatch):
+    """Two radios: the clock slips by a sample in 70 frames, and the receiver adds an image and a constant.
+
+    What the clock loses in a frame is known after some, so that the next frames fit the prediction.
+    """
     frames, altitude_m = received(CASES["nr10_radios"], -40.0, 40, np.random.default_rng([77, 12]))
-    method = create("ofdm_cancel", W)
-    result = ALTIMETER.detect(ALTIMETER.spectra(method.process(frames)))
-    assert method.followed > 35
+    cleaned, count = read_on(frames, monkeypatch, 15)
+    assert count > 30
+    result = ALTIMETER.detect(ALTIMETER.spectra(cleaned))
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
 
 

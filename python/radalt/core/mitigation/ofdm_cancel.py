@@ -56,8 +56,9 @@ _ASKED = 7  # one subcarrier in seven tells the gain
 _PREDICTED = 0.15  # misfit in cells up to which a frame goes on as predicted; that of other signals is 0.3
 _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
-_STILL = 0.02  # samples of timing that need no new phases
-_READ_ON = 7  # frames that are read with what one told of them, before all is judged anew
+_STILL = 0.004  # samples of timing that need no new phases
+_DRIFTS = 0.3  # of what a frame tells of the clock's drift
+_READ_ON = 15  # frames that are read with what one told of them, before all is judged anew
 
 
 @dataclass
@@ -80,6 +81,8 @@ class _Lock:
     read_on: int = 0
     front_end: FrontEnd | None = None
     heard_through: bool = False  # whether the front end was looked for
+    drift: float = 0.0  # samples that its clock loses in a frame
+    left: float | None = None  # samples by which the last frame was late, less what was made up for
 
 
 class OfdmCancel(Mitigation):
@@ -365,8 +368,13 @@ class OfdmCancel(Mitigation):
         if self._phases is None or self._phases[0] != lock.first_long:
             times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
             held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
-            late = (starts - times[held]).astype(np.float32)
-            self._phases = lock.first_long, starts, unit(-late[:, None] * lock.numerology.turn)
+            moved = np.inf if self._phases is None else lock.first_long - self._phases[0]
+            if abs(moved) < 1 and np.array_equal(starts, self._phases[1]):
+                ramp = self._phases[2] * unit(np.float32(moved) * lock.numerology.turn)
+            else:
+                late = (starts - times[held]).astype(np.float32)
+                ramp = unit(-late[:, None] * lock.numerology.turn)
+            self._phases = lock.first_long, starts, ramp
         return self._phases[1:]
 
     def _still(
@@ -425,10 +433,12 @@ class OfdmCancel(Mitigation):
         ahead = np.angle(received.weight @ np.exp(4j * (received.angles + step * left))) / 4
         ahead += 2 * np.pi * lock.carrier * samples / numerology.useful
         lock.carrier += step
-        first_long = grid.first_long
-        if abs(received.late) > _STILL:
-            first_long -= received.late
-        lock.first_long = (first_long - samples) % numerology.cycle
+        if lock.left is not None:
+            lock.drift += _DRIFTS * (received.late - lock.left - lock.drift)
+        late = received.late + lock.drift
+        late = late if abs(late) > _STILL else 0.0
+        lock.left = received.late - late
+        lock.first_long = (grid.first_long - late - samples) % numerology.cycle
         if lock is not self._lock or usual < 1.5 * lock.usual + 0.01:
             lock.usual = usual
             channel = received.channel

@@ -23,15 +23,16 @@ from .tracked import FLIGHTS
 __all__ = ["costs"]
 
 _ROUNDS = 5  # the median of which is given
-_LEAD = 12  # frames in which a method settles
+_LEAD = 20  # frames in which a method settles
 # the same where a live path looks ever less often, and frames that hold a look
 _LONG_LEAD, _LONG = 512, 512
-_FRAMES = 20
+_FRAMES = 32
 _PER_FRAME = 10  # transforms measured beside each frame
 _KINDS = (
     ("ofdm_cancel", "no OFDM", "nr10_stream", None, False),
     ("ofdm_cancel", "following, SIR -45 dB", "nr10_stream", -45.0, False),
     ("ofdm_cancel", "following, users of all four alphabets", "nr10_mixed_stream", -45.0, False),
+    ("ofdm_cancel", "following, two radios", "nr10_radios", -45.0, False),
     (
         "ofdm_cancel",
         "following, SIR -28 dB: the return is wider than a cell of 64QAM",
