@@ -73,8 +73,7 @@ def test_the_long_prefix_of_a_burst_is_where_its_symbols_can_be_read():
         if first is None or first.grid.first_long == opened.grid.first_long:
             continue
         moved += 1
-        clear = opened.clear_of(opened.grid.starts)
-        assert first.misread < demodulate(opened.grid, clear, numerology, FIRST).misread.mean()
+        assert first.misread < demodulate(opened.grid, opened.clear, numerology, FIRST).misread.mean()
     assert moved >= 4
 
 

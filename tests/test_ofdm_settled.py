@@ -74,13 +74,14 @@ def test_the_return_is_kept_better_where_it_is_settled_with_the_channel(monkeypa
     errors, now = {}, []
     settle = settled.Returned.settled
 
-    def told(self, samples, turn, grid, clear, received, sent, numerology, modulator):
-        out = settle(self, samples, turn, grid, clear, received, sent, numerology, modulator)
+    def told(self, frame, sent, modulator):
+        out = settle(self, frame, sent, modulator)
         received, sent = out[:2]
+        turn, clear = frame.straight.turn, frame.clear
         level = np.sqrt(np.mean(np.abs(now[0]) ** 2))
         alone = (now[1] / level * (1 if turn is None else turn)).astype(np.complex64)
         left = received.symbols * received.phase.conj() - sent.elements
-        wrong = left - transforms(alone, grid.starts, numerology)
+        wrong = left - transforms(alone, frame.grid.starts, frame.numerology)
         ends = sent.kept & ~clear & np.isin(np.arange(len(clear)), [0, len(clear) - 1])[:, None]
         errors.setdefault(settled._TURNS, []).append(np.mean(np.abs(wrong[ends]) ** 2) * level**2)
         return out

@@ -49,19 +49,19 @@ def faded_sums(count):
 
 def test_where_the_sum_of_echoes_fades_one_course_of_all_symbols_explains_them(monkeypatch):
     """Only noise is left, in frames that are given that course, and it is taken where it leaves less."""
-    even, taken = still._Frame.evened, []
+    even, taken = still._evened, []
 
-    def told(frame, received):
-        found = even(frame, received)
+    def told(frame, received, modulator):
+        found = even(frame, received, modulator)
         if found:
             heard = frame.clear & frame.grid.used
-            assert found[1].noise <= received.noise
-            assert found[1].capped[heard].mean() <= received.capped[heard].mean()
-            np.testing.assert_allclose(np.abs(found[1].phase), 1, atol=1e-5)
+            assert found.received.noise <= received.noise
+            assert found.received.capped[heard].mean() <= received.capped[heard].mean()
+            np.testing.assert_allclose(np.abs(found.received.phase), 1, atol=1e-5)
         taken.append(found is not None)
         return found
 
-    monkeypatch.setattr(still._Frame, "evened", told)
+    monkeypatch.setattr(still, "_evened", told)
     frames = faded_sums(6)
     method = create("ofdm_cancel", W)
     for frame in frames:
@@ -73,7 +73,7 @@ def test_where_the_sum_of_echoes_fades_one_course_of_all_symbols_explains_them(m
 
 
 def test_a_channel_that_stands_still_is_not_given_a_course(monkeypatch):
-    monkeypatch.setattr(still._Frame, "_less", lambda *_: pytest.fail("there is no change within symbols"))
+    monkeypatch.setattr(still, "_less", lambda *_: pytest.fail("there is no change within symbols"))
     rng = np.random.default_rng(7)
     sent = NrEmitter(channel_bandwidth_hz=10e6, seed=6).samples(7500, 7.5e6, rng)
     noise = rng.standard_normal((7500, 2)).view(np.complex128)[:, 0] * 10 ** (-53 / 20)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..waveform import Waveform
-from .ofdm.acquisition import Grid, transforms
+from .ofdm.acquisition import transforms
+from .ofdm.demodulated import Demodulated, straightened
 from .ofdm.demodulator import AGAIN, MORE, Received, once_more
 from .ofdm.echoes import grown
-from .ofdm.first_reading import straightened
 from .ofdm.gain import misfit
 from .ofdm.lattice import DENSE
 from .ofdm_cancel import OfdmCancel
@@ -45,13 +45,9 @@ _TINY = float(np.finfo(np.float32).tiny)
 
 
 @dataclass(frozen=True)
-class _Ofdm:
-    """OFDM of a frame as it was read; what `OfdmCancel` hands to its last step."""
+class _Ofdm(Demodulated):
+    """OFDM of a frame as it was read, and what `OfdmCancel` keeps of it."""
 
-    straight: object
-    grid: Grid
-    clear: np.ndarray
-    received: Received
     lock: object
 
 
@@ -68,50 +64,50 @@ class _OfdmReader(OfdmCancel):
         self._find(frame)
         return self._found
 
-    def _less(self, *what: object) -> None:
-        self._found = _Ofdm(*what)
+    def _less(self, read: Demodulated, lock: object) -> None:
+        self._found = _Ofdm(**vars(read), lock=lock)
 
     def less(self, ofdm: _Ofdm) -> np.ndarray | None:
         """(N,) the frame that was read less its OFDM, None if too little was read."""
-        return super()._less(ofdm.straight, ofdm.grid, ofdm.clear, ofdm.received, ofdm.lock)
+        return super()._less(ofdm, ofdm.lock)
 
     def again(self, ofdm: _Ofdm, frame: np.ndarray) -> _Ofdm:
         """The same read once more, from a ``frame`` (N,) of which more is known."""
-        samples = straightened(frame, ofdm.lock.carrier, ofdm.lock.numerology).samples
-        numerology, before = ofdm.lock.numerology, ofdm.received
+        samples = straightened(frame, ofdm.carrier, ofdm.numerology).samples
+        numerology, before = ofdm.numerology, ofdm.received
         symbols = transforms(samples, ofdm.grid.starts, numerology) * before.phase
         before = _upright(replace(before, symbols=symbols), ofdm.clear & ofdm.grid.used)
         tried = (once_more(ofdm.grid, ofdm.clear, before, numerology, turns) for turns in (AGAIN, MORE))
         received = min(tried, key=lambda one: one.misread.mean())
         if received.misread.mean() > _READ:
             received = grown(ofdm.grid, ofdm.clear, received, numerology)
-        return replace(ofdm, straight=replace(ofdm.straight, samples=samples), received=received)
+        return replace(ofdm, straight=ofdm.straight.of(samples), received=received)
 
     def model(self, ofdm: _Ofdm) -> np.ndarray:
         """(N,) samples of what was decided."""
         received, grid = ofdm.received, ofdm.grid
         elements = received.channel * received.points * received.phase.conj() * grid.used
         all_of = np.ones(len(elements), dtype=bool)
-        out = self._modulator.samples(elements, all_of, grid.starts, ofdm.lock.numerology)
+        out = self._modulator.samples(elements, all_of, grid.starts, ofdm.numerology)
         return out if ofdm.straight.turn is None else out * ofdm.straight.turn.conj()
 
     @staticmethod
     def edges(ofdm: _Ofdm, count: int) -> np.ndarray:
         """(L + 1,) samples at which the symbols begin, in the middle of their prefixes, and the last one ends."""
-        numerology, starts = ofdm.lock.numerology, ofdm.grid.starts
+        numerology, starts = ofdm.numerology, ofdm.grid.starts
         half = numerology.prefix / 2
         edges = np.append(starts - half, starts[-1] + numerology.useful + half)
         return edges.round().astype(int).clip(0, count)
 
     def fits(self, ofdm: _Ofdm, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Function that gives the errors (rows,) of those OFDM symbols, in cells, from an (N,) frame."""
-        numerology, grid, received = ofdm.lock.numerology, ofdm.grid, ofdm.received
+        numerology, grid, received = ofdm.numerology, ofdm.grid, ofdm.received
         asked = (ofdm.clear & grid.used)[rows]
         factor = received.phase[rows] / np.broadcast_to(received.channel, received.symbols.shape)[rows]
         alphabets = [(DENSE[int(np.median(received.kinds[row]))],) for row in rows]
 
         def errors(frame: np.ndarray) -> np.ndarray:
-            straight = straightened(frame, ofdm.lock.carrier, numerology).samples
+            straight = straightened(frame, ofdm.carrier, numerology).samples
             values = transforms(straight, grid.starts[rows], numerology) * factor
             parts = zip(values[:, None], asked[:, None], alphabets, strict=True)
             return np.array([misfit(*part) for part in parts])

@@ -10,7 +10,8 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, carrier_step, course, find_prefix, transforms
-from .ofdm.burst import loud_burst, whole
+from .ofdm.burst import loud_burst
+from .ofdm.demodulated import Demodulated, Straight, straightened
 from .ofdm.demodulator import (
     AGAIN,
     Before,
@@ -19,7 +20,7 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
-from .ofdm.first_reading import TURNS, Opened, Straight, straightened
+from .ofdm.first_reading import TURNS, Opened
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, usual_misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
@@ -39,10 +40,8 @@ _CONTRAST = 4.5  # of the prefix over its scatter: noise and the bench's other e
 _SHORT = 0.4  # of a frame: a burst that is blanked where it cannot be read
 _SHORTER = 0.36  # of a frame: a burst that is better blanked than read by its few symbols
 _CERTAIN = 8.0  # no other spacing has so much
-_NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 # mean squared power over squared mean power: OFDM has 2 and more, a sweep 4 dB over the noise less
 _UNEVEN = 1.5
-_BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _COHERENCE = 0.2  # of fourth powers with the channel of the frame before; 64QAM has 0.45, another timing 0.05
 _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not taken over
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
@@ -237,47 +236,41 @@ class OfdmCancel(Mitigation):
             return np.where(burst, 0, frame)
         self._vain += 1
         opened = Opened(frame, prefix, numerology, ridge)
-        straight, grid = opened.straight, opened.grid
-        own = power(grid.symbols)
-        level = own.sum(axis=0)
-        if level.sum() ** 2 < _NARROWEST * (level @ level):
+        if not opened.is_wide():
             return None
-        clear = opened.clear_of(grid.starts)
-        beside = clear & grid.used
-        with_return = ~clear & grid.used
-        shares = ((own * part).sum() / max(np.count_nonzero(part), 1) for part in (beside, with_return))
-        if next(shares) < _BESIDE * next(shares):
-            return None
-        clear = clear & whole(straight.samples, grid.starts, numerology)[:, None]
         first = opened.read()
-        if first is not None:
-            straight, grid, clear, received = first.straight, first.grid, first.clear, first.received
-        best = first.received.misread.min() if first else 1.0
+        best = float(first.received.misread.min()) if first else 1.0
         if best > _UNSURE:
-            least = 0.0
-            if best <= _HOPELESS:
-                own, beside = power(grid.symbols), clear & grid.used
-                rest = received.symbols - received.channel * received.points
-                least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
-            sent = faint_emission(grid, clear, numerology, least)
-            if sent is not None:
-                return self._subtracted(straight, sent, grid.starts, numerology)
-            if best > _HOPELESS:
-                return None
-        grid, received = self._read(grid, clear, received, numerology)
-        straight, received = self._still(straight, grid, clear, received, numerology)
-        lock = _Lock(numerology, ridge, grid.first_long, first.carrier, grid.channel, grid.used)
-        return self._less(straight, grid, clear, received, lock)
+            out = self._faint(opened, first if best <= _HOPELESS else None)
+            if out is not None or best > _HOPELESS:
+                return out
+        read = still(self._thoroughly(first), self._modulator)
+        grid = read.grid
+        lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used)
+        return self._less(read, lock)
 
-    def _read(
-        self, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
-    ) -> tuple[Grid, Received]:
+    def _faint(self, opened: Opened, first: Demodulated | None) -> np.ndarray | None:
+        """A frame less the mean of QPSK under noise; None where that does not help, or what was read explains more."""
+        least, frame = 0.0, first or opened
+        if first is not None:
+            own, beside, received = power(first.grid.symbols), first.clear & first.grid.used, first.received
+            rest = received.symbols - received.channel * received.points
+            least = _AS_GOOD * float((own * beside).sum() / max((power(rest) * beside).sum(), FAINT))
+        sent = faint_emission(frame.grid, frame.clear, frame.numerology, least)
+        return (
+            None
+            if sent is None
+            else self._subtracted(frame.straight, sent, frame.grid.starts, frame.numerology)
+        )
+
+    def _thoroughly(self, first: Demodulated) -> Demodulated:
         """A frame read thoroughly, with the long prefix where its symbols can be read."""
-        received = read_thoroughly(grid, clear, received, numerology, unequal=self._unequal)
+        grid, clear, numerology = first.grid, first.clear, first.numerology
+        received = read_thoroughly(grid, clear, first.received, numerology, unequal=self._unequal)
         placed, received = well_placed(grid, clear, received, numerology)
         if placed is not grid:
             received = read_thoroughly(placed, clear, received, numerology, unequal=self._unequal)
-        return placed, received
+        return replace(first, grid=placed, received=received)
 
     def _follow(self, frame: np.ndarray) -> np.ndarray | None:
         """A frame without its OFDM, followed from the frame before; None if that signal is gone."""
@@ -319,7 +312,9 @@ class OfdmCancel(Mitigation):
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             received = once_more(grid, clear, received, numerology, AGAIN)
-        straight, received = self._still(straight, grid, clear, received, numerology)
+        read = Demodulated(numerology, lock.carrier, straight, grid, clear, received)
+        read = still(read, self._modulator)
+        received = read.received
         misread = received.misread
         usual = middle(misread)
         # a frame of little else than silence is read without errors, whatever else is in it
@@ -332,15 +327,15 @@ class OfdmCancel(Mitigation):
         ):
             return None
         if not lock.heard_through:
-            lock.front_end, lock.heard_through = self._front_end(straight, grid, received, numerology), True
-        return self._less(straight, grid, clear, received, lock)
+            lock.front_end, lock.heard_through = self._front_end(read), True
+        return self._less(read, lock)
 
-    def _front_end(
-        self, straight: Straight, grid: Grid, received: Received, numerology: Numerology
-    ) -> FrontEnd | None:
+    def _front_end(self, read: Demodulated) -> FrontEnd | None:
         """What the receiver adds, by the symbols of a frame that were read."""
+        received, straight = read.received, read.straight
         elements = received.channel * received.points * received.phase.conj()
-        model = self._modulator.samples(elements, received.misread <= READABLE, grid.starts, numerology)
+        readable = received.misread <= READABLE
+        model = self._modulator.samples(elements, readable, read.grid.starts, read.numerology)
         rest = (straight.samples - model) * (model != 0)
         if straight.turn is not None:
             model, rest = model * straight.turn.conj(), rest * straight.turn.conj()
@@ -377,25 +372,15 @@ class OfdmCancel(Mitigation):
             self._phases = lock.first_long, starts, ramp
         return self._phases[1:]
 
-    def _still(
-        self, straight: Straight, grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology
-    ) -> tuple[Straight, Received]:
-        """Frame and symbols without the spread of a channel that moves."""
-        samples, received = still(straight.samples, grid, clear, received, numerology, self._modulator)
-        return replace(straight, samples=samples), received
-
-    def _less(
-        self, straight: Straight, grid: Grid, clear: np.ndarray, received: Received, lock: _Lock
-    ) -> np.ndarray | None:
+    def _less(self, read: Demodulated, lock: _Lock) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
+        grid, clear, received = read.grid, read.clear, read.received
         sent = emission(received, grid, clear, lock.sir_db)
         if sent is None:
             return None
-        out = self._subtracted(straight, sent, grid.starts, lock.numerology)
+        out = self._subtracted(read.straight, sent, grid.starts, read.numerology)
         if self._moving and received.channel.ndim > 1 and sent.kept is not None:
-            settled = self._returned.settled(
-                straight.samples, straight.turn, grid, clear, received, sent, lock.numerology, self._modulator
-            )
+            settled = self._returned.settled(read, sent, self._modulator)
             if settled is None:
                 return None
             received, sent, out = settled

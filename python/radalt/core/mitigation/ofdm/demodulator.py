@@ -16,6 +16,7 @@ from .lattice import (
     DENSE,
     FEW_CELL,
     Decisions,
+    amid,
     box,
     decide,
     middle,
@@ -45,6 +46,7 @@ __all__ = [
     "demodulate",
     "once_more",
     "times_of",
+    "trusted",
 ]
 
 # subcarriers a channel is averaged over, order of its course in time, and share of the frame around its middle, turn by
@@ -66,6 +68,8 @@ _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _TOUCHED = 0.1  # the same beside them, where it is hardly wrong
 _ON_AXES = 0.25  # of a point's power, in the product of its rails: on the axes it is 0, on the diagonals 0.5
+_NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
+_LEAST = np.float32(0.01)  # such a weight, at least: where nothing is read well, what is read counts
 _CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
@@ -292,6 +296,13 @@ def demodulate(
         symbols, phase, channel, found.points, kinds, found.error, found.capped,
         off, noise, angles, weight.sum(axis=1), late, amplitudes, found.few,
     )  # fmt: skip
+
+
+def trusted(found: Decisions, told: np.ndarray, asked: np.ndarray) -> np.ndarray:
+    """(L, K) float32 weights of the elements ``asked`` (L, K, bool) in a channel: less where those around, of which
+    ``told`` (L, K) float32 says which count, were misread."""
+    near = amid(found.capped, told) / _NEAR
+    return (asked & (found.error < SURE)) * np.maximum(np.exp(-near * near), _LEAST)
 
 
 def times_of(count: int) -> np.ndarray:

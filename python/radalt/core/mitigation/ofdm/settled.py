@@ -10,9 +10,10 @@ from scipy import fft
 from ...waveform import Waveform
 from .acquisition import Grid, transforms
 from .channel_fit import fit, sums
-from .demodulator import SURE, Received, again, times_of
+from .demodulated import Demodulated
+from .demodulator import Received, again, times_of, trusted
 from .emission import Emission, emission
-from .lattice import FAINT, Decisions, amid, power
+from .lattice import FAINT, Decisions, power
 from .modulator import Modulator
 from .numerology import Numerology
 from .upright import true_up
@@ -28,8 +29,6 @@ _ROUNDS = 2  # of points and channel in each
 _DOUBTFUL = 0.1  # mean error of the symbols, each at most 1, with which a return has to stand out
 _ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
-_NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
-_LEAST = np.float32(0.01)  # such a weight, at least
 
 
 class Returned:
@@ -52,35 +51,26 @@ class Returned:
         ) / self._half  # half sweeps from the middle of one
 
     def settled(
-        self,
-        samples: np.ndarray,
-        turn: np.ndarray | None,
-        grid: Grid,
-        clear: np.ndarray,
-        received: Received,
-        sent: Emission,
-        numerology: Numerology,
-        modulator: Modulator,
+        self, frame: Demodulated, sent: Emission, modulator: Modulator
     ) -> tuple[Received, Emission, np.ndarray] | None:
-        """A frame as it was ``received``, what was ``sent`` in it, and (N,) the frame less that, settled so.
+        """What was received of a ``frame``, what was ``sent`` in it, and (N,) the frame less that, settled so.
 
         None if too much of the return was misread, or too much of the frame and no return stands out: what is left may
-        be anything.
-
-        ``samples`` (N,) is the frame without its carrier, by the factor ``turn`` (N,), and ``clear`` (L, K) bool tells
-        which elements no return can be in. Where no return stands out in a frame that was read,
-        all is as it was.
+        be anything. Where no return stands out in a frame that was read, all is as it was.
         """
+        straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
         held = grid.used & ~clear & sent.readable[:, None]
         for number in range(_TURNS + 1):
-            out = modulator.subtract(samples, turn, sent.elements, sent.readable, grid.starts, numerology)
-            tones = None if number == _TURNS else self._tones(out, turn)
-            back = tones and _found(tones, held & sent.kept, received, sent, grid, numerology)
+            out = modulator.subtract(
+                straight.samples, straight.turn, sent.elements, sent.readable, grid.starts, frame.numerology
+            )
+            tones = None if number == _TURNS else self._tones(out, straight.turn)
+            back = tones and _found(tones, held & sent.kept, received, sent, frame)
             if back is None:
                 if not number and received.misread.mean() > _DOUBTFUL:
                     return None
                 break
-            better = _of_all(received, grid, clear, back, numerology)
+            better = _of_all(received, grid, clear, back, frame.numerology)
             less = emission(better, grid, clear, None)
             if less is None or less.kept is None:
                 break
@@ -116,13 +106,12 @@ def _found(
     held: np.ndarray,
     received: Received,
     sent: Emission,
-    grid: Grid,
-    numerology: Numerology,
+    frame: Demodulated,
 ) -> np.ndarray | None:
     """(L, K) complex64 elements of the return that is in the elements ``held`` (L, K, bool); None where none stands
     out."""
     kept = (received.symbols - sent.elements * received.phase)[held]
-    parts = [transforms(tone, grid.starts, numerology) * received.phase for tone in tones]
+    parts = [transforms(tone, frame.grid.starts, frame.numerology) * received.phase for tone in tones]
     basis = np.stack([part[held] for part in parts], axis=1)
     if len(basis) < _FEWEST:
         return None
@@ -146,8 +135,7 @@ def _of_all(
     turns, angles = np.complex64(1), received.angles
     again(found, symbols, channel, every, received.kinds)
     for _ in range(_ROUNDS):
-        near = amid(found.capped, used) / _NEAR
-        sure = (asked & (found.error < SURE)) * np.maximum(np.exp(-near * near), _LEAST)
+        sure = trusted(found, used, asked)
         agreement = symbols * found.points.conj() * sure
         turn, angle, _ = true_up(agreement * channel.conj(), numerology)
         symbols, agreement, turns, angles = symbols * turn, agreement * turn, turns * turn, angles + angle

@@ -1,0 +1,71 @@
+"""A frame, and what was demodulated of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .acquisition import Grid
+from .demodulator import Received
+from .numerology import Numerology
+
+__all__ = ["NEGLIGIBLE", "Demodulated", "Straight", "straightened"]
+
+NEGLIGIBLE = 1e-4  # subcarriers of carrier that do no harm: neighbours leak -75 dB
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A frame's samples (N,) without the carrier, and the factor (N,) that took it out; None if it was negligible."""
+
+    samples: np.ndarray
+    turn: np.ndarray | None
+
+    def of(self, samples: np.ndarray) -> Straight:
+        """Other ``samples`` (N,) of the same frame."""
+        return replace(self, samples=samples)
+
+
+def straightened(frame: np.ndarray, carrier: float, numerology: Numerology) -> Straight:
+    """The frame without a carrier of so many subcarriers, as it is where that is negligible."""
+    if abs(carrier) < NEGLIGIBLE:
+        return Straight(frame, None)
+    # a product of few long and few short steps
+    step = -2j * np.pi * carrier / numerology.useful
+    short = int(np.sqrt(frame.size)) + 1
+    few = np.arange(short)
+    turn = np.exp(step * short * few).astype(np.complex64)[:, None] * np.exp(step * few).astype(np.complex64)
+    turn = turn.ravel()[: frame.size]
+    return Straight(frame * turn, turn)
+
+
+@dataclass(frozen=True)
+class Demodulated:
+    """What was demodulated of a frame.
+
+    Attributes
+    ----------
+    numerology : Numerology
+    carrier : float
+        In subcarriers.
+    straight : Straight
+        The frame without it.
+    grid : Grid
+        Its symbols.
+    clear : (L, K) bool
+        Which of their elements no return can be in.
+    received : Received
+    """
+
+    numerology: Numerology
+    carrier: float
+    straight: Straight
+    grid: Grid
+    clear: np.ndarray
+    received: Received
+
+    @property
+    def misread(self) -> float:
+        """Mean error of all symbols in cells, each at most 1."""
+        return float(self.received.misread.mean())
