@@ -141,7 +141,9 @@ def test_beside_a_synchronisation_block_a_narrow_carrier_is_followed(modulation,
     frames = frames + np.stack([jammer.next_frame() for _ in range(24)])
     still = []
     fresh = ofdm_cancel.still
-    monkeypatch.setattr(ofdm_cancel, "still", lambda *a: (still.append(a[3].channel.ndim), fresh(*a))[1])
+    monkeypatch.setattr(
+        ofdm_cancel, "still", lambda *a: (still.append(a[0].received.channel.ndim), fresh(*a))[1]
+    )
     method = create("ofdm_cancel", W)
     cleaned = method.process(frames.astype(np.complex64))
     assert method.found <= 2 and len(still) <= 6 and set(still) == {1}
