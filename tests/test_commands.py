@@ -14,6 +14,8 @@ from pathlib import Path
 import make_recording
 import pytest
 
+from gnuradio.radalt.evaluation.engine import estimate as estimates
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
 PROGRAMS = sorted(p for p in ROOT.glob("flowgraphs/*.py") if not p.name.startswith("_"))
@@ -150,6 +152,8 @@ def test_one_form_that_debian_knows(line):
 @pytest.mark.parametrize("line", of(".venv/bin/python", "flowgraphs/"))
 def test_line_of_a_program_is_accepted(line, request, desk, monkeypatch, capsys):
     monkeypatch.chdir(desk)
+    # the studies' own tests rehearse; here it would be done for each of their lines
+    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)
     _, (_, script, *arguments) = words(line)
     assert Path(script).is_file()
     program = Path(script).stem
