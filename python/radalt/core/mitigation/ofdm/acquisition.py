@@ -33,9 +33,7 @@ _COURSES = 512  # carriers tried
 _COARSELY = 64  # the same where one of sixteen leaps is sought
 _SQUARINGS = 5  # of Gram matrices: of an eigenvalue of 0.9 times the largest 0.03 are left
 _PLACES = 3  # of the long prefix, in which a frame may be read
-_AS_LIKELY = (
-    0.98  # of the largest eigenvalue: bursts of eight symbols have that at other places, whole frames 0.95
-)
+_AS_LIKELY = 0.98  # of the largest eigenvalue; bursts have that at other places, too, whole frames 0.95
 _IN_STEP = 0.8  # of the sum without regard to phase
 _SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
 _LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried

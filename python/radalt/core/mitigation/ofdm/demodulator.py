@@ -12,7 +12,7 @@ from .acquisition import Grid
 from .amplitudes import decide_scaled
 from .channel_fit import best_order, fit, mended, standing, sums
 from .lattice import (
-    CELL,
+    CELLS,
     DENSE,
     FEW_CELL,
     Decisions,
@@ -70,7 +70,6 @@ _TOUCHED = 0.1  # the same beside them, where it is hardly wrong
 _ON_AXES = 0.25  # of a point's power, in the product of its rails: on the axes it is 0, on the diagonals 0.5
 _NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
 _LEAST = np.float32(0.01)  # such a weight, at least: where nothing is read well, what is read counts
-_CELLS = np.array([CELL[dense] for dense in DENSE], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -437,7 +436,7 @@ def again(
     axes = part[np.abs(before.real * before.imag) < _ON_AXES * power(before)]
     if axes.size:
         chosen[axes] = sparse_on_axes(values[axes], power(values[axes]))
-    cells = _CELLS[kinds]
+    cells = CELLS[kinds]
     cells[part] = FEW_CELL
     np.put(found.points, at, chosen if amplitudes is None else chosen * own)
     np.put(found.error, at, power(values - chosen) / cells)

@@ -18,9 +18,7 @@ from .ridge import Ridge
 __all__ = ["TURNS", "Opened"]
 
 TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
-_NOISE = (
-    0.55  # mean error of the best symbol in the first turn; of what is read in the end 0.35, of noise 0.6
-)
+_NOISE = 0.55  # error of the best symbol in the first turn; what is read in the end has 0.35, noise 0.6
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
 _SILENT = 0.1  # of the loudest symbol's power

@@ -10,6 +10,7 @@ import numpy as np
 __all__ = [
     "BLOCK",
     "CELL",
+    "CELLS",
     "DENSE",
     "FAINT",
     "FEW_CELL",
@@ -44,7 +45,7 @@ CELL = {
 }  # squared error of a number anywhere in a cell
 _STEPS = np.array([2 * SCALE[m] for m in DENSE], dtype=np.float32)
 _TOPS = np.array([_TOP[m] for m in DENSE], dtype=np.float32)
-_CELLS = np.array([CELL[m] for m in DENSE], dtype=np.float32)
+CELLS = np.array([CELL[m] for m in DENSE], dtype=np.float32)
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
@@ -336,7 +337,7 @@ def rounded_each(values: np.ndarray, kinds: np.ndarray, halves: np.ndarray) -> t
     points *= step
     points = points.view(np.complex64)
     error = power(values - points)
-    error /= _CELLS.take(kinds).take(halves, axis=0)
+    error /= CELLS.take(kinds).take(halves, axis=0)
     return points, error
 
 

@@ -51,8 +51,8 @@ class Steady:
         The other elements: places in (L, K), and subcarriers.
     fine, empty : (n,) bool
         Which of them hold a return that can be told, and which hold nothing that was sent.
-    noise : (K,) float32
-        Of the subcarriers.
+    count, noise : (K,) float32
+        How many trusted elements each subcarrier has, and its noise.
     white : (n,) float32
         Factors that bring the other elements' noise down to the usual.
     misread : float
@@ -70,6 +70,7 @@ class Steady:
     column: np.ndarray
     fine: np.ndarray
     empty: np.ndarray
+    count: np.ndarray
     noise: np.ndarray
     white: np.ndarray
     misread: float
@@ -126,6 +127,7 @@ def steady(
         column,
         skirts.fine[column],
         skirts.empty[column],
+        trusted.sum(axis=0),
         skirts.noise,
         whitened(skirts.noise)[column],
         misread,
@@ -179,9 +181,8 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
 
 def _noise(known: Steady, symbols: np.ndarray, model: np.ndarray) -> np.ndarray:
     """(K,) float32 mean power of what the ``model`` leaves of the trusted elements; as it was where there are none."""
-    told = known.trusted.sum(axis=0)
     left = np.einsum("lk,lk->k", power(symbols - model), known.trusted)
-    return np.where(told > 0, left / np.maximum(told, 1), known.noise)
+    return np.where(known.count > 0, left / np.maximum(known.count, 1), known.noise)
 
 
 def _decided(
