@@ -32,6 +32,8 @@ class Continued:
     steady : bool
         One gain for the window, as a transmitter has: the SIR holds over the window. Otherwise every frame is scaled
         to the SIR, whatever is sent in it.
+    cycles : float
+        Cycles of the emitter's carrier in a window that is repeated; the carrier goes on where the window starts anew.
     """
 
     def __init__(
@@ -42,9 +44,11 @@ class Continued:
         *,
         repeats: bool = False,
         steady: bool = False,
+        cycles: float = 0.0,
     ) -> None:
         self.emitter, self.frame_samples, self.frames = emitter, frame_samples, frames
         self.repeats, self.steady = repeats, steady
+        self._turn = np.exp(2j * np.pi * (cycles % 1.0)) if cycles % 1.0 else None
         self._next, self._window = 0, np.empty(0, dtype=np.complex128)
         self._energy = 0.0
 
@@ -53,6 +57,8 @@ class Continued:
         if self._next == 0 and not (self.repeats and self._window.size):
             self._window = self.emitter.samples(self.frames * self.frame_samples, rate_hz, rng)
             self._energy = np.vdot(self._window, self._window).real
+        elif self._next == 0 and self._turn is not None:
+            self._window *= self._turn
         first = self._next * self.frame_samples
         self._next = (self._next + 1) % self.frames
         return self._window[first : first + count]
@@ -139,7 +145,9 @@ class JammerStream:
             repeats = frames >= 1 and frames == round(frames)
             count = round(frames) if repeats else 40
             n = self.waveform.samples_per_frame
-            going_on = self._going_on[place] = Continued(emitter, n, count, repeats=repeats, steady=True)
+            cycles = getattr(emitter, "carrier_hz", 0.0) * count * self.waveform.sweep_s if repeats else 0.0
+            going_on = Continued(emitter, n, count, repeats=repeats, steady=True, cycles=cycles)
+            self._going_on[place] = going_on
         return replace(interferer, emitter=going_on)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:

@@ -9,8 +9,9 @@ import numpy as np
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.acquisition import Grid, carrier_step, course, find_prefix, transforms
+from .ofdm.acquisition import Grid, find_prefix, transforms
 from .ofdm.burst import loud_burst
+from .ofdm.carrier import TURNS, carrier_step, course
 from .ofdm.demodulated import Demodulated, Straight, straightened
 from .ofdm.demodulator import (
     AGAIN,
@@ -20,7 +21,7 @@ from .ofdm.demodulator import (
     once_more,
 )
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
-from .ofdm.first_reading import TURNS, Opened
+from .ofdm.first_reading import Opened
 from .ofdm.front_end import FrontEnd, front_end
 from .ofdm.gain import gain, usual_misfit
 from .ofdm.lattice import DENSE, FAINT, middle, power, unit
@@ -70,6 +71,7 @@ class _Lock:
     carrier: float
     channel: np.ndarray
     used: np.ndarray
+    shift: float
     level: float = 1.0
     tones: bool = False
     before: Before | None = None
@@ -80,6 +82,9 @@ class _Lock:
     read_on: int = 0
     front_end: FrontEnd | None = None
     heard_through: bool = False  # whether the front end was looked for
+    phases: tuple[float, np.ndarray, np.ndarray] | None = (
+        None  # as `_ramp` told them last, and for which timing
+    )
     drift: float = 0.0  # samples that its clock loses in a frame
     left: float | None = None  # samples by which the last frame was late, less what was made up for
 
@@ -156,7 +161,6 @@ class OfdmCancel(Mitigation):
         self._contrast = 0.0  # of the prefix, in the last frame that was searched
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
-        self._phases: tuple[float, np.ndarray, np.ndarray] | None = None
         self._modulator = Modulator(self.waveform.samples_per_frame)
 
     def status(self) -> dict[str, object]:
@@ -244,9 +248,9 @@ class OfdmCancel(Mitigation):
             out = self._faint(opened, first if best <= _HOPELESS else None)
             if out is not None or best > _HOPELESS:
                 return out
-        read = still(self._thoroughly(first), self._modulator)
+        read = still(self._thoroughly(first), self._modulator).retraced()
         grid = read.grid
-        lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used)
+        lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used, read.shift)
         return self._less(read, lock)
 
     def _faint(self, opened: Opened, first: Demodulated | None) -> np.ndarray | None:
@@ -312,7 +316,7 @@ class OfdmCancel(Mitigation):
         if middle(received.misread) > max(_DOUBTFUL, 2 * lock.usual):
             # as far off as the channel had moved; now it is known
             received = once_more(grid, clear, received, numerology, AGAIN)
-        read = Demodulated(numerology, lock.carrier, straight, grid, clear, received)
+        read = Demodulated(numerology, lock.carrier, straight, grid, clear, received, lock.shift)
         read = still(read, self._modulator)
         received = read.received
         misread = received.misread
@@ -360,17 +364,20 @@ class OfdmCancel(Mitigation):
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
         """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
-        if self._phases is None or self._phases[0] != lock.first_long:
+        if lock.phases is None or lock.phases[0] != lock.first_long:
             times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
             held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
-            moved = np.inf if self._phases is None else lock.first_long - self._phases[0]
-            if abs(moved) < 1 and np.array_equal(starts, self._phases[1]):
-                ramp = self._phases[2] * unit(np.float32(moved) * lock.numerology.turn)
+            moved = np.inf if lock.phases is None else lock.first_long - lock.phases[0]
+            # a carrier that is whole subcarriers off turns symbols by their times
+            shift = 2 * np.pi / lock.numerology.useful * lock.shift
+            turn = lock.numerology.turn - np.float32(shift)
+            if abs(moved) < 1 and np.array_equal(starts, lock.phases[1]):
+                ramp = lock.phases[2] * unit(np.float32(moved) * turn)
             else:
                 late = (starts - times[held]).astype(np.float32)
-                ramp = unit(-late[:, None] * lock.numerology.turn)
-            self._phases = lock.first_long, starts, ramp
-        return self._phases[1:]
+                ramp = unit(-late[:, None] * turn - np.float32(shift * starts[:, None]))
+            lock.phases = lock.first_long, starts, ramp
+        return lock.phases[1:]
 
     def _less(self, read: Demodulated, lock: _Lock) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""
@@ -416,7 +423,7 @@ class OfdmCancel(Mitigation):
         # angle of the carrier at the frame's end, modulo a quarter turn
         left = 2 * np.pi / numerology.useful * (samples - grid.starts - numerology.useful / 2)
         ahead = np.angle(received.weight @ np.exp(4j * (received.angles + step * left))) / 4
-        ahead += 2 * np.pi * lock.carrier * samples / numerology.useful
+        ahead += 2 * np.pi * (lock.carrier + lock.shift) * samples / numerology.useful
         lock.carrier += step
         if lock.left is not None:
             lock.drift += _DRIFTS * (received.late - lock.left - lock.drift)

@@ -134,6 +134,11 @@ CASES = {
     "nr10_load70": Case("10 MHz, 64QAM, 70 % of the blocks in use", _nr10(load=0.7)),
     "nr10_load30": Case("10 MHz, 64QAM, 30 % of the blocks in use", _nr10(load=0.3)),
     "nr10_offset": Case("10 MHz, 64QAM, carrier 1.234 567 MHz off", _nr10(carrier_hz=1_234_567.0)),
+    "nr10_offset_stream": Case(
+        "10 MHz, 64QAM of 3.7 GHz, carrier 1.234 567 MHz off, goes on from frame to frame",
+        _nr10(carrier_hz=1_234_567.0, upconversion_frequency_hz=3_699.99e6),
+        stream=True,
+    ),
     "nr5": Case("5 MHz, 64QAM", _NR5),
     "nr5_part": Case("5 MHz, 64QAM, 0.6 of the frame", _NR5, overlap=0.6),
     "nr10_eva": Case("10 MHz, 64QAM, nine paths (EVA)", fading=FadingChannel(profile="EVA")),

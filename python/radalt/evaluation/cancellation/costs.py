@@ -33,6 +33,7 @@ _KINDS = (
     ("ofdm_cancel", "following, SIR -45 dB", "nr10_stream", -45.0, False),
     ("ofdm_cancel", "following, users of all four alphabets", "nr10_mixed_stream", -45.0, False),
     ("ofdm_cancel", "following, two radios", "nr10_radios", -45.0, False),
+    ("ofdm_cancel", "following, carrier 1.234 567 MHz off", "nr10_offset_stream", -45.0, False),
     (
         "ofdm_cancel",
         "following, SIR -28 dB: the return is wider than a cell of 64QAM",

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft, ndimage
 
+from .carrier import course
 from .lattice import BLOCK, FAINT, box, middle, power, unit
 from .numerology import Numerology
 
@@ -17,8 +18,6 @@ __all__ = [
     "Prefix",
     "acquire",
     "acquired",
-    "carrier_step",
-    "course",
     "find_prefix",
     "level_in_use",
     "retuned",
@@ -29,15 +28,9 @@ _OCCUPIED = 0.35  # of the strongest block's power: less is silence between two 
 _SMOOTH = 9  # subcarriers over which a first channel is averaged
 _FAR = 41  # the same for a channel without long echoes
 _AS_LARGE = 0.8  # of the sum over fewer, for those to be averaged
-_COURSES = 512  # carriers tried
-_COARSELY = 64  # the same where one of sixteen leaps is sought
 _SQUARINGS = 5  # of Gram matrices: of an eigenvalue of 0.9 times the largest 0.03 are left
 _PLACES = 3  # of the long prefix, in which a frame may be read
 _AS_LIKELY = 0.98  # of the largest eigenvalue; bursts have that at other places, too, whole frames 0.95
-_IN_STEP = 0.8  # of the sum without regard to phase
-_SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
-_LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
-_NO_SLOPE = 2.5  # times its own scatter, a slope may be none
 _IN_USE = 1e-3  # of the usual power: fainter subcarriers are the filter's skirts
 
 
@@ -259,61 +252,3 @@ def _channel(mean: np.ndarray, level: np.ndarray, numerology: Numerology) -> np.
     # points of QPSK and QAM stand on the diagonals: their fourth power is negative
     angle = (angle + slope * numerology.subcarriers - np.pi) / 4
     return np.sqrt(level) * unit(angle.astype(np.float32, copy=False))
-
-
-def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
-    """(L,) angles of the symbols' fourth powers, summed over the subcarriers (L,), in radians.
-
-    A carrier offset turns them evenly, and this common course is known better than the angle of one symbol. That angle
-    has the data's noise, or is an eighth of a turn off where the points stand on the axes (the primary synchronisation
-    signal). A carrier that is whole subcarriers off turns them once more at each long prefix, of which ``passed`` (L,)
-    came before. Where most symbols are out of step (the turns of TS 38.211 clause 5.4) each keeps its own angle.
-    """
-    weight = np.abs(agreement)
-    leap, spectrum = 0.0, np.fft.fft(agreement, _COURSES)
-    if np.abs(spectrum).max() < _SURELY * weight.sum() and passed[-1] > 0:
-        turned = agreement * np.exp(-1j * _LEAPS[:, None] * passed)
-        best = int(np.abs(np.fft.fft(turned, _COARSELY)).max(axis=1).argmax())
-        finer = np.fft.fft(turned[best], _COURSES)
-        if np.abs(finer).max() > _SURELY * weight.sum():
-            leap, spectrum = _LEAPS[best], finer
-    best = int(np.abs(spectrum).argmax())
-    if np.abs(spectrum[best]) < _IN_STEP * weight.sum():
-        return np.angle(agreement)
-    index = np.arange(len(agreement), dtype=float)
-    step = 2 * np.pi * (best - _COURSES * (best > _COURSES // 2)) / _COURSES
-    rough = step * index + leap * passed
-    away = np.angle(agreement * np.exp(-1j * (np.angle(spectrum[best]) + rough)))
-    weight = weight * (np.abs(away) < np.pi / 2)
-    if np.count_nonzero(weight) < 3:
-        return np.angle(agreement)
-    if leap:
-        basis = np.stack([np.ones(len(index)), index, passed], axis=1)
-        found = np.linalg.lstsq(basis * weight[:, None], away * weight, rcond=None)[0]
-        return np.angle(spectrum[best]) + rough + basis @ found
-    weight /= weight.sum()
-    index -= weight @ index
-    away -= weight @ away
-    spread = weight @ index**2
-    finer = (weight * index) @ away / spread
-    scatter = np.sqrt(weight @ (away - finer * index) ** 2 / spread / len(index))
-    slope = step + finer
-    if abs(slope) < _NO_SLOPE * scatter:
-        slope = 0.0
-    return np.angle((agreement * np.exp(-1j * slope * index)).sum()) + slope * index
-
-
-def carrier_step(angles: np.ndarray, weight: np.ndarray, numerology: Numerology) -> float:
-    """Carrier offset, in subcarriers, from the turning of the symbols.
-
-    A straight line through (L,) angles, modulo a quarter turn, weighted by (L,) ``weight``.
-    """
-    heard = np.flatnonzero(weight > 0)
-    if len(heard) < 3:
-        return 0.0
-    course, weight = angles[heard], weight[heard]
-    if np.abs(course[1:] - course[:-1]).max() > np.pi / 4:
-        course = np.unwrap(4 * course) / 4
-    index = heard - (weight @ heard) / weight.sum()
-    per_symbol = float((weight * index) @ course / ((weight * index) @ index))
-    return per_symbol / (2 * np.pi) * numerology.useful / numerology.spacing

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .acquisition import Grid
+from .carrier import whole_subcarriers
 from .demodulator import Received
 from .numerology import Numerology
 
@@ -48,7 +49,7 @@ class Demodulated:
     ----------
     numerology : Numerology
     carrier : float
-        In subcarriers.
+        In subcarriers, without the whole ones.
     straight : Straight
         The frame without it.
     grid : Grid
@@ -56,6 +57,8 @@ class Demodulated:
     clear : (L, K) bool
         Which of their elements no return can be in.
     received : Received
+    shift : float
+        Whole subcarriers and thirds that the carrier is off as well, modulo 32.
     """
 
     numerology: Numerology
@@ -64,6 +67,19 @@ class Demodulated:
     grid: Grid
     clear: np.ndarray
     received: Received
+    shift: float
+
+    def retraced(self) -> Demodulated:
+        """The same with the whole subcarriers of the carrier as the angles now tell them."""
+        turns, received = 2 * np.pi / self.numerology.useful, self.received
+        times = self.numerology.times_at(self.grid.starts, self.grid.first_long)
+        angles = received.angles + self.shift * turns * times
+        shift, angles = whole_subcarriers(angles, received.weight, times, self.numerology)
+        return (
+            self
+            if shift == self.shift
+            else replace(self, shift=shift, received=replace(received, angles=angles))
+        )
 
     @property
     def misread(self) -> float:

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .acquisition import Grid, Prefix, acquired, carrier_step, retuned, transforms
+from .acquisition import Grid, Prefix, acquired, retuned, transforms
 from .burst import whole
+from .carrier import TURNS, carrier_step, whole_subcarriers
 from .demodulated import NEGLIGIBLE, Demodulated, straightened
 from .demodulator import FIRST, begin, demodulate
 from .emission import PARTLY
@@ -15,9 +16,8 @@ from .lattice import power
 from .numerology import Numerology
 from .ridge import Ridge
 
-__all__ = ["TURNS", "Opened"]
+__all__ = ["Opened"]
 
-TURNS = 6e-3  # more than that are turns of the symbols' own (TS 38.211 clause 5.4)
 _NOISE = 0.55  # error of the best symbol in the first turn; what is read in the end has 0.35, noise 0.6
 _NARROWEST = 40.0  # subcarriers that share the power; a tone is one or two, the narrowest LTE 72
 _BESIDE = 0.3  # of the power of elements that hold the return, in the others: a return alone has 0.15, SIR -10 dB 0.45
@@ -94,12 +94,17 @@ class Opened:
         if begun is None:
             return None
         # known far better than from fourth powers
-        step = carrier_step(begun.grid.angles, begun.weight, numerology)
-        if NEGLIGIBLE < abs(step) < TURNS:
+        times = numerology.times_at(grid.starts, grid.first_long)
+        shift, angles = whole_subcarriers(begun.grid.angles, begun.weight, times, numerology)
+        step = carrier_step(angles, begun.weight, numerology)
+        if shift:
+            grid = replace(grid, angles=grid.angles + angles - begun.grid.angles)
+            begun = replace(begun, grid=replace(begun.grid, angles=angles))
+        if NEGLIGIBLE < abs(step) < (np.inf if shift else TURNS):
             carrier += step
             straight = straightened(self._frame, carrier, numerology)
             spectra = transforms(straight.samples, grid.starts, numerology)
             grid = retuned(grid, spectra, step, numerology)
             begun = replace(begun, grid=retuned(begun.grid, spectra, step, numerology))
         received = demodulate(grid, clear, numerology, FIRST, begun=begun)
-        return Demodulated(numerology, carrier, straight, grid, clear, received)
+        return Demodulated(numerology, carrier, straight, grid, clear, received, shift)

@@ -65,6 +65,12 @@ class Numerology:
         within = np.arange(self.per_cycle) * (self.useful + self.prefix)
         return (first_long + cycles[:, None] * self.cycle + within).ravel()
 
+    def times_at(self, starts: np.ndarray, first_long: float) -> np.ndarray:
+        """The `times` of the symbols whose transforms begin at ``starts`` (L,)."""
+        passed = np.floor((starts - first_long + self.prefix / 2) / self.cycle)
+        within = np.rint((starts - first_long - passed * self.cycle) / (self.useful + self.prefix))
+        return first_long + passed * self.cycle + within * (self.useful + self.prefix)
+
     def places(self, starts: np.ndarray) -> np.ndarray:
         """Numbers of the samples of the windows at ``starts`` (L,), (L, useful) int."""
         key = starts.tobytes()

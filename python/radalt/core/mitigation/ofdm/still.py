@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from .acquisition import course, transforms
+from .acquisition import transforms
+from .carrier import course
 from .channel_fit import fit, sums
 from .demodulated import Demodulated
 from .demodulator import AGAIN, READ, Received, again, once_more, times_of, trusted
