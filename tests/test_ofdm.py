@@ -630,6 +630,17 @@ def test_beside_bursts_the_network_alone_decides():
     assert hybrid._ofdm.found and sum(same) >= 27
 
 
+@pytest.mark.parametrize(("busy", "misread"), [(0.6, 0.01), (1.0, 0.2)])
+def test_what_leaves_no_return_has_not_read_the_frame(busy, misread):
+    """A return at an SNR of -8 dB is left; or another emitter's burst beside it, 14 dB above it."""
+    _, frames = returns(1, 3, snr_db=-8.0)
+    hybrid = create("hybrid", W)
+    hybrid._ofdm.busy, hybrid._ofdm.misread = busy, misread
+    assert hybrid._fills(hybrid._ofdm, frames[0].astype(np.complex64))
+    frames += heard(QpskEmitter(), 1, -14.0, 3, overlap=0.3)
+    assert not hybrid._fills(hybrid._ofdm, frames[0].astype(np.complex64))
+
+
 def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch):
     """Tones go to the other method all the same; a carrier that begins later is found, and followed from then on."""
     _, tones = returns(120, 41)

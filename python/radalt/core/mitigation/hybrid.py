@@ -21,6 +21,8 @@ _OFDM_BURST, _QPSK_BURST = 0.45, 0.25
 # mean error in a part of the frame: one emitter leaves 0.06, users of unequal powers up to 0.12, bursts of several
 # emitters mostly 0.14 and more
 _MISREAD = 0.12
+# what is no return over what is, once OFDM is gone: 9 at an SNR of -10 dB, 11 to 15 where other bursts stay
+_LEFT_DB = 10.0
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
@@ -138,7 +140,7 @@ class Hybrid(Mitigation):
         out = None
         if last is not None:
             out = last.follow(frame)
-            if out is not None and self._fills(last):
+            if out is not None and self._fills(last, out):
                 self._last = last
                 self._followed += 1
                 self.cancelled += 1
@@ -152,7 +154,7 @@ class Hybrid(Mitigation):
             if method is last and out is not None:
                 continue  # it has had this frame
             out = method.cancel(heard, toneless=True)
-            if out is not None and self._fills(method):
+            if out is not None and self._fills(method, out):
                 self._last = method if heard is frame else None
                 self.cancelled += 1
                 return out
@@ -170,14 +172,20 @@ class Hybrid(Mitigation):
             self._wait = self._pause + 1
         return True
 
-    def _fills(self, method: OfdmCancel | QpskCancel) -> bool:
-        """Whether what a method cancelled fills so much of the frame that no other method is better.
+    def _fills(self, method: OfdmCancel | QpskCancel, out: np.ndarray) -> bool:
+        """Whether what a method cancelled fills so much of the frame that no other method is better; it left ``out``.
 
-        Where OFDM seems to fill a part and much is misread, other emitters' bursts stand beside it.
+        Other emitters' bursts stand beside OFDM that fills a part of the frame if much is misread; or if little of what
+        is left is a return, which is asked of a whole frame, too, where much is misread.
         """
         if method is self._qpsk:
             return method.busy >= _QPSK_BURST
-        return method.busy >= _OFDM_BURST and (method.busy == 1 or method.misread <= _MISREAD)
+        misread = method.misread > _MISREAD
+        if method.busy == 1 and not misread:
+            return True
+        if method.busy < _OFDM_BURST or (misread and method.busy < 1):
+            return False
+        return bool(self._detector.residual_db(out[None])[0] < _LEFT_DB)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
