@@ -96,15 +96,24 @@ def whole_subcarriers(
     if not heard.size or heard[-1] - heard[0] < _LONG:
         return 0.0, angles
     turns = 2 * np.pi / numerology.useful * times
-    upright = np.exp(-4j * _WHOLE[:, None] * turns) * (weight * np.exp(4j * angles))
-    off = np.exp(-4j * turns[:, None] * _OFF)
-    sums = upright @ off
-    best, rest = np.unravel_index(np.abs(sums).argmax(), sums.shape)
-    # points on the axes are an eighth of a turn off
-    weight = weight * ((upright[best] * off[:, rest] / sums[best, rest]).real > 0)
-    fits = np.abs((upright * (weight > 0)) @ off).max(axis=1) / weight.sum()
+    off, fourth = np.exp(-4j * turns[:, None] * _OFF), weight * np.exp(4j * angles)
+    if _fits(fourth[None], off)[0] > 1 - _EVENER:
+        return 0.0, angles
+    fits = _fits(np.exp(-4j * _WHOLE[:, None] * turns) * fourth, off)
     best = int(fits.argmax())
     if fits[best] < _EVEN or fits[best] < fits[0] + _EVENER:
         return 0.0, angles
     left = angles - _WHOLE[best] * turns
     return float(_WHOLE[best]), np.unwrap(np.angle(np.exp(4j * left))) / 4
+
+
+def _fits(fourth: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """How well the symbols' turned fourth powers (n, L) agree, each at the best ``off`` (L, m): (n,), at most 1.
+
+    A symbol with its points on the axes is an eighth of a turn off. So those do not count that are against the best sum
+    of all.
+    """
+    sums = fourth @ off
+    best, rest = np.unravel_index(np.abs(sums).argmax(), sums.shape)
+    counts = (fourth[best] * off[:, rest] * sums[best, rest].conj()).real > 0
+    return np.abs(fourth[:, counts] @ off[counts]).max(axis=1) / np.abs(fourth[0, counts]).sum()
