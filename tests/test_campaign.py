@@ -59,7 +59,7 @@ def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_out
     """A quarter of a metre at 10 m/s is 25 ms: an output of the wrong instant would show."""
     study = IntegrityStudy(methods=("none",), frames=480)
     fast = max(
-        range(20), key=lambda batch: abs(fly(case_of("landing/clear"), 1, batch, 480).speed_m_per_s[0])
+        range(12), key=lambda batch: abs(fly(case_of("landing/clear"), 1, batch, 480).speed_m_per_s[0])
     )
     flight, judged = study.flown(Case("jammed", "clean", snr_db=10.0), fast)
     outputs = judged["none"].outputs
@@ -86,13 +86,13 @@ def test_faults_make_failures_or_silence_and_no_wrong_altitude(name):
 
 @pytest.mark.parametrize("name", ["jammed/nr5/0.3/-20dB/snr10", "slip/paper_qpsk", "terrain/clear"])
 def test_the_same_point_twice_gives_the_same_rows_and_another_part_another_flight(name):
-    study = IntegrityStudy(methods=("none",), frames=400)
+    study = IntegrityStudy(methods=("none",), frames=240)
 
     def numbers(part: int) -> dict:
         return {k: v for k, v in rows_of(name, study, part)[0].items() if k != "ms_per_frame"}
 
     assert numbers(0) == numbers(0)
-    one, other = (fly(case_of(name), 1, part, 400).end_m[0] for part in (0, 1))
+    one, other = (fly(case_of(name), 1, part, 240).end_m[0] for part in (0, 1))
     assert one != other
 
 
