@@ -82,9 +82,7 @@ class _Lock:
     read_on: int = 0
     front_end: FrontEnd | None = None
     heard_through: bool = False  # whether the front end was looked for
-    phases: tuple[float, np.ndarray, np.ndarray] | None = (
-        None  # as `_ramp` told them last, and for which timing
-    )
+    ramp: tuple[float, np.ndarray, np.ndarray] | None = None  # the last of `_ramp`, and its ``first_long``
     drift: float = 0.0  # samples that its clock loses in a frame
     left: float | None = None  # samples by which the last frame was late, less what was made up for
 
@@ -364,20 +362,20 @@ class OfdmCancel(Mitigation):
 
     def _ramp(self, lock: _Lock) -> tuple[np.ndarray, np.ndarray]:
         """Windows of the symbols, and the phases by which each is late: (L,) int, (L, K) complex64."""
-        if lock.phases is None or lock.phases[0] != lock.first_long:
+        if lock.ramp is None or lock.ramp[0] != lock.first_long:
             times = lock.numerology.times(lock.first_long, self.waveform.samples_per_frame)
             held, starts = lock.numerology.windows(times, self.waveform.samples_per_frame)
-            moved = np.inf if lock.phases is None else lock.first_long - lock.phases[0]
+            moved = np.inf if lock.ramp is None else lock.first_long - lock.ramp[0]
             # a carrier that is whole subcarriers off turns symbols by their times
             shift = 2 * np.pi / lock.numerology.useful * lock.shift
             turn = lock.numerology.turn - np.float32(shift)
-            if abs(moved) < 1 and np.array_equal(starts, lock.phases[1]):
-                ramp = lock.phases[2] * unit(np.float32(moved) * turn)
+            if abs(moved) < 1 and np.array_equal(starts, lock.ramp[1]):
+                ramp = lock.ramp[2] * unit(np.float32(moved) * turn)
             else:
                 late = (starts - times[held]).astype(np.float32)
                 ramp = unit(-late[:, None] * turn - np.float32(shift * starts[:, None]))
-            lock.phases = lock.first_long, starts, ramp
-        return lock.phases[1:]
+            lock.ramp = lock.first_long, starts, ramp
+        return lock.ramp[1:]
 
     def _less(self, read: Demodulated, lock: _Lock) -> np.ndarray | None:
         """The frame less what was demodulated, None if nothing was; ``lock`` is updated for the next frame."""

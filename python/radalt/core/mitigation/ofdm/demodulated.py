@@ -75,11 +75,9 @@ class Demodulated:
         times = self.numerology.times_at(self.grid.starts, self.grid.first_long)
         angles = received.angles + self.shift * turns * times
         shift, angles = whole_subcarriers(angles, received.weight, times, self.numerology)
-        return (
-            self
-            if shift == self.shift
-            else replace(self, shift=shift, received=replace(received, angles=angles))
-        )
+        if shift == self.shift:
+            return self
+        return replace(self, shift=shift, received=replace(received, angles=angles))
 
     @property
     def misread(self) -> float:
