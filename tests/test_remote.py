@@ -6,6 +6,7 @@ import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import control_client
 import numpy as np
@@ -192,6 +193,15 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
     after = client.request("get")
     assert (after["altitude_m"], after["overlap"]) == (before["altitude_m"], before["overlap"])
     assert (after["errors"], after["transmit"]) == (0, "none")
+
+
+def test_while_a_flowgraph_starts_the_scheduler_is_not_asked(bench):
+    """Its counts point nowhere until all buffers are there: reading them then is a segmentation fault."""
+    bench.top.frame_segmenter = Mock(spec=["has_heard", "nitems_read"], has_heard=False)
+    bench.start()
+    reply = bench.ask(b'{"version": 1, "command": "get"}')
+    assert "has not started yet" in reply["error"]
+    bench.top.frame_segmenter.nitems_read.assert_not_called()
 
 
 @pytest.mark.parametrize("parts", [[b"x" * 60_000] * 4, [b""] * 5000], ids=["bytes", "parts"])

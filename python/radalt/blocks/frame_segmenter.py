@@ -99,6 +99,8 @@ class frame_segmenter(gr.basic_block):
         self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
         self._ready: deque[Frame] = deque()
         self._started = False
+        # for other threads: while a flowgraph starts, the scheduler's own counts point nowhere (a segmentation fault)
+        self.has_heard = False
         self._reacquire = False
         self._reported: tuple[str, bool, int] = ("", False, 0)
         self._silent_from: int | None = None  # sample counter from which there is no timing
@@ -172,6 +174,7 @@ class frame_segmenter(gr.basic_block):
             time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
         lend = room > 0  # frames are views of the input then, until they are in the output
         self._take(bite, lend)
+        self.has_heard |= bite.size > 0
         if self.arrivals is not None:
             self.arrivals.append((self.segmenter.sample_counter, time.perf_counter()))
         done = self._hand_on(out)

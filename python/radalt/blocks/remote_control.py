@@ -273,7 +273,7 @@ class remote_control:
     def _running(self) -> bool:
         """Whether samples flow; before, blocks may still be missing."""
         segmenter = vars(self._top).get("frame_segmenter")
-        return segmenter is not None and segmenter.nitems_read(0) > 0
+        return segmenter is not None and segmenter.has_heard
 
     def _altimeters(self) -> dict[str, Any]:
         found = list(vars(self._top).items())
