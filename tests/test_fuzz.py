@@ -501,7 +501,7 @@ def test_control_messages(report):
     """Every message gets a reply: a state, or an error of one line."""
     chirp = SimpleNamespace(manual_altitude_m=0.0, set_altitude=lambda m: None)
     sink = SimpleNamespace(active=True, count=3)
-    segmenter = SimpleNamespace(nitems_read=lambda port: 1, status=dict, reacquire=lambda: None)
+    segmenter = SimpleNamespace(has_heard=True, status=dict, reacquire=lambda: None)
     jammer = SimpleNamespace(set_overlap=lambda x: None, set_sir_db=lambda x: None)
     scene = parse_scene({"interference": {"qpsk": {}}})
     top = SimpleNamespace(
