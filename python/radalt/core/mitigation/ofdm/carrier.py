@@ -14,7 +14,7 @@ _IN_STEP = 0.8  # of the sum without regard to phase
 _SURELY = 0.95  # the same, with a turn at each long prefix, where an even course has less
 _LEAPS = 2 * np.pi / 16 * np.arange(16)  # such turns that are tried
 _NO_SLOPE = 2.5  # times its own scatter, a slope may be none
-TURNS = 6e-3  # subcarriers: more than that are turns of the symbols' own (TS 38.211 clause 5.4)
+TURNS = 6e-3  # subcarriers: more than that is no carrier's rest, where no whole number of them was told
 # subcarriers, of which those 32 apart turn fourth powers alike; carriers below 3 GHz stand 100 kHz apart, 20/3 of them
 _WHOLE = np.r_[0, -48:0, 1:48] / 3
 _OFF = 3e-3 * np.arange(-4, 5)  # subcarriers by which a prefix mistakes the rest

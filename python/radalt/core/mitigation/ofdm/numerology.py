@@ -67,7 +67,7 @@ class Numerology:
 
     def times_at(self, starts: np.ndarray, first_long: float) -> np.ndarray:
         """The `times` of the symbols whose transforms begin at ``starts`` (L,)."""
-        passed = np.floor((starts - first_long + self.prefix / 2) / self.cycle)
+        passed = self._cycles(starts, first_long)
         within = np.rint((starts - first_long - passed * self.cycle) / (self.useful + self.prefix))
         return first_long + passed * self.cycle + within * (self.useful + self.prefix)
 
@@ -82,9 +82,13 @@ class Numerology:
         """Which half slot (from a long prefix to the next) the symbols at ``starts`` (L,) are in, from 0: (L,) int."""
         key = starts.tobytes(), first_long
         if self._halves is None or self._halves[0] != key:
-            number = np.floor((starts - first_long + self.prefix / 2) / self.cycle).astype(int)
+            number = self._cycles(starts, first_long).astype(int)
             self._halves = key, number - number[0]
         return self._halves[1]
+
+    def _cycles(self, starts: np.ndarray, first_long: float) -> np.ndarray:
+        """(L,) float64 whole numbers: cycles from the long prefix at ``first_long`` to the last one before each."""
+        return np.floor((starts - first_long + self.prefix / 2) / self.cycle)
 
     def windows(self, times: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
         """Which of the symbols at ``times`` a frame holds, and the first sample of each one's transform: (L,), (L,)
