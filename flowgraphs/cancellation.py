@@ -37,7 +37,7 @@ def _parser() -> Parser:
         "--frames",
         type=number(int, 1, 100_000),
         default=60,
-        help="per case and SIR (default: %(default)s)",
+        help="per case and SIR, three times as many where the limit was asked for (default: %(default)s)",
     )
     add(
         "--flights",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.mitigation import create
+from gnuradio.radalt.core.mitigation import create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.ofdm import settled
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import transforms
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL
@@ -186,3 +186,28 @@ def test_only_what_is_louder_where_symbols_meet_is_blanked():
         modulator.subtract(left.astype(np.complex64), None, nothing, every, starts, numerology),
         left.astype(np.complex64),
     )
+
+
+@pytest.mark.parametrize(("sir_db", "seen"), [(-10.0, True), (-30.0, False)])
+def test_a_return_that_is_seen_as_it_is_needs_no_thorough_reading(monkeypatch, sir_db, seen):
+    """Its beat stands above the mean of a half sweep's by the SIR and the gain of 3,750 samples (35.7 dB)."""
+    frames, truth = frames_and_truth(2)
+    frames = truth + 10 ** (-sir_db / 20 - 2) * (frames - truth)
+    asked = []
+    read = ofdm_cancel.OfdmCancel._thoroughly
+    monkeypatch.setattr(
+        ofdm_cancel.OfdmCancel, "_thoroughly", lambda self, first: asked.append(1) or read(self, first)
+    )
+    method = create("ofdm_cancel", W)
+    for frame in frames.astype(np.complex64):
+        assert settled.Returned(W, 1500.0).seen(frame) == seen
+        method.reset()
+        method.process(frame[None])
+    assert bool(asked) != seen
+
+
+def test_one_half_sweep_with_a_tone_in_step_with_it_is_no_return():
+    """A return has a beat in both half sweeps."""
+    frames, truth = frames_and_truth(1)
+    half = truth[0] * (np.arange(N) < N // 2)
+    assert not settled.Returned(W, 1500.0).seen((frames[0] - truth[0] + 100 * half).astype(np.complex64))

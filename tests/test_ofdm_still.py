@@ -1,11 +1,14 @@
 """A channel that moves: one course for all symbols, and points on the axes that stay there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.mitigation import create
 from gnuradio.radalt.core.mitigation.ofdm import still
+from gnuradio.radalt.core.mitigation.ofdm.channel_fit import standing
 from gnuradio.radalt.core.mitigation.ofdm.demodulator import again
 from gnuradio.radalt.core.mitigation.ofdm.lattice import DENSE, SPARSE_POINTS, decide, nearest
 from gnuradio.radalt.core.waveform import Waveform
@@ -79,3 +82,37 @@ def test_a_channel_that_stands_still_is_not_given_a_course(monkeypatch):
     noise = rng.standard_normal((7500, 2)).view(np.complex128)[:, 0] * 10 ** (-53 / 20)
     out = create("ofdm_cancel", W).process((sent + noise).astype(np.complex64)[None])[0]
     assert np.median(np.abs(out[MIDDLE]) ** 2) < 10 ** (-5.5)
+
+
+def test_a_symbol_that_was_read_in_part_has_its_spread_taken_away(monkeypatch):
+    """What it spreads over its weak elements is what hides them; a symbol that a burst cuts is left alone."""
+    whole, taken = still._whole, []
+
+    def told(frame, received):
+        error = received.misread.copy()
+        error[[2, 5]] = 0.3, 0.7
+        cut = frame.clear.copy()
+        cut[7] = False
+        taken.append(whole(replace(frame, clear=cut), replace(received, misread=error)))
+        return whole(frame, received)
+
+    monkeypatch.setattr(still, "_whole", told)
+    create("ofdm_cancel", W).process(faded_sums(1))
+    assert taken and all(one[2] and not one[5] and not one[7] for one in taken)
+
+
+def test_a_course_of_which_few_symbols_tell_does_not_run_away():
+    """The channel of subcarriers that are silent in most symbols stays as loud as what is received there."""
+    rng = np.random.default_rng(9)
+    times = np.linspace(-1, 1, 13, dtype=np.float32)
+    points = nearest(rng.standard_normal((13, 500, 2), dtype=np.float32).view(np.complex64)[..., 0], 64)
+    points[4:, 200:220] = 0
+    channel = (1 + 0.2 * times[:, None] + np.zeros(500)).astype(np.complex64)
+    symbols = channel * points
+    runs = channel * (1 + 30 * np.maximum(times, 0)[:, None] ** 2 * (np.arange(500) // 20 == 10)).astype(
+        np.complex64
+    )
+    every = np.ones(points.shape, dtype=bool)
+    kept, _ = standing(symbols, runs, points, times, every, 1e-9, every)
+    np.testing.assert_array_equal(kept[:, :200], channel[:, :200])
+    assert np.abs(kept).max() < 2.5 < np.abs(runs).max()

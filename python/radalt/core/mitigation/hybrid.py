@@ -24,9 +24,11 @@ _MISREAD = 0.12
 # what is no return over what is, once OFDM is gone: 9 at an SNR of -10 dB, 11 to 15 where other bursts stay
 _LEFT_DB = 10.0
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
-_UNCLEAR_DB = -3.0  # what is no return over what is, in the network's output: more, and it is at its limit
+_UNCLEAR_DB = -3.0  # what is no return over what is, in an output: more, and its method is at its limit
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
-_SHARE = 2.0  # amplitude of the whitened frame beside that output
+# power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
+_SHALLOW_DB = 17.0
+_SHARE = 2.0  # amplitude of the whitened frame, or what is left of QPSK, beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
 _LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
@@ -43,10 +45,11 @@ class Hybrid(Mitigation):
     the frame. The method that had the last frame is asked first, and in a frame that shows no interference nothing is
     looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
-    output. Both hold the return, but their errors differ. Beside a burst the network alone is better: it knows the
-    quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some
-    5,000 transforms, which no live path has. There, looks that lead to no three frames that can be followed are 1, 3,
-    7 ... 511 frames apart. The other frames go to the network, several in one call.
+    output. Both hold the return, but their errors differ. So the output is also added to what is left of a part of the
+    frame with QPSK that no pulse explains well. Beside other bursts the network alone is better: it knows the quiet
+    part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some 5,000
+    transforms, which no live path has. There, looks that lead to no three frames that can be followed are 1, 3, 7 ...
+    511 frames apart. The other frames go to the network, several in one call.
 
     Parameters
     ----------
@@ -157,7 +160,7 @@ class Hybrid(Mitigation):
             if out is not None and self._fills(method, out):
                 self._last = method if heard is frame else None
                 self.cancelled += 1
-                return out
+                return self._helped(heard, out) if method is self._qpsk else out
         return None if self._live else self._elsewhere(frame, heard)
 
     def _looks(self) -> bool:
@@ -186,6 +189,15 @@ class Hybrid(Mitigation):
         if method.busy < _OFDM_BURST or (misread and method.busy < 1):
             return False
         return bool(self._detector.residual_db(out[None])[0] < _LEFT_DB)
+
+    def _helped(self, frame: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """(N,) what is left of a ``frame`` without its QPSK, ``out``; with the network's output where that fills a part
+        of the frame and no pulse explains it well, or much stays beside the return."""
+        if self._beside is None or self._qpsk.busy == 1:
+            return out
+        if self._qpsk.depth_db > _SHALLOW_DB and self._detector.residual_db(out[None])[0] < _UNCLEAR_DB:
+            return out
+        return _sum(self._other.process(frame), out)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
@@ -216,10 +228,10 @@ class Hybrid(Mitigation):
         return out
 
 
-def _sum(out: np.ndarray, white: np.ndarray) -> np.ndarray:
-    """(N,) network's output and whitened frame, which hold the return both, with errors that differ."""
-    level, white_level = np.linalg.norm(out), np.linalg.norm(white)
-    return out + np.float32(_SHARE * level / white_level) * white if 0 < white_level < np.inf else out
+def _sum(out: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(N,) network's output and what another method left: both hold the return, with errors that differ."""
+    level, other = np.linalg.norm(out), np.linalg.norm(beside)
+    return out + np.float32(_SHARE * level / other) * beside if 0 < other < np.inf else out
 
 
 def _toneless(frame: np.ndarray) -> np.ndarray:

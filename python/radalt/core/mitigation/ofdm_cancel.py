@@ -15,6 +15,7 @@ from .ofdm.carrier import TURNS, carrier_step, course
 from .ofdm.demodulated import Demodulated, Straight, straightened
 from .ofdm.demodulator import (
     AGAIN,
+    READ,
     Before,
     Received,
     demodulate,
@@ -246,7 +247,9 @@ class OfdmCancel(Mitigation):
             out = self._faint(opened, first if best <= _HOPELESS else None)
             if out is not None or best > _HOPELESS:
                 return out
-        read = still(self._thoroughly(first), self._modulator).retraced()
+        if first.received.misread.mean() <= READ or not self._returned.seen(frame):
+            first = self._thoroughly(first)
+        read = still(first, self._modulator).retraced()
         grid = read.grid
         lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used, read.shift)
         return self._less(read, lock)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from .acquisition import level_in_use
 from .lattice import box, middle, power
 
-__all__ = ["best_order", "fit", "mended", "standing", "sums"]
+__all__ = ["audible", "best_order", "fit", "loudest", "mended", "standing", "sums"]
 
 # of the energy, added to what would make a channel move that one symbol alone tells of
 _LOADING = np.float32(1e-4)
@@ -16,6 +17,7 @@ _MOST = 0.75  # of the subcarriers have to be right
 _BESIDE = 8  # subcarriers on either side that tell how the channel goes on
 _ORDERS = 3  # 0, 1, 2: tried in the end
 _HELPS = 0.9  # of the error left, for a higher order to be taken
+_LOUDEST = np.float32(1.7)  # times the usual amplitude: more, and silence explains anything
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 
 
@@ -150,8 +152,12 @@ def standing(
     times: np.ndarray,
     sure: np.ndarray,
     noise: float,
+    clear: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are."""
+    """A channel that stands still, (K,), and its error, if that is hardly more than ``noise``; or both as they are.
+
+    One that moves is `audible`: a course that few symbols tell of runs away beside them.
+    """
     if channel.ndim < 2:
         return channel, noise
     flat = channel.mean(axis=0)
@@ -159,4 +165,17 @@ def standing(
     factor, rest = best_order(
         symbols, symbols * model.conj() * sure, power(model) * sure, times, sure, np.inf
     )
-    return (flat * factor[0], rest) if rest < _STEADY * noise else (channel, noise)
+    if rest < _STEADY * noise:
+        return flat * factor[0], rest
+    return audible(channel, loudest(symbols, clear)), noise
+
+
+def loudest(symbols: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """(K,) largest amplitude that a channel may have, by the power of the ``clear`` (L, K) elements."""
+    return _LOUDEST * np.sqrt(level_in_use(symbols, clear)[0])
+
+
+def audible(model: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """(L, K) channel that is nowhere larger than ``most`` (K,), nor zero."""
+    size = np.abs(model)
+    return np.where(size > 0, model * np.minimum(1, most / np.maximum(size, np.float32(1e-9))), most)

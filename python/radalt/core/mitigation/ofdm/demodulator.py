@@ -283,7 +283,7 @@ def demodulate(
         if last:
             break
         likely = _likely(found.kinds, found.capped, clear)
-    channel, noise = standing(symbols, channel, found.points, times, sure, noise)
+    channel, noise = standing(symbols, channel, found.points, times, sure, noise, clear)
     if first and channel.ndim == 1:
         symbols, phase, angles, channel = _finer(
             symbols, phase, angles, channel, found.points, sure, numerology

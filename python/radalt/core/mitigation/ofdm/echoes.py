@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft, ndimage
 
-from .acquisition import Grid, level_in_use
-from .channel_fit import sums
+from .acquisition import Grid
+from .channel_fit import audible, loudest, sums
 from .demodulator import AGAIN, Received, demodulate, times_of
 from .lattice import amid, decide, power
 from .numerology import Numerology
 
-__all__ = ["Echoes", "audible", "grown", "loudest"]
+__all__ = ["Echoes", "grown"]
 
 _EARLY, _LATE = 12, 30  # samples of delay about the mean one; echoes come later
 _ORDER = 2  # of each echo's course in time
@@ -29,7 +29,6 @@ _SURE = 1.5  # error in cells, up to half a neighbour's distance
 _BRIDGE = np.ones((3, 9))  # symbols and subcarriers over which a region goes on
 _ROUNDS, _SPREADS = 12, 0.005  # at most; share of the elements that have to be won in one
 _CLEARLY = 0.97  # of the error, with the right quarter turn instead of the second best
-_LOUDEST = np.float32(1.7)  # times the usual amplitude: more, and silence explains anything
 _ENOUGH = 20.0  # elements of a symbol that tell its phase
 _BETTER = 0.97  # of what the model left before
 
@@ -121,17 +120,6 @@ class Echoes:
         channel = (self._times[:, None] ** np.arange(orders)) @ courses
         loud = ndimage.maximum_filter1d((np.square(np.abs(echoes)) * _SHARES).sum(axis=0), 3)
         return channel.astype(np.complex64), np.maximum(loud / max(loud.max(), 1e-30), _FAINT)
-
-
-def loudest(symbols: np.ndarray, clear: np.ndarray) -> np.ndarray:
-    """(K,) largest amplitude that a channel may have, by the power of the ``clear`` (L, K) elements."""
-    return _LOUDEST * np.sqrt(level_in_use(symbols, clear)[0])
-
-
-def audible(model: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """(L, K) channel that is nowhere larger than ``most`` (K,), nor zero."""
-    size = np.abs(model)
-    return np.where(size > 0, model * np.minimum(1, most / np.maximum(size, np.float32(1e-9))), most)
 
 
 class _Growth:

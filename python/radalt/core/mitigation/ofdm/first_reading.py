@@ -89,7 +89,7 @@ class Opened:
 
     def _read(self, grid: Grid) -> Demodulated | None:
         numerology, straight, carrier = self.numerology, self.straight, self._prefix.carrier
-        clear = self._clear(grid)
+        clear = self.clear if grid is self.grid else self._clear(grid)
         begun = begin(grid, clear, numerology, FIRST[0], limit=_NOISE)
         if begun is None:
             return None

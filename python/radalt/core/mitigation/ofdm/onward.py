@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from .acquisition import Grid
+from .channel_fit import audible, loudest
 from .demodulator import AGAIN, SURE, Received, demodulate
-from .echoes import Echoes, audible, loudest
+from .echoes import Echoes
 from .emission import PARTLY
 from .lattice import amid, decide, power
 from .numerology import Numerology

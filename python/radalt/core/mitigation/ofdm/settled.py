@@ -26,9 +26,12 @@ _EXPLAINED = 0.5  # of the power that was kept, for a return to be one
 _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
-_DOUBTFUL = 0.1  # mean error of the symbols, each at most 1, with which a return has to stand out
+_DOUBTFUL = (
+    0.1  # mean error of the symbols, each at most 1, with which a return may be half a metre off or more
+)
 _ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
+_SEEN = 40.0  # times the mean power of a half sweep's beats: that of a return at SIR -19 dB
 
 
 class Returned:
@@ -50,15 +53,26 @@ class Returned:
             np.arange(self._half) - (self._half - 1) / 2
         ) / self._half  # half sweeps from the middle of one
 
+    def seen(self, frame: np.ndarray) -> bool:
+        """Whether a return stands far out of an (N,) complex64 frame as it is: what is beside it does little harm."""
+        for half, sign in enumerate((-1, 1)):
+            part = slice(half * self._half, (half + 1) * self._half)
+            beats = power(fft.fft(frame[part] * self._reference[part].conj()))
+            if beats[sign * self._bins[::_FINER] // _FINER].max() < _SEEN * beats.mean():
+                return False
+        return True
+
     def settled(
         self, frame: Demodulated, sent: Emission, modulator: Modulator
     ) -> tuple[Received, Emission, np.ndarray] | None:
         """What was received of a ``frame``, what was ``sent`` in it, and (N,) the frame less that, settled so.
 
-        None if too much of the return was misread, or too much of the frame and no return stands out: what is left may
-        be anything. Where no return stands out in a frame that was read, all is as it was.
+        None if too much of the frame or of the return was misread: what is left may be anything. Where no return stands
+        out, all is as it was.
         """
         straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
+        if received.misread.mean() > _DOUBTFUL:
+            return None
         held = grid.used & ~clear & sent.readable[:, None]
         for number in range(_TURNS + 1):
             out = modulator.subtract(
@@ -67,8 +81,6 @@ class Returned:
             tones = None if number == _TURNS else self._tones(out, straight.turn)
             back = tones and _found(tones, held & sent.kept, received, sent, frame)
             if back is None:
-                if not number and received.misread.mean() > _DOUBTFUL:
-                    return None
                 break
             better = _of_all(received, grid, clear, back, frame.numerology)
             less = emission(better, grid, clear, None)

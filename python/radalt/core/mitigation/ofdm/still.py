@@ -8,11 +8,12 @@ import numpy as np
 
 from .acquisition import transforms
 from .carrier import course
-from .channel_fit import fit, sums
+from .channel_fit import audible, fit, loudest, sums
 from .demodulated import Demodulated
 from .demodulator import AGAIN, READ, Received, again, once_more, times_of, trusted
 from .drift import change_of_all, matters, moves
-from .echoes import audible, grown, loudest
+from .echoes import grown
+from .emission import READABLE
 from .lattice import Decisions, middle, misread, power
 from .modulator import Modulator
 from .upright import true_up
@@ -46,7 +47,7 @@ def _without_change(frame: Demodulated, modulator: Modulator) -> Demodulated:
         if number and not matters(change - taken, received, grid):
             break
         taken = change
-        less = _less(frame, change, received.weight > 0, modulator)
+        less = _less(frame, change, _whole(frame, received), modulator)
         symbols = transforms(less, grid.starts, numerology) * received.phase
         before = received.noise
         # a channel that moved may stand still now, so its error says nothing
@@ -89,7 +90,7 @@ def _evened(frame: Demodulated, received: Received, modulator: Modulator) -> Dem
         received.points.copy(), received.error.copy(), received.capped.copy(), received.few, received.kinds
     )  # fmt: skip
     told, most = heard.astype(np.float32), loudest(received.symbols, heard)
-    whole = received.weight > 0
+    whole = _whole(frame, received)
     sending = heard & whole[:, None]
     times, every = times_of(len(phase)), np.ones_like(heard)
     without, symbols = (
@@ -122,6 +123,12 @@ def _evened(frame: Demodulated, received: Received, modulator: Modulator) -> Dem
         angles=received.angles - away,
     )  # fmt: skip
     return replace(frame, straight=frame.straight.of(without), received=received)
+
+
+def _whole(frame: Demodulated, received: Received) -> np.ndarray:
+    """(L,) bool: symbols that neither the frame nor a burst cuts. One that was read in part is among them: what it
+    spreads over its weak elements is what hides them."""
+    return (received.misread <= READABLE) & frame.clear.any(axis=1)
 
 
 def _less(frame: Demodulated, change: np.ndarray, whole: np.ndarray, modulator: Modulator) -> np.ndarray:

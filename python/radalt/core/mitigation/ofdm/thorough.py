@@ -76,7 +76,8 @@ def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numer
     if received.misread.mean() < READ or middle(received.misread) < _WELL:
         return None
     scaled = demodulate(grid, clear, numerology, SCALED[:1], scaled=True)
-    if scaled.misread.mean() > _NEARLY:
+    # amplitudes of users that have none of their own only add errors
+    if scaled.misread.mean() > min(_NEARLY, received.misread.mean()):
         return None
     for turns in (SCALED[1:], SCALED[1:], AGAIN):
         told = clear & grid.used & (scaled.error < _TOLD)
