@@ -116,3 +116,15 @@ def test_a_course_of_which_few_symbols_tell_does_not_run_away():
     kept, _ = standing(symbols, runs, points, times, every, 1e-9, every)
     np.testing.assert_array_equal(kept[:, :200], channel[:, :200])
     assert np.abs(kept).max() < 2.5 < np.abs(runs).max()
+
+
+def test_a_symbol_that_fades_is_taken_away_like_the_others():
+    """The amplitude falls evenly to a fifth: the last symbols have less than a tenth of the first one's power."""
+    rng = np.random.default_rng(11)
+    sent = NrEmitter(channel_bandwidth_hz=10e6, seed=6).samples(7500, 7.5e6, rng)
+    noise = rng.standard_normal((7500, 2)).view(np.complex128)[:, 0] * 10 ** (-53 / 20)
+    method = create("ofdm_cancel", W)
+    out = method.process((sent * (1 - 0.8e3 * TIME_S) + noise).astype(np.complex64)[None])[0]
+    assert method.busy == 1
+    late = out[-1200:-600]
+    assert np.any(late) and np.median(np.abs(late) ** 2) < 10 ** (-4.8)

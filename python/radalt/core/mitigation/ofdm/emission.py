@@ -28,7 +28,8 @@ _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
 _MAJORITY = 0.7  # of the elements that hold the return
 _FEWEST_TOLD = 3  # elements of a subcarrier that tell of the receiver, where some regions are misread
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
-_IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing
+_IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing, if it is not read well
+_WELL = 0.1  # mean error of a symbol that is
 _NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
 _STANDS_OUT = 4.0  # times the median
@@ -90,7 +91,8 @@ def emission(
     sent = _over_symbols(power(received.points), trusted) > _SILENT * trusted.sum(axis=1)
     own = power(received.symbols)
     loud = own.sum(axis=1)
-    sending = sent & (loud > _IDLE * loud.max())
+    # a symbol may be weak because its channel fades, and is read all the same
+    sending = sent & ((loud > _IDLE * loud.max()) | (misread < _WELL))
     readable = sending & (misread <= READABLE)
     short = np.count_nonzero(sending) < _SHORT * sending.size
     if (
