@@ -10,6 +10,7 @@ from gnuradio.radalt.core.interference import QpskEmitter
 from gnuradio.radalt.core.interference.stream import Continued
 from gnuradio.radalt.core.radio.recording import open_capture
 from gnuradio.radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
+from gnuradio.radalt.evaluation.engine import estimate as estimates
 from gnuradio.radalt.evaluation.integrity.cases import KINDS, Case, case_of, cases, fly, received
 from gnuradio.radalt.evaluation.integrity.report import summarise
 from gnuradio.radalt.evaluation.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
@@ -109,7 +110,8 @@ def test_interference_meets_its_sir_in_every_frame_and_goes_on_between_frames():
     np.testing.assert_array_equal(np.concatenate([parts.samples(100, 7.5e6, rng) for _ in range(4)]), whole)
 
 
-def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys):
+def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and seconds each
     out = tmp_path / "out"
     small = ["--methods=none", "--groups=noise,spoofed_first", "--frames=400"]
     status = program.main(
@@ -132,5 +134,11 @@ def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys):
     again = [line for line in capsys.readouterr().out.splitlines() if "HAZARDOUS" in line]
     mine = [e for e in events if e["replay"] == events[0]["replay"]]
     assert [int(line.split()[1]) for line in again] == [int(e["frame_index"]) for e in mine]
-    more = [*small, "--jobs=1", f"--out={out}", "--resume", "--outputs=120"]
-    assert program.main(more) == 0 and "going on: 11 of 22" in capsys.readouterr().out
+
+
+def test_a_campaign_goes_on_to_more_outputs(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)
+    noise = ["--methods=none", "--groups=noise", "--frames=400", "--jobs=1", f"--out={tmp_path / 'out'}"]
+    assert program.main([*noise, "--outputs=10"]) == 0
+    assert program.main([*noise, "--resume", "--outputs=20"]) == 0
+    assert "going on: 1 of 2" in capsys.readouterr().out

@@ -17,6 +17,7 @@ from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
+from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.landing import config as landing
@@ -36,7 +37,8 @@ curve: {overlap: [0, 1.0], sinr_db: [-40, 0], trials: 6, sensitivity_trials: 0}
 
 
 @pytest.fixture
-def small(tmp_path, root):
+def small(tmp_path, root, monkeypatch):
+    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and seconds each
     data = root / "flowgraphs" / "landing"
     text = SMALL + (
         f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"
