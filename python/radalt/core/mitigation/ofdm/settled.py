@@ -26,9 +26,7 @@ _EXPLAINED = 0.5  # of the power that was kept, for a return to be one
 _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
-_DOUBTFUL = (
-    0.1  # mean error of the symbols, each at most 1, with which a return may be half a metre off or more
-)
+_DOUBTFUL = 0.1  # mean error of the symbols, each at most 1: from there on altitudes are half a metre off
 _ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
 _SEEN = 40.0  # times the mean power of a half sweep's beats: that of a return at SIR -19 dB
