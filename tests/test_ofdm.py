@@ -107,6 +107,14 @@ def test_errors_are_a_few_times_those_without_interference(case, seed):
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 4 * 0.032
 
 
+@pytest.mark.parametrize("case", ["nr10_qpsk", "nr5", "nr10_load30"])
+def test_a_return_that_is_seen_without_help_is_measured_better_with_it(case):
+    """Neither in an element with QPSK nor in one with noise alone is a return of -15 dB taken for data."""
+    frames, altitude_m = received(CASES[case], -15.0, 24, np.random.default_rng([78, 1]))
+    before, after = (ALTIMETER.process(some)["altitude_m"] - altitude_m for some in (frames, single(frames)))
+    assert np.sqrt(np.mean(after**2)) < 0.7 * np.sqrt(np.mean(before**2))
+
+
 def read_on(frames, monkeypatch, most):
     """Frames behind a method that reads ``most`` frames on what one told of them; and how many it read so."""
     monkeypatch.setattr(ofdm_cancel, "_READ_ON", most)

@@ -32,6 +32,9 @@ _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends not
 _WELL = 0.1  # mean error of a symbol that is read well
 _NOTHING = 0.5  # error over power of a subcarrier from which nothing is sent there
 _SKIRT = 0.01, 0.1  # error over power of a subcarrier that is of no use, at least and at most
+_BESIDE = np.float32(
+    0.05
+)  # of a subcarrier's usual power, below which one that cannot be read is beside the band
 _STANDS_OUT = 4.0  # times the median
 
 
@@ -105,6 +108,7 @@ def emission(
     rest = received.symbols - received.channel * received.points
     size = power(rest)
     told = (clear & readable[:, None]).astype(np.float32)
+    beside = _beside(received.capped, own, told)
     heard = told * grid.used
     partly = misread.sum() > PARTLY * misread.size
     if partly:
@@ -115,7 +119,7 @@ def emission(
     noise, level = _over_subcarriers(size, told), _over_subcarriers(own, told)
     left = noise / np.maximum(level, FAINT)
     empty = left > _NOTHING
-    empty |= ~grid.used
+    empty |= ~grid.used | beside
     if empty.any():
         rest[:, empty], size[:, empty], noise[empty] = (
             received.symbols[:, empty],
@@ -136,20 +140,32 @@ def emission(
     if kept is not None and partly:
         # where the return is larger than a cell, misread elements make little difference
         kept, where = expected_return(received, both, heard, kept[1]), both
+    if kept is not None:
+        # beside the band the return is as large as it is here, not as what is left of it in a cell
+        size[where] = power(kept[0])
     # where no return can be, and where it was misread, all of an element goes
     ridge &= empty
     noise /= np.maximum(told.sum(axis=0), 1)
-    weight = plausible(size, asked, ridge, whitened(noise))
+    weight = plausible(size, where, ridge, whitened(noise))
     rest *= weight
     sir_db, held = None, weight > 0
     if kept is not None:
-        rest[where], sir_db = kept
-        held = None
+        (rest[where], sir_db), held = kept, None
     elements = np.subtract(received.symbols, rest, out=rest)
     elements *= received.phase.conj()
     skirts = Skirts(fine, empty, noise)
     busy = np.count_nonzero(sending) / sending.size
     return Emission(elements, readable, busy, sir_db, held, skirts, float(misread.mean()))
+
+
+def _beside(capped: np.ndarray, own: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """(K,) bool: faint subcarriers that cannot be read, by the power ``own`` (L, K) of the elements ``told`` (L, K).
+
+    Noise fits no alphabet, but a lattice that is scaled to it is near it all the same.
+    """
+    count, total = told.sum(axis=0), _over_subcarriers(own, told)
+    faint = total < _BESIDE * middle(total / np.maximum(count, 1)) * count
+    return faint & (_over_subcarriers(capped, told) > READABLE * count)
 
 
 def faint_emission(grid: Grid, clear: np.ndarray, numerology: Numerology, least: float) -> Emission | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
@@ -24,6 +26,7 @@ FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decisi
 _SOME_FOLD = 0.05  # the same where weak users' cells are smaller than others'
 _ASTRAY = 0.01  # share of elements whose alphabet was misjudged, which may be anything
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
+_STEP_DB = np.array([0.0, -1.0, 1.0])  # to the finer grid, and from frame to frame
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
@@ -37,6 +40,7 @@ _DOUBTED = 0.3  # the same of one that is louder than others
 _UNEVEN = 4.0  # times the usual power, in the mean of such a region; a return from rough ground has that, too
 _UNLIKE = 20.0  # times the usual power, more of which tells no more
 _BESIDE = 3  # subcarriers of which noise is alike
+_ALONG = 121  # subcarriers of a symbol that tell whether it has few points; the ridge is some 80 wide
 _FAR = 1.6  # times the return's modulus: at that distance its density is small
 
 
@@ -95,10 +99,13 @@ def read_around(capped: np.ndarray, size: np.ndarray, asked: np.ndarray) -> np.n
     return makes errors, too. So the limit is lower only where the region has many times the usual ``size`` (power).
     """
     count, error = _in_region(asked.astype(np.float32)), _in_region(capped * asked)
-    usual = middle(size[asked]) if asked.any() else 0.0
-    total = _in_region(np.minimum(size, np.float32(_UNLIKE * usual)) * asked)
-    louder = total > np.float32(_UNEVEN * usual) * count
-    return asked & (error <= np.where(louder, np.float32(_DOUBTED), np.float32(_SPOILT)) * count)
+    read = asked & (error <= np.float32(_SPOILT) * count)
+    doubted = read & (error > np.float32(_DOUBTED) * count)
+    if doubted.any():
+        usual = middle(size[asked])
+        total = _in_region(np.minimum(size, np.float32(_UNLIKE * usual)) * asked)
+        read &= ~(doubted & (total > np.float32(_UNEVEN * usual) * count))
+    return read
 
 
 def _in_region(values: np.ndarray) -> np.ndarray:
@@ -147,6 +154,24 @@ def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
     return ring
 
 
+def _few_beside(few: np.ndarray, clear: np.ndarray) -> np.ndarray:
+    """(L, K) float32, 0..1: the share of elements of few points among the ``clear`` ones (L, K, float32 weights) around
+    each, in its symbol (control) and in its block of all symbols (a user)."""
+
+    def around(values: np.ndarray) -> np.ndarray:
+        return _ALONG * box(values, _ALONG) + BLOCK * box(values.sum(axis=0), BLOCK)
+
+    return (around(few * clear) + np.float32(0.5)) / (around(clear) + 1)
+
+
+def _likeliest(evidence: Callable[[float], float], tried: np.ndarray, *, finer: bool) -> float | None:
+    """The SIR in dB of most ``evidence`` among those ``tried``, or a step beside if ``finer``; None for the least."""
+    best = max(tried, key=evidence)
+    if best <= _SIR_DB[0]:
+        return None
+    return float(max(best + _STEP_DB, key=evidence) if finer else best)
+
+
 def expected_return(
     received: Received, ridge: np.ndarray, clear: np.ndarray, near_db: float | None = None
 ) -> tuple[np.ndarray, float] | None:
@@ -155,8 +180,9 @@ def expected_return(
     Where the return is larger than half a cell of the lattice, the nearest point may be any point, and subtracting it
     leaves the return folded into a cell. The return's modulus is the same in all elements, so points at that distance
     from what was received are the likely ones. The mean over them is taken, with the modulus that makes all received
-    elements most likely. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame before,
-    saves the search. None where the nearest points suffice.
+    elements most likely. A lattice of many points has one near anything, at any modulus, so the elements beside tell
+    how likely the few points are. The SIR in dB that follows is returned as well; ``near_db``, the SIR of the frame
+    before, saves the search. None where the nearest points suffice.
     """
     count, amplitudes = np.count_nonzero(ridge), received.amplitudes
     least = FOLD if amplitudes is None else _SOME_FOLD
@@ -174,13 +200,13 @@ def expected_return(
     size = power(channel)
     kinds = received.kinds.ravel()[at]
     root = np.array([SCALE[m] for m in DENSE])[kinds]
-    tried = _SIR_DB if near_db is None else _SIR_DB[np.abs(_SIR_DB - near_db) < 3]
+    tried = _SIR_DB if near_db is None else near_db + _STEP_DB
 
     def modulus(sir_db: float) -> float:
         return level * 10 ** ((sir_db + _LEVEL_DB) / 20)
 
     # points up to two from the nearest, or one where no other is at the return's distance
-    reach = 1 if _FAR * modulus(tried[-1]) < 3 * root.min() * np.sqrt(middle(size)) else 2
+    reach = 1 if _FAR * modulus(tried.max()) < 3 * root.min() * np.sqrt(middle(size)) else 2
     steps = root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
     near = np.choose(kinds, [nearest(values, m) for m in DENSE])
     top = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)[kinds]
@@ -193,17 +219,18 @@ def expected_return(
     prior = inside[0][:, None] * (inside[1] / np.array(DENSE, dtype=np.float32)[kinds])
     few_rests = values - scanty_points
     few_square = power(few_rests) * size
-    some = (np.ascontiguousarray(part[..., ::_SAMPLE]) for part in (square, prior, few_square))
-    some_square, some_prior, some_few = some
+    share = _few_beside(received.few, clear).ravel()[at]
+    some = (np.ascontiguousarray(part[..., ::_SAMPLE]) for part in (square, prior, few_square, share))
+    some_square, some_prior, some_few, some_share = some
     anything = np.float32(_ASTRAY / (np.pi * level**2))
 
     def evidence(sir_db: float) -> float:
         many = (_density(some_square, modulus(sir_db), received.noise) * some_prior).sum(axis=(0, 1))
         few = _SPARSE_PRIOR @ _density(some_few, modulus(sir_db), received.noise)
-        return float(np.mean(np.log(np.maximum(many, few) + anything)))
+        return float(np.mean(np.log(many + some_share * (few - many) + anything)))
 
-    sir_db = float(max(tried, key=evidence))
-    if sir_db == _SIR_DB[0]:
+    sir_db = _likeliest(evidence, tried, finer=near_db is None)
+    if sir_db is None:
         return None
     weight = _density(square, modulus(sir_db), received.noise)
     weight *= prior
