@@ -83,6 +83,9 @@ def test_every_epoch_holds_every_example_once_in_its_own_order(data):
     # resumed after half an epoch, the second half comes
     resumed = next(data.batches(config, W, 4, first=4))[2]
     np.testing.assert_array_equal(resumed, epochs[0][4:])
+    # two that take turns make the same
+    turns = [next(data.batches(config, W, 4, first=4 * k, share=2))[2] for k in range(2)]
+    np.testing.assert_array_equal(np.concatenate(turns), epochs[0])
 
 
 def test_content_hash_tells_sets_apart(data):

@@ -357,10 +357,10 @@ def _planes(frames: np.ndarray) -> np.ndarray:
 
 
 def batches(
-    config: SceneConfig, waveform: Waveform, batch: int, first: int = 0
+    config: SceneConfig, waveform: Waveform, batch: int, first: int = 0, share: int = 1
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, Waveform]]:
     """Endless training batches from example ``first`` on, with their sweep; a finite set repeats in a new order every
-    epoch."""
+    epoch. One of ``share`` that make them in turns makes every ``share``-th."""
     position, config = first, replace(config, recordings=split_recordings(config.recordings)[0])
     while True:
         if config.size == 0:
@@ -375,7 +375,7 @@ def batches(
             ]
             received, clean = (np.stack([row[i] for row in rows]) for i in (0, 1))
             yield _planes(received), _planes(clean), np.array([row[2] for row in rows]), waveform
-        position += batch
+        position += share * batch
 
 
 def validation_batches(

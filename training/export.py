@@ -310,7 +310,8 @@ def main() -> int:
     if args.weights:
         network.load_state_dict(exported_weights(args.weights))
     elif not args.untrained:
-        state = torch.load(args.runs / (args.name or args.recipe) / "checkpoint.pt", weights_only=True)
+        path = args.runs / (args.name or args.recipe) / "checkpoint.pt"
+        state = torch.load(path, map_location="cpu", weights_only=True)
         network.load_state_dict(state["network"])
     entries = exported_metadata(args.weights) if args.weights else metadata(args.recipe, state, network)
     args.out.parent.mkdir(parents=True, exist_ok=True)

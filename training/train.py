@@ -16,6 +16,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import cycle
 from pathlib import Path
 from queue import Empty
 
@@ -48,10 +49,12 @@ def normalise(planes: Tensor, kind: str) -> Tensor:
     return planes / planes.abs().amax(dim=dims, keepdim=True).clamp(min=1e-30)
 
 
-def _produce(queue: multiprocessing.Queue, config: SceneConfig, recipe: Recipe, first: int) -> None:
-    """Worker: fills the queue with batches for ever."""
+def _produce(
+    queue: multiprocessing.Queue, config: SceneConfig, recipe: Recipe, first: int, share: int
+) -> None:
+    """Worker: fills the queue with batches for ever, one of ``share`` workers that take turns."""
     torch.set_num_threads(1)
-    for received, clean, _, sweep in batches(config, Waveform(), recipe.batch, first):
+    for received, clean, _, sweep in batches(config, Waveform(), recipe.batch, first, share):
         queue.put((received, clean, sweep))
 
 
@@ -216,20 +219,28 @@ class Trainer:
         self.step += 1
         return float(loss.detach())
 
-    def run(self, until: float) -> None:
+    def _makers(self, count: int) -> list[tuple[multiprocessing.Queue, multiprocessing.Process]]:
+        """Started workers and their queues, to be taken from in turn: the order of batches does not depend on them."""
+        makers = []
+        for k in range(count):
+            queue: multiprocessing.Queue = multiprocessing.Queue(4)
+            first = (self.step + k) * self.recipe.batch
+            worker = multiprocessing.Process(
+                target=_produce, args=(queue, self.config, self.recipe, first, count), daemon=True
+            )
+            worker.start()
+            makers.append((queue, worker))
+        return makers
+
+    def run(self, until: float, workers: int = 1) -> None:
         """Train to the recipe's end or to the wall-clock time ``until`` (seconds since the epoch)."""
-        queue: multiprocessing.Queue = multiprocessing.Queue(4)
-        worker = multiprocessing.Process(
-            target=_produce,
-            args=(queue, self.config, self.recipe, self.step * self.recipe.batch),
-            daemon=True,
-        )
-        worker.start()
+        makers = self._makers(workers)
+        turn = cycle(makers)
         recent: list[float] = []
         mark = time.monotonic()
         try:
             while self.step < self.last and time.time() < until:
-                recent.append(self.train_step(*_take(queue, worker)))
+                recent.append(self.train_step(*_take(*next(turn))))
                 if self.step % self.interval == 0 or self.step == self.last:
                     self.seconds += time.monotonic() - mark
                     mark = time.monotonic()
@@ -237,8 +248,9 @@ class Trainer:
                     recent.clear()
             self._save()
         finally:
-            worker.terminate()
-            worker.join()
+            for _, worker in makers:
+                worker.terminate()
+                worker.join()
 
     def _report(self, train_loss: float) -> None:
         size = self.config.size
@@ -305,6 +317,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1e6, help="stop, resumable, after this long")
     parser.add_argument("--interval", type=int, default=250, help="steps between reports and checkpoints")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=1, help="processes that make examples")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     args = parser.parse_args()
     recipe = RECIPES[args.recipe]
@@ -322,7 +335,7 @@ def main() -> None:
     for name in [] if args.start else _missing_before(recipe, args.runs):
         print(f"{args.recipe} starts from {name}: training that first", flush=True)
         earlier = Trainer(name, RECIPES[name], **where)
-        earlier.run(time.time() + 60 * args.minutes)
+        earlier.run(time.time() + 60 * args.minutes, args.workers)
         draw_curves(earlier.folder)
     try:
         trainer = Trainer(
@@ -336,7 +349,7 @@ def main() -> None:
     elif args.start:
         print(f"goes on from the weights of {args.start}; step count and optimiser start anew", flush=True)
     try:
-        trainer.run(time.time() + 60 * args.minutes)
+        trainer.run(time.time() + 60 * args.minutes, args.workers)
     except ChildProcessError as error:
         parser.error(str(error))
     if (trainer.folder / "log.csv").is_file():
