@@ -45,11 +45,13 @@ class Hybrid(Mitigation):
     the frame. The method that had the last frame is asked first, and in a frame that shows no interference nothing is
     looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
     power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
-    output. Both hold the return, but their errors differ. So the output is also added to what is left of a part of the
-    frame with QPSK that no pulse explains well. Beside other bursts the network alone is better: it knows the quiet
-    part. Before that, `JointCancel` is asked for QPSK and OFDM in one band. A frame that holds both costs some 5,000
-    transforms, which no live path has. There, looks that lead to no three frames that can be followed are 1, 3, 7 ...
-    511 frames apart. The other frames go to the network, several in one call.
+    output. Both hold the return, but their errors differ. Under what is white noise to the receiver, such as NR with
+    noise of its own, the network only makes errors of its own, and the whitened frame alone is given. The output is
+    also added to what is left of a part of the frame with QPSK that no pulse explains well. Beside other bursts the
+    network alone is better: it knows the quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band.
+    A frame that holds both costs some 5,000 transforms, which no live path has. There, looks that lead to no three
+    frames that can be followed are 1, 3, 7 ... 511 frames apart. The other frames go to the network, several in one
+    call.
 
     Parameters
     ----------
@@ -215,7 +217,15 @@ class Hybrid(Mitigation):
             return out
         if heard is not frame:
             out = self._other.process(heard)
-        return _sum(out, self._beside.process(heard))
+        return self._unclear(out, heard)
+
+    def _unclear(self, out: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """(N,) the sum of an unclear output ``out`` of the network and its ``frame``, whitened.
+
+        That alone under white noise, of which a network knows nothing.
+        """
+        whitened = self._beside.process(frame)
+        return whitened if self._detector.white(frame[None])[0] else _sum(out, whitened)
 
     def _together(self, frames: np.ndarray) -> np.ndarray:
         """(n, N) frames of a live path behind the other method, in one call, their tones with them."""
@@ -224,7 +234,7 @@ class Hybrid(Mitigation):
             unclear = self._detector.residual_db(out) > _UNCLEAR_DB
             for k in np.flatnonzero(unclear):
                 if _lasts(frames[k]):
-                    out[k] = _sum(out[k], self._beside.process(frames[k]))
+                    out[k] = self._unclear(out[k], frames[k])
         return out
 
 
