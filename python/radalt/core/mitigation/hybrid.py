@@ -217,25 +217,27 @@ class Hybrid(Mitigation):
             return out
         if heard is not frame:
             out = self._other.process(heard)
-        return self._unclear(out, heard)
-
-    def _unclear(self, out: np.ndarray, frame: np.ndarray) -> np.ndarray:
-        """(N,) the sum of an unclear output ``out`` of the network and its ``frame``, whitened.
-
-        That alone under white noise, of which a network knows nothing.
-        """
-        whitened = self._beside.process(frame)
-        return whitened if self._detector.white(frame[None])[0] else _sum(out, whitened)
+        return self._with_whitened(out[None], heard[None])[0]
 
     def _together(self, frames: np.ndarray) -> np.ndarray:
         """(n, N) frames of a live path behind the other method, in one call, their tones with them."""
         out = self._other.process(frames)
         if self._beside is not None:
-            unclear = self._detector.residual_db(out) > _UNCLEAR_DB
-            for k in np.flatnonzero(unclear):
-                if _lasts(frames[k]):
-                    out[k] = self._unclear(out[k], frames[k])
+            unclear = np.flatnonzero(self._detector.residual_db(out) > _UNCLEAR_DB)
+            unclear = [k for k in unclear if _lasts(frames[k])]
+            if unclear:
+                out[unclear] = self._with_whitened(out[unclear], frames[unclear])
         return out
+
+    def _with_whitened(self, out: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        """(n, N) unclear outputs ``out`` of the network, each with its whitened one of the ``frames`` added.
+
+        That alone stands for a frame that is white noise, of which a network knows nothing.
+        """
+        whitened = self._beside.process(frames)
+        for k in np.flatnonzero(~self._detector.white(frames)):
+            whitened[k] = _sum(out[k], whitened[k])
+        return whitened
 
 
 def _sum(out: np.ndarray, beside: np.ndarray) -> np.ndarray:

@@ -97,8 +97,9 @@ class InterferenceDetector:
             spectrum, _, cells = self._spectra(unit_peak(frames))
             np.put_along_axis(spectrum, cells, 0, axis=-1)
             rest = fft.ifft(spectrum, axis=-1)[..., : blocks * length]
-            cells = np.abs(fft.fft(rest.reshape(len(rest), -1, length), axis=-1)) ** 2
-            ratio = (cells**2).mean(axis=(1, 2)) / cells.mean(axis=(1, 2)) ** 2
+            short = fft.fft(rest.reshape(len(rest), -1, length), axis=-1)
+            cells = (short.real**2 + short.imag**2).reshape(len(rest), -1)
+            ratio = (cells**2).mean(axis=1) / cells.mean(axis=1) ** 2
             return ratio * (1.0 - (2 * _REACH + 1) / self._half) < _WHITE  # the tone's cells are empty
 
     def present(self, frames: np.ndarray) -> np.ndarray:
