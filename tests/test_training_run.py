@@ -58,6 +58,26 @@ def test_a_stopped_run_goes_on_where_it_was(training, runs):
     assert (folder / "compact_first/log.csv").read_text().splitlines()[-1].startswith("30,")
 
 
+def test_two_processes_make_the_examples_of_one(training, runs):
+    folder, small = runs
+    status, _, errors = training(
+        "train.py", "compact_first", "--name", "two", "--steps", "25", "--workers", "2", *small
+    )
+    assert status == 0, errors
+    one, two = (
+        [row["validation_loss"] for row in csv.DictReader((folder / name / "log.csv").open())][:5]
+        for name in ("compact_first", "two")
+    )
+    assert len(two) == 5
+    assert [float(loss) for loss in one] == pytest.approx([float(loss) for loss in two], abs=2e-3)
+
+
+def test_no_process_that_makes_examples_is_one_line(training, runs):
+    status, _, errors = training("train.py", "compact_first", "--workers", "0", *runs[1])
+    assert status == 2
+    assert "--workers is 0" in errors.splitlines()[-1]
+
+
 def test_export_for_every_sweep_loads_and_is_the_same_network_at_its_own(training, root, tmp_path):
     """The weights of `tcae.onnx` in a graph that takes a sweep's tables: the same result but for rounding."""
     model = tmp_path / "any.onnx"

@@ -320,6 +320,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes that make examples")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     args = parser.parse_args()
+    if args.workers < 1:
+        parser.error(f"--workers is {args.workers}; at least one process has to make examples")
     recipe = RECIPES[args.recipe]
     if args.steps:
         recipe = replace(recipe, steps=args.steps, stop=0)

@@ -230,9 +230,9 @@ class Hybrid(Mitigation):
         return out
 
     def _with_whitened(self, out: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """(n, N) unclear outputs ``out`` of the network, each with its whitened one of the ``frames`` added.
+        """(n, N) sums of the network's unclear outputs ``out`` (n, N) and the whitened ``frames`` (n, N).
 
-        That alone stands for a frame that is white noise, of which a network knows nothing.
+        A frame that is white noise is given whitened alone: a network knows nothing of it.
         """
         whitened = self._beside.process(frames)
         for k in np.flatnonzero(~self._detector.white(frames)):

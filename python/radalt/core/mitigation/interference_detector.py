@@ -91,7 +91,7 @@ class InterferenceDetector:
         What a return above the noise leaves beside its cells may be called interference, and so is one of many cells.
         """
         frames = np.asarray(frames, dtype=np.complex64)
-        length = fft.next_fast_len(max(8, round(self._half**0.5)))
+        length = fft.next_fast_len(max(8, round(self._half**0.5)))  # a prime takes four times as long
         blocks = self._half // length
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             spectrum, _, cells = self._spectra(unit_peak(frames))
