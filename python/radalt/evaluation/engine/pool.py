@@ -6,6 +6,7 @@ flowgraph does when something is wrong.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import multiprocessing
 import os
@@ -157,8 +158,11 @@ def _enter_pool(ready: Semaphore) -> None:
     """`enter`; a method of the user's that calls ``os._exit(0)`` ends as a failure; then ``ready``.
 
     pebble takes a worker with status 0 for one that has nothing left to do, and its task would wait for the time limit.
+    It sends SIGTERM right after it has closed the pipes. A worker that ends by then holds it back: Python, its handlers
+    cleared, would print a traceback; pebble kills one that does not come to its end.
     """
     enter()
+    atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
     leave = os._exit
     os._exit = lambda status: leave(status or 1)
     ready.release()
