@@ -1,5 +1,7 @@
 """A channel that moves is estimated together with the return; what was misread is not kept for one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,9 @@ from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.mitigation import create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.ofdm import settled
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import transforms
+from gnuradio.radalt.core.mitigation.ofdm.channel_fit import fit, smooth_fit, sums
+from gnuradio.radalt.core.mitigation.ofdm.demodulator import times_of
+from gnuradio.radalt.core.mitigation.ofdm.emission import Emission
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL
 from gnuradio.radalt.core.mitigation.ofdm.modulator import Modulator
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
@@ -74,8 +79,8 @@ def test_the_return_is_kept_better_where_it_is_settled_with_the_channel(monkeypa
     errors, now = {}, []
     settle = settled.Returned.settled
 
-    def told(self, frame, sent, modulator):
-        out = settle(self, frame, sent, modulator)
+    def told(self, frame, sent, less, modulator):
+        out = settle(self, frame, sent, less, modulator)
         received, sent = out[:2]
         turn, clear = frame.straight.turn, frame.clear
         level = np.sqrt(np.mean(np.abs(now[0]) ** 2))
@@ -96,6 +101,83 @@ def test_the_return_is_kept_better_where_it_is_settled_with_the_channel(monkeypa
             method.process(frame[None])
     before, after = (np.median(errors[turns]) for turns in (0, settled._TURNS))
     assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("echo_s", [0.6e-6, 5e-6])
+def test_a_channel_that_is_smooth_over_subcarriers_has_a_third_of_the_noise(echo_s):
+    """Of two paths in opposite motion, on average over the band. What it smooths away stays below -60 dB, and where the
+    echo comes 5 us later (ETU) below -40 dB."""
+    rng = np.random.default_rng(15)
+    times, frequency_hz = times_of(13), 15e3 * np.arange(-250, 250)
+    late = np.exp(-2j * np.pi * frequency_hz * echo_s)
+    channel = np.exp(0.2j * times)[:, None] + 0.4 * np.exp(-0.2j * times)[:, None] * late
+    error = 1e-2 * noise(rng, *channel.shape)
+    weight = np.ones(channel.shape, dtype=np.float32)
+
+    def wrong(told, fitted):
+        right, left = sums((channel + told).astype(np.complex64), weight, times, 2)
+        factors = fitted(right, left)
+        found = sum(times[:, None] ** n * one for n, one in enumerate(factors))
+        return np.mean(np.abs(found - channel) ** 2)
+
+    def smooth(right, left):
+        return smooth_fit(right, left, channel)
+
+    assert wrong(0 * error, smooth) < (1e-6 if echo_s < 1e-6 else 1e-4)
+    if echo_s < 1e-6:
+        assert wrong(error, smooth) < 0.4 * wrong(error, lambda *both: fit(*both, 2, 1))
+
+
+def kept_return(rng, spoilt):
+    """The return's elements, and a frame in which those from the symbol ``spoilt`` on are others of its size."""
+    numerology = Numerology(W.rate_hz, 15e3)
+    starts = numerology.windows(numerology.times(300.0, N), N)[1]
+    sweep = point_return(
+        W,
+        np.array([700.0]),
+        vertical_speed_m_per_s=np.zeros(1),
+        phase_cycles=np.zeros(1),
+        dtype=np.complex128,
+    )[0]
+    clear = Ridge(W, numerology, 1500.0).clear(starts, 0.0)
+    symbols = transforms(sweep.astype(np.complex64), starts, numerology)
+    held = ~clear
+    size = np.sqrt(np.mean(np.abs(symbols[held]) ** 2))
+    heard = symbols + (0.2 * size * noise(rng, *symbols.shape)).astype(np.complex64)
+    heard[spoilt:] = 2 * size * noise(rng, *heard[spoilt:].shape)
+    frame = SimpleNamespace(grid=SimpleNamespace(starts=starts), numerology=numerology)
+    received = SimpleNamespace(symbols=heard, phase=np.ones((len(starts), 1), dtype=np.complex64))
+    sent = Emission(np.zeros_like(symbols), np.ones(len(starts), dtype=bool), 1.0, kept=held)
+    return sweep, symbols, held, frame, received, sent
+
+
+def test_a_third_of_a_frame_that_was_misread_does_not_hide_its_return():
+    """What is found there is the return, and most of what was misread goes, but hardly anything else."""
+    rng = np.random.default_rng(17)
+    sweep, symbols, held, frame, received, sent = kept_return(rng, -4)
+    tones = settled.Returned(W, 1500.0)._tones(sweep.astype(np.complex64), None)
+    back = settled._found(tones, held, received, sent, frame)
+    strong = held & (np.abs(symbols) > 0.5 * np.abs(symbols[held]).max())
+    assert np.mean(np.abs(back - symbols)[strong] ** 2) < 0.05 * np.mean(np.abs(symbols[strong]) ** 2)
+    less = settled._fitting(sent, received, back, held)
+    spoilt = held & (np.arange(len(held)) >= len(held) - 4)[:, None]
+    assert less.kept[spoilt].mean() < 0.3
+    assert less.kept[held & ~spoilt].mean() > 0.95
+    gone = held & ~less.kept
+    np.testing.assert_array_equal(less.elements[gone], received.symbols[gone])
+    assert not less.elements[less.kept].any()
+
+
+@pytest.mark.parametrize(
+    ("misread", "sir_db", "given"), [(0.24, -23.0, False), (0.24, -20.0, True), (0.1, -23.0, True)]
+)
+def test_a_return_larger_than_a_cell_is_none_where_it_is_weak_and_much_was_misread(misread, sir_db, given):
+    received = SimpleNamespace(misread=np.full(13, misread))
+    frame = SimpleNamespace(received=received, straight=None, grid=None, clear=None)
+    sent = Emission(np.zeros((13, 500)), np.ones(13, dtype=bool), 1.0, sir_db=sir_db)
+    out = np.ones(N, dtype=np.complex64)
+    found = settled.Returned(W, 1500.0).settled(frame, sent, out, None)
+    assert found == ((received, sent, out) if given else None)
 
 
 def test_noise_is_no_return(monkeypatch):

@@ -387,8 +387,8 @@ class OfdmCancel(Mitigation):
         if sent is None:
             return None
         out = self._subtracted(read.straight, sent, grid.starts, read.numerology)
-        if self._moving and received.channel.ndim > 1 and sent.kept is not None:
-            settled = self._returned.settled(read, sent, self._modulator)
+        if self._moving and received.channel.ndim > 1:
+            settled = self._returned.settled(read, sent, out, self._modulator)
             if settled is None:
                 return None
             received, sent, out = settled

@@ -8,10 +8,12 @@ from scipy import ndimage
 from .acquisition import level_in_use
 from .lattice import box, middle, power
 
-__all__ = ["audible", "best_order", "fit", "loudest", "mended", "standing", "sums"]
+__all__ = ["audible", "best_order", "fit", "loudest", "mended", "smooth_fit", "standing", "sums"]
 
 # of the energy, added to what would make a channel move that one symbol alone tells of
 _LOADING = np.float32(1e-4)
+_ALONG = 3  # subcarriers on either side over which a channel is quadratic: 5 us of delay are 0.7 radians
+_BENDS = np.float64(1e-6)  # of the energy, added to what would make it bend where few subcarriers tell
 _GAP = 5  # subcarriers: fewer are noise
 _MOST = 0.75  # of the subcarriers have to be right
 _BESIDE = 8  # subcarriers on either side that tell how the channel goes on
@@ -79,6 +81,37 @@ def _quadratic(right: np.ndarray, left: np.ndarray) -> np.ndarray:
     two = (right[2] - second * right[0] - mixed * one) / outer
     one = one / inner - mixed * two
     return np.stack([right[0] / energy - first * one - second * two, one, two])
+
+
+def smooth_fit(right: np.ndarray, left: np.ndarray, channel: np.ndarray) -> np.ndarray:
+    """As `fit` of order 2, for a channel that is quadratic over the subcarriers around each, too (local regression).
+
+    ``right`` and ``left`` are `sums` for points, whose factor is the channel; ``channel`` (L, K), what is known of it,
+    tells its mean delay. Seven subcarriers tell of each one, which leaves a third of the noise.
+    """
+    count = right.shape[1]
+    slope = np.angle((channel[:, 1:] * channel[:, :-1].conj()).sum())
+    late = np.exp(1j * slope * np.arange(count))
+    away = np.arange(-_ALONG, _ALONG + 1) / _ALONG
+    # sums over the subcarriers around each, by powers of time and of distance
+    received = np.stack([_around(right * late.conj(), away**n) for n in range(3)], axis=1)
+    energies = np.stack([_around(left.astype(np.float64), away**n) for n in range(5)], axis=1)
+    time, place = np.divmod(np.arange(9), 3)
+    matrix = energies[np.add.outer(time, time), np.add.outer(place, place)].transpose(2, 0, 1)
+    energy = matrix[:, 0, 0].copy()
+    known = energy > 1e-3 * energy.mean()
+    at = np.arange(9)
+    matrix[:, at, at] += ((time > 0) * np.float64(_LOADING) + (place > 0) * _BENDS) * energy[:, None]
+    matrix[~known] = np.eye(9)
+    factors = np.linalg.solve(matrix, received.reshape(9, count).T[:, :, None])[:, :, 0].T
+    factor = factors[place == 0] * late
+    factor[0, ~known], factor[1:, ~known] = 1, 0
+    return factor.astype(np.complex64)
+
+
+def _around(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(rows, K) weighted sums of the subcarriers around each; none are beside the band."""
+    return ndimage.correlate1d(values, weights, axis=1, mode="constant")
 
 
 def mended(channel: np.ndarray, astray: np.ndarray) -> np.ndarray | None:

@@ -9,13 +9,14 @@ from scipy import fft
 
 from ...waveform import Waveform
 from .acquisition import Grid, transforms
-from .channel_fit import fit, sums
+from .channel_fit import smooth_fit, sums
 from .demodulated import Demodulated
 from .demodulator import Received, again, times_of, trusted
 from .emission import Emission, emission
-from .lattice import FAINT, Decisions, power
+from .lattice import FAINT, Decisions, middle, power
 from .modulator import Modulator
 from .numerology import Numerology
+from .ridge import FOLD
 from .upright import true_up
 
 __all__ = ["Returned"]
@@ -27,8 +28,12 @@ _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
 _DOUBTFUL = 0.1  # mean error of the symbols, each at most 1: from there on altitudes are half a metre off
-_ENOUGH = 0.5  # of the elements that may hold the return, kept in the end
+_ASTRAY, _WEAK_DB = 0.2, -22.0  # the same, and SIR, where a return larger than a cell is hardly one
+_ENOUGH = 0.6  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
+_MOSTLY = 0.6  # of the elements that were kept fit the return best, and tell it
+_STEPS = 4  # to find them
+_FAR = 9.0  # times the usual power beside the return: one element of noise in 500 has more
 _SEEN = 40.0  # times the mean power of a half sweep's beats: that of a return at SIR -19 dB
 
 
@@ -61,31 +66,44 @@ class Returned:
         return True
 
     def settled(
-        self, frame: Demodulated, sent: Emission, modulator: Modulator
+        self, frame: Demodulated, sent: Emission, out: np.ndarray, modulator: Modulator
     ) -> tuple[Received, Emission, np.ndarray] | None:
-        """What was received of a ``frame``, what was ``sent`` in it, and (N,) the frame less that, settled so.
+        """What was received of a ``frame``, what was ``sent`` in it, and ``out`` (N,), the frame less that, settled so.
 
         None if too much of the frame or of the return was misread: what is left may be anything. Where no return stands
-        out, all is as it was.
+        out, or it is larger than a cell of the constellation, all is as it was.
         """
         straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
-        if received.misread.mean() > _DOUBTFUL:
+        misread = received.misread.mean()
+        if sent.kept is None:
+            return None if misread > _ASTRAY and sent.sir_db < _WEAK_DB else (received, sent, out)
+        if misread > _DOUBTFUL:
             return None
         held = grid.used & ~clear & sent.readable[:, None]
-        for number in range(_TURNS + 1):
-            out = modulator.subtract(
-                straight.samples, straight.turn, sent.elements, sent.readable, grid.starts, frame.numerology
+
+        def less(what: Emission) -> np.ndarray:
+            return modulator.subtract(
+                straight.samples, straight.turn, what.elements, what.readable, grid.starts, frame.numerology
             )
-            tones = None if number == _TURNS else self._tones(out, straight.turn)
-            back = tones and _found(tones, held & sent.kept, received, sent, frame)
+
+        for number in range(_TURNS + 1):
+            back = _found(self._tones(out, straight.turn), held & sent.kept, received, sent, frame)
             if back is None:
                 break
-            better = _of_all(received, grid, clear, back, frame.numerology)
-            less = emission(better, grid, clear, None)
-            if less is None or less.kept is None:
+            sent = _fitting(sent, received, back, held)
+            again = None
+            if number < _TURNS:
+                better = _of_all(received, grid, clear, back, frame.numerology)
+                again = emission(better, grid, clear, None)
+            last = again is None or again.kept is None
+            if not last:
+                received, sent = better, again
+            out = less(sent)
+            if last:
                 break
-            received, sent = better, less
-        if np.count_nonzero(held & sent.kept) < _ENOUGH * np.count_nonzero(held):
+        enough = np.count_nonzero(held & sent.kept) >= _ENOUGH * np.count_nonzero(held)
+        fine = held & sent.skirts.fine
+        if not enough or received.capped[fine].sum() > FOLD * np.count_nonzero(fine):
             return None
         return received, sent, out
 
@@ -125,11 +143,27 @@ def _found(
     basis = np.stack([part[held] for part in parts], axis=1)
     if len(basis) < _FEWEST:
         return None
-    gains = np.linalg.lstsq(basis, kept, rcond=None)[0].astype(np.complex64)
-    found = basis @ gains
-    if np.vdot(found, found).real < _EXPLAINED * np.vdot(kept, kept).real:
+    near = slice(None)
+    for _ in range(_STEPS):  # least trimmed squares: what was misread in a region has no say
+        gains = np.linalg.lstsq(basis[near], kept[near], rcond=None)[0].astype(np.complex64)
+        away = power(kept - basis @ gains)
+        near = away <= np.quantile(away, _MOSTLY)
+    found = (basis @ gains)[near]
+    if np.vdot(found, found).real < _EXPLAINED * np.vdot(kept[near], kept[near]).real:
         return None
     return sum(gain * part for gain, part in zip(gains, parts, strict=True))
+
+
+def _fitting(sent: Emission, received: Received, back: np.ndarray, held: np.ndarray) -> Emission:
+    """What was ``sent``, and with it all of those elements that were kept but are far from the return ``back`` (L, K).
+
+    An element that was misread may be as large as a return by chance.
+    """
+    kept = held & sent.kept
+    away = power(received.symbols - sent.elements * received.phase - back)
+    far = kept & (away > _FAR * middle(away[kept]))
+    elements = np.where(far, received.symbols * received.phase.conj(), sent.elements)
+    return replace(sent, elements=elements, kept=sent.kept & ~far)
 
 
 def _of_all(
@@ -149,7 +183,7 @@ def _of_all(
         agreement = symbols * found.points.conj() * sure
         turn, angle, _ = true_up(agreement * channel.conj(), numerology)
         symbols, agreement, turns, angles = symbols * turn, agreement * turn, turns * turn, angles + angle
-        factors = fit(*sums(agreement, power(found.points) * sure, times, _ORDER), _ORDER, 1)
+        factors = smooth_fit(*sums(agreement, power(found.points) * sure, times, _ORDER), channel)
         channel = sum(times[:, None] ** n * one for n, one in enumerate(factors))
         again(found, symbols, channel, every, received.kinds)
     return replace(
