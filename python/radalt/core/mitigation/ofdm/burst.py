@@ -18,14 +18,16 @@ _LOUD = 0.9  # of a frame's power, at least, in a short burst that is blanked
 _GAP = 64  # samples that are quiet within a burst, by chance
 
 
-def whole(frame: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
+def whole(frame: np.ndarray, own: np.ndarray, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
     """(L,) bool: symbols in whose transforms at ``starts`` no burst begins or ends; a frame without silence has no
-    other."""
-    level = power(frame.take(numerology.places(starts), mode="wrap"))
-    own = level.mean(axis=1)
+    other.
+
+    ``own`` (L,) is the power of their samples.
+    """
     silent = own < _SILENT * own.max()
     if not silent.any():
         return ~silent
+    level = power(frame.take(numerology.places(starts), mode="wrap"))
     end = level.shape[1] // _ENDS
     beside = np.pad(silent, 1, constant_values=True)
     begins = beside[:-2] & (level[:, :end].mean(axis=1) < _BEGUN * own)

@@ -33,14 +33,16 @@ def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
     """
     weight = np.abs(agreement)
     leap, spectrum = 0.0, np.fft.fft(agreement, _COURSES)
-    if np.abs(spectrum).max() < _SURELY * weight.sum() and passed[-1] > 0:
+    size = np.abs(spectrum)
+    if size.max() < _SURELY * weight.sum() and passed[-1] > 0:
         turned = agreement * np.exp(-1j * _LEAPS[:, None] * passed)
         best = int(np.abs(np.fft.fft(turned, _COARSELY)).max(axis=1).argmax())
         finer = np.fft.fft(turned[best], _COURSES)
-        if np.abs(finer).max() > _SURELY * weight.sum():
-            leap, spectrum = _LEAPS[best], finer
-    best = int(np.abs(spectrum).argmax())
-    if np.abs(spectrum[best]) < _IN_STEP * weight.sum():
+        finer_size = np.abs(finer)
+        if finer_size.max() > _SURELY * weight.sum():
+            leap, spectrum, size = _LEAPS[best], finer, finer_size
+    best = int(size.argmax())
+    if size[best] < _IN_STEP * weight.sum():
         return np.angle(agreement)
     index = np.arange(len(agreement), dtype=float)
     step = 2 * np.pi * (best - _COURSES * (best > _COURSES // 2)) / _COURSES

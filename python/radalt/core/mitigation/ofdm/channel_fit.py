@@ -161,12 +161,10 @@ def best_order(
         if order < 2:  # the second has all that higher ones need
             right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
         factor = fit(right, left, order, 1)
-        # |y - c m|^2 summed: what was received, the cross term, the model's own energy
-        rest = energy - 2 * (factor.conj() * right[: order + 1]).real.sum(axis=0)
-        for i, one in enumerate(factor):
-            rest += power(one) * left[2 * i]
-            for j, other in enumerate(factor[:i]):
-                rest += 2 * (one.conj() * other).real * left[i + j]
+        # |y - c m|^2 summed, where c solves the normal equations with their loading
+        rest = energy - np.einsum("nk,nk->k", factor.conj(), right[: order + 1]).real
+        if order:
+            rest -= _LOADING * left[0] * power(factor[1:]).sum(axis=0)
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         if rest >= _HELPS * least:
             if not read:

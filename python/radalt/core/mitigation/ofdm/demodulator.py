@@ -195,9 +195,7 @@ def begin(
     # while the gain is rough, the outer points are the uncertain ones
     trusted = clear & (power(values) < 1)
     halves = numerology.halves(grid.starts, grid.first_long)
-    found, _, off = _decided(
-        grid.symbols, grid.channel, trusted, clear, halves, before and before.likely, scaled
-    )
+    found, _, off = _decided(values, grid.channel, trusted, clear, halves, before and before.likely, scaled)
     if off.min() > limit:
         return None
     times = times_of(len(values))
@@ -249,11 +247,15 @@ def demodulate(
     halves = numerology.halves(grid.starts, grid.first_long)
     late, times = 0.0, times_of(len(symbols))
     for width, order, share in turns:
-        found, amplitudes, off = _decided(symbols, channel, clear, clear, halves, likely, scaled)
+        found, amplitudes, off = _decided(
+            symbols * (1 / channel), channel, clear, clear, halves, likely, scaled
+        )
         odd, back = turned(symbols, channel, off, clear, halves, found.kinds)
         if odd.size:
             symbols, phase, angles = symbols * back, phase * back, angles - np.angle(back[:, 0])
-            found, amplitudes, off = _decided(symbols, channel, clear, clear, halves, likely, scaled)
+            found, amplitudes, off = _decided(
+                symbols * (1 / channel), channel, clear, clear, halves, likely, scaled
+            )
         last = order < 0 or off.mean() < READ
         heard = (off < max(DOUBTFUL, 1.5 * middle(off)))[:, None]
         heard[odd] = True  # a channel that they alone tell of has to follow them
@@ -278,15 +280,16 @@ def demodulate(
             )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)
-        course = _course(factor, times)
+        course, averaged = _course(factor, times), channel
         channel = channel * course
         if last:
             break
         likely = _likely(found.kinds, found.capped, clear)
     channel, noise = standing(symbols, channel, found.points, times, sure, noise, clear)
     if first and channel.ndim == 1:
+        own = channel / averaged
         symbols, phase, angles, channel = _finer(
-            symbols, phase, angles, channel, found.points, sure, numerology
+            symbols, phase, angles, channel, agreement * own.conj(), weight * power(own), numerology
         )
     kinds = found.kinds[halves]
     if first or np.abs(angle).max() > FINER or np.abs(course - 1).sum() > FINER * course.size:
@@ -339,7 +342,7 @@ def once_more(
 
 
 def _decided(
-    symbols: np.ndarray,
+    values: np.ndarray,
     channel: np.ndarray,
     trusted: np.ndarray,
     clear: np.ndarray,
@@ -348,11 +351,10 @@ def _decided(
     scaled: bool,
 ) -> tuple[Decisions, np.ndarray | None, np.ndarray]:
     """`decide`, or `decide_scaled` with its amplitudes, and how much of each symbol was misread, (L,)."""
-    values, amplitudes = symbols * (1 / channel), None
     if scaled:
         found, amplitudes = decide_scaled(values, np.abs(channel), trusted, halves)
     else:
-        found = decide(values, trusted, halves, likely=likely)
+        found, amplitudes = decide(values, trusted, halves, likely=likely), None
     return found, amplitudes, misread(found.capped, clear, channel)
 
 
@@ -361,19 +363,19 @@ def _finer(
     phase: np.ndarray,
     angles: np.ndarray,
     channel: np.ndarray,
-    points: np.ndarray,
-    sure: np.ndarray,
+    agreement: np.ndarray,
+    weight: np.ndarray,
     numerology: Numerology,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The same, set upright by each subcarrier's own ``channel`` (K,), and that channel by them: an averaged one was a
-    worse measure."""
-    model = channel * points
-    agreement = symbols * model.conj()
-    agreement *= sure
+    worse measure.
+
+    ``agreement`` (L, K) is received times conjugate model with that channel, ``weight`` (L, K) the model's power; zero
+    where not to be used.
+    """
     turn, angle, _ = true_up(agreement, numerology)
-    agreement *= turn
-    equations = agreement.sum(axis=0)[None], (power(model) * sure).sum(axis=0)[None]
-    return symbols * turn, phase * turn, angles + angle, channel * fit(*equations, 0, 1)[0]
+    factor = fit((agreement * turn).sum(axis=0)[None], weight.sum(axis=0)[None], 0, 1)[0]
+    return symbols * turn, phase * turn, angles + angle, channel * factor
 
 
 def _bridged(

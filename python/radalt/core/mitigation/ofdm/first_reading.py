@@ -50,6 +50,7 @@ class Opened:
         self.straight = straightened(frame, prefix.carrier, numerology)
         self._grids = acquired(self.straight.samples, prefix, numerology, self._clear_of)
         self.grid = next(self._grids)
+        self._own = power(self.grid.symbols)
         self.clear = self._clear(self.grid)
 
     def _clear_of(self, starts: np.ndarray) -> np.ndarray:
@@ -57,12 +58,12 @@ class Opened:
 
     def _clear(self, grid: Grid) -> np.ndarray:
         """(L, K) bool: elements of whole symbols that no return can be in."""
-        unbroken = whole(self.straight.samples, grid.starts, self.numerology)
+        unbroken = whole(self.straight.samples, self._own.mean(axis=1), grid.starts, self.numerology)
         return self._clear_of(grid.starts) & unbroken[:, None]
 
     def is_wide(self) -> bool:
         """Whether many subcarriers share the power, others than those of a return."""
-        own, used = power(self.grid.symbols), self.grid.used
+        own, used = self._own, self.grid.used
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return False
@@ -81,7 +82,7 @@ class Opened:
         best = self._read(self.grid)
         if best is None or best.misread <= PARTLY:
             return best
-        loud = power(self.grid.symbols).sum(axis=1)
+        loud = self._own.sum(axis=1)
         if np.mean(loud > _SILENT * loud.max()) < _FEW:
             others = filter(None, map(self._read, self._grids))
             best = min((best, *others), key=lambda first: first.misread)

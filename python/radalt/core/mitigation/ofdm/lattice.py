@@ -90,17 +90,22 @@ def unit(angle: np.ndarray) -> np.ndarray:
     return out
 
 
-def box(values: np.ndarray, width: int) -> np.ndarray:
-    """Running mean of (..., K) float32 over ``width`` of the last axis, its ends repeated."""
+def box(
+    values: np.ndarray, width: int, *, before: int | None = None, beside: float | None = None
+) -> np.ndarray:
+    """Running mean of (..., K) float32 over ``width`` of the last axis, of which ``before`` (or half) come before.
+
+    Beyond the ends of the axis they are repeated, or ``beside``.
+    """
     if width < 2:
         return values
-    before, size = width // 2, values.shape[-1]
+    before, size = width // 2 if before is None else before, values.shape[-1]
     # rows one after the other, summed as one: sums across two rows fall between the rows' own
     rows = np.empty((values.size // size + 1, size + width - 1), dtype=values.dtype)
     padded = rows[:-1].reshape(*values.shape[:-1], -1)
-    padded[..., :before] = values[..., :1]
+    padded[..., :before] = values[..., :1] if beside is None else beside
     padded[..., before : before + size] = values
-    padded[..., before + size :] = values[..., -1:]
+    padded[..., before + size :] = values[..., -1:] if beside is None else beside
     rows[-1] = 0
     # sums of 1, 2, 4 ... neighbours; those in the binary form of the width are put one after the other
     out, done, ahead, count = None, 0, rows.ravel(), 1

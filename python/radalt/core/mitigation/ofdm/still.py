@@ -76,10 +76,12 @@ def _evened(frame: Demodulated, received: Received, modulator: Modulator) -> Dem
     of upright symbols has an edge there, which no quadratic follows. A carrier turns symbols evenly: with that
     course alone taken out, a channel that moves is smooth.
     """
+    if received.channel.ndim == 1 or received.amplitudes is not None:
+        return None
     grid, numerology = frame.grid, frame.numerology
     heard = frame.clear & grid.used
     error = received.capped[heard].mean()
-    if received.channel.ndim == 1 or received.amplitudes is not None or error > _READABLE:
+    if error > _READABLE:
         return None
     passed = numerology.halves(grid.starts, grid.first_long)
     away = received.angles - course(received.weight * np.exp(4j * received.angles), passed) / 4
