@@ -9,8 +9,6 @@ from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.mitigation import create, ofdm_cancel
 from gnuradio.radalt.core.mitigation.ofdm import settled
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import transforms
-from gnuradio.radalt.core.mitigation.ofdm.channel_fit import fit, smooth_fit, sums
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import times_of
 from gnuradio.radalt.core.mitigation.ofdm.emission import Emission
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL
 from gnuradio.radalt.core.mitigation.ofdm.modulator import Modulator
@@ -101,31 +99,6 @@ def test_the_return_is_kept_better_where_it_is_settled_with_the_channel(monkeypa
             method.process(frame[None])
     before, after = (np.median(errors[turns]) for turns in (0, settled._TURNS))
     assert after < 0.5 * before
-
-
-@pytest.mark.parametrize("echo_s", [0.6e-6, 5e-6])
-def test_a_channel_that_is_smooth_over_subcarriers_has_a_third_of_the_noise(echo_s):
-    """Of two paths in opposite motion, on average over the band. What it smooths away stays below -60 dB, and where the
-    echo comes 5 us later (ETU) below -40 dB."""
-    rng = np.random.default_rng(15)
-    times, frequency_hz = times_of(13), 15e3 * np.arange(-250, 250)
-    late = np.exp(-2j * np.pi * frequency_hz * echo_s)
-    channel = np.exp(0.2j * times)[:, None] + 0.4 * np.exp(-0.2j * times)[:, None] * late
-    error = 1e-2 * noise(rng, *channel.shape)
-    weight = np.ones(channel.shape, dtype=np.float32)
-
-    def wrong(told, fitted):
-        right, left = sums((channel + told).astype(np.complex64), weight, times, 2)
-        factors = fitted(right, left)
-        found = sum(times[:, None] ** n * one for n, one in enumerate(factors))
-        return np.mean(np.abs(found - channel) ** 2)
-
-    def smooth(right, left):
-        return smooth_fit(right, left, channel)
-
-    assert wrong(0 * error, smooth) < (1e-6 if echo_s < 1e-6 else 1e-4)
-    if echo_s < 1e-6:
-        assert wrong(error, smooth) < 0.4 * wrong(error, lambda *both: fit(*both, 2, 1))
 
 
 def kept_return(rng, spoilt):
