@@ -142,7 +142,7 @@ def test_a_third_of_a_frame_that_was_misread_does_not_hide_its_return():
 
 
 @pytest.mark.parametrize(
-    ("misread", "sir_db", "given"), [(0.24, -23.0, False), (0.24, -20.0, True), (0.1, -23.0, True)]
+    ("misread", "sir_db", "given"), [(0.11, -23.0, False), (0.24, -20.0, True), (0.09, -23.0, True)]
 )
 def test_a_return_larger_than_a_cell_is_none_where_it_is_weak_and_much_was_misread(misread, sir_db, given):
     received = SimpleNamespace(misread=np.full(13, misread))
@@ -173,7 +173,7 @@ def test_noise_is_no_return(monkeypatch):
         without = frame - alone + np.sqrt(0.1) * noise(rng, N)
         method.reset()
         method.process(without.astype(np.complex64)[None])
-        assert found == [None]
+        assert found and all(back is None for back in found)
         found.clear()
 
 

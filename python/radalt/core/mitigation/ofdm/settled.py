@@ -28,7 +28,9 @@ _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
 _DOUBTFUL = 0.1  # mean error of the symbols, each at most 1: from there on altitudes are half a metre off
-_ASTRAY, _WEAK_DB = 0.2, -22.0  # the same, and SIR, where a return larger than a cell is hardly one
+_WEAK_DB = (
+    -22.0
+)  # SIR from which a return is seen in most frames as they are, and what was misread does less harm
 _ENOUGH = 0.6  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
 _MOSTLY = 0.6  # of the elements that were kept fit the return best, and tell it
@@ -74,33 +76,35 @@ class Returned:
         out, or it is larger than a cell of the constellation, all is as it was.
         """
         straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
-        misread = received.misread.mean()
-        if sent.kept is None:
-            return None if misread > _ASTRAY and sent.sir_db < _WEAK_DB else (received, sent, out)
-        if misread > _DOUBTFUL:
+        weak = sent.kept is not None or sent.sir_db < _WEAK_DB
+        if weak and received.misread.mean() > _DOUBTFUL:
             return None
+        if sent.kept is None:
+            return received, sent, out
         held = grid.used & ~clear & sent.readable[:, None]
 
-        def less(what: Emission) -> np.ndarray:
+        def found() -> np.ndarray | None:
+            return _found(self._tones(out, straight.turn), held & sent.kept, received, sent, frame)
+
+        def less() -> np.ndarray:
             return modulator.subtract(
-                straight.samples, straight.turn, what.elements, what.readable, grid.starts, frame.numerology
+                straight.samples, straight.turn, sent.elements, sent.readable, grid.starts, frame.numerology
             )
 
-        for number in range(_TURNS + 1):
-            back = _found(self._tones(out, straight.turn), held & sent.kept, received, sent, frame)
+        for _ in range(_TURNS):
+            back = found()
             if back is None:
                 break
-            sent = _fitting(sent, received, back, held)
-            again = None
-            if number < _TURNS:
-                better = _of_all(received, grid, clear, back, frame.numerology)
-                again = emission(better, grid, clear, None)
-            last = again is None or again.kept is None
-            if not last:
-                received, sent = better, again
-            out = less(sent)
-            if last:
+            better = _of_all(received, grid, clear, back, frame.numerology)
+            again = emission(better, grid, clear, None)
+            if again is None or again.kept is None:
                 break
+            received, sent = better, again
+            out = less()
+        back = found()
+        if back is not None:
+            sent = _fitting(sent, received, back, held)
+            out = less()
         enough = np.count_nonzero(held & sent.kept) >= _ENOUGH * np.count_nonzero(held)
         fine = held & sent.skirts.fine
         if not enough or received.capped[fine].sum() > FOLD * np.count_nonzero(fine):
