@@ -28,9 +28,7 @@ _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
 _DOUBTFUL = 0.1  # mean error of the symbols, each at most 1: from there on altitudes are half a metre off
-_WEAK_DB = (
-    -22.0
-)  # SIR from which a return is seen in most frames as they are, and what was misread does less harm
+_WEAK_DB = -22.0  # SIR from which a return is seen in most frames, however much was misread
 _ENOUGH = 0.6  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
 _MOSTLY = 0.6  # of the elements that were kept fit the return best, and tell it
