@@ -28,7 +28,6 @@ _FEWEST = 8  # elements that tell of a return
 _TURNS = 2  # of return and channel
 _ROUNDS = 2  # of points and channel in each
 _DOUBTFUL = 0.1  # mean error of the symbols, each at most 1: from there on altitudes are half a metre off
-_WEAK_DB = -22.0  # SIR from which a return is seen in most frames, however much was misread
 _ENOUGH = 0.6  # of the elements that may hold the return, kept in the end
 _ORDER = 2  # of the channel's course in time
 _MOSTLY = 0.6  # of the elements that were kept fit the return best, and tell it
@@ -74,8 +73,7 @@ class Returned:
         out, or it is larger than a cell of the constellation, all is as it was.
         """
         straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
-        weak = sent.kept is not None or sent.sir_db < _WEAK_DB
-        if weak and received.misread.mean() > _DOUBTFUL:
+        if received.misread.mean() > _DOUBTFUL:
             return None
         if sent.kept is None:
             return received, sent, out
