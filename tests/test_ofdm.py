@@ -125,10 +125,19 @@ def read_on(frames, monkeypatch, most):
     return cleaned, sum(one is not None for one in count)
 
 
-@pytest.mark.parametrize("case", ["nr10_stream", "nr10_mixed_stream", "nr10_offset_stream"])
-def test_what_a_frame_tells_of_the_next_ones_costs_no_accuracy(case, monkeypatch):
+@pytest.mark.parametrize(
+    ("case", "sir_db"),
+    [
+        ("nr10_stream", -40.0),
+        ("nr10_mixed_stream", -40.0),
+        ("nr10_offset_stream", -40.0),
+        ("nr10_stream", -27.5),  # where the return is wider than a cell
+        ("nr10_stream_256qam", -30.0),
+    ],
+)
+def test_what_a_frame_tells_of_the_next_ones_costs_no_accuracy(case, sir_db, monkeypatch):
     """The synchronisation signals of a half frame among them."""
-    frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng(78))
+    frames, altitude_m = received(CASES[case], sir_db, 24, np.random.default_rng(78))
     error_m = []
     for most, fewest in ((0, 0), (7, 15)):
         cleaned, count = read_on(frames, monkeypatch, most)
@@ -157,6 +166,17 @@ def test_beside_a_synchronisation_block_a_narrow_carrier_is_followed(modulation,
     method = create("ofdm_cancel", W)
     cleaned = method.process(frames.astype(np.complex64))
     assert method.found <= 2 and len(still) <= 6 and set(still) == {1}
+    assert right(cleaned[1:], altitude_m[1:]) == 1.0
+
+
+@pytest.mark.parametrize(("before_db", "after_db"), [(-28, -20), (-20, -28), (-18, -28), (-24, -44)])
+def test_a_return_that_changes_by_much_is_measured_at_once(before_db, after_db):
+    """Where it is wider than a cell it is told by its power, and that of the frame before would tell another one."""
+    altitude_m, frames = returns(32, 9)
+    jammer = JammerStream(W, [Interferer(NrEmitter(**NR10), 0.0)], seed=3, free_running=True)
+    frames *= 10 ** (np.repeat([before_db, after_db], 16) / 20)[:, None]
+    frames += np.stack([jammer.next_frame() for _ in range(32)])
+    cleaned = create("ofdm_cancel", W).process(frames.astype(np.complex64))
     assert right(cleaned[1:], altitude_m[1:]) == 1.0
 
 

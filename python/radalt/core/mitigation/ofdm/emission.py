@@ -13,7 +13,7 @@ from .numerology import Numerology
 from .ridge import expected_return, plausible, read_around, whitened
 from .under_noise import mean_model
 
-__all__ = ["PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
+__all__ = ["MAJORITY", "PARTLY", "READABLE", "Emission", "Skirts", "emission", "faint_emission"]
 
 READABLE = 0.5  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 PARTLY = 0.05  # mean error of all symbols, where some regions of time and frequency may be misread
@@ -25,7 +25,7 @@ _SHORT = 0.4  # of a frame's symbols
 _SHORTLY = 0.2  # median error in so short a burst, from which it is better blanked
 _FEWEST = 0.3  # of the symbols that send have to be readable
 _AMISS = 0.2  # mean error of the elements around one whose channel is wrong
-_MAJORITY = 0.7  # of the elements that hold the return
+MAJORITY = 0.7  # of the elements that hold the return
 _FEWEST_TOLD = 3  # elements of a subcarrier that tell of the receiver, where some regions are misread
 _SILENT = np.float32(0.03)  # mean power of a symbol's points below which it sends nothing
 _IDLE = 0.1  # power of a symbol, of the loudest one's, below which it sends nothing, if it is not read well
@@ -134,7 +134,7 @@ def emission(
     asked = both & right if partly else both
     # where a return is larger than a cell, most regions look misread
     read = read_around(received.capped, size, asked)
-    if np.count_nonzero(read) > _MAJORITY * np.count_nonzero(asked):
+    if np.count_nonzero(read) > MAJORITY * np.count_nonzero(asked):
         asked = read
     kept, where = expected_return(received, asked, heard, near_db), asked
     if kept is not None and partly:

@@ -8,13 +8,15 @@ import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
 from .demodulator import Received
-from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power
+from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, power, rounded_each
 from .numerology import Numerology
 
 __all__ = [
     "FOLD",
+    "NearPoints",
     "Ridge",
     "expected_return",
+    "few_beside",
     "most_plausible",
     "plausible",
     "read_around",
@@ -26,12 +28,19 @@ FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decisi
 _SOME_FOLD = 0.05  # the same where weak users' cells are smaller than others'
 _ASTRAY = 0.01  # share of elements whose alphabet was misjudged, which may be anything
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
-_STEP_DB = np.array([0.0, -1.0, 1.0])  # to the finer grid, and from frame to frame
+_STEPS_DB = np.array([0.0, -1.0, 1.0])  # to the finer grid, and from frame to frame
+_CHANGED_DB = np.array([-12.0, -8.0, -4.0, 4.0, 8.0])  # the same of a return that has changed
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
-_SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)
+_SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)[:, None]
+_FEW = len(SPARSE_POINTS)
+# of each of `DENSE`
+_HALF_CELL = np.array([SCALE[m] for m in DENSE])
+_OUTERMOST = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)
+_POINTS = np.array(DENSE, dtype=np.float32)
 _SAMPLE = 4  # one element in four tells the SIR
+_CHANGE_SAMPLE = 8  # the same where it is asked only whether it has changed
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
 _TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
 _REGION = 20  # subcarriers that are misread together
@@ -129,26 +138,27 @@ def whitened(noise: np.ndarray) -> np.ndarray:
     return np.minimum(np.sqrt(np.float32(middle(noise)) / np.maximum(noise, FAINT)), 1)
 
 
-def _density(square: np.ndarray, modulus: float, noise: float) -> np.ndarray:
-    """Density of a return of that modulus and noise at a squared distance: on a ring, or (beside the ridge's own line)
-    a disc."""
-    spread = (_SPREAD * modulus) ** 2 + noise / 2
+def _density(square: np.ndarray, modulus: np.ndarray, noise: float) -> np.ndarray:
+    """Density of a return of each ``modulus`` (n,) and noise at squared distances (points, elements), float32: on a
+    ring, or (beside the ridge's own line) a disc; (n, points, elements)."""
+    modulus = modulus.astype(np.float32)[:, None, None]
+    spread = (_SPREAD * modulus) ** 2 + 0.5 * noise
     distance = np.sqrt(square)
-    ring = distance - np.float32(modulus)
+    ring = distance - modulus
     ring *= ring
-    ring *= np.float32(-0.5 / spread)
+    ring *= -0.5 / spread
     np.exp(ring, out=ring)
-    ring /= np.maximum(distance, np.float32(0.1 * modulus), out=distance)
-    ring *= np.float32(_PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread)))
+    ring /= np.maximum(distance, 0.1 * modulus)
+    ring *= _PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread))
     size = (0.5 * modulus) ** 2 + noise
-    disc = square * np.float32(-1 / size)
+    disc = square * (-1 / size)
     np.exp(disc, out=disc)
-    disc *= np.float32((1 - _PRIOR_IN) / (np.pi * size))
+    disc *= (1 - _PRIOR_IN) / (np.pi * size)
     ring += disc
     return ring
 
 
-def _few_beside(few: np.ndarray, clear: np.ndarray) -> np.ndarray:
+def few_beside(few: np.ndarray, clear: np.ndarray) -> np.ndarray:
     """(L, K) float32, 0..1: the share of elements of few points among the ``clear`` ones (L, K, float32 weights) around
     each, in its symbol (control) and in its block of all symbols (a user)."""
 
@@ -158,12 +168,19 @@ def _few_beside(few: np.ndarray, clear: np.ndarray) -> np.ndarray:
     return (around(few * clear) + np.float32(0.5)) / (around(clear) + 1)
 
 
-def _likeliest(evidence: Callable[[float], float], tried: np.ndarray, *, finer: bool) -> float | None:
-    """The SIR in dB of most ``evidence`` among those ``tried``, or a step beside if ``finer``; None for the least."""
-    best = max(tried, key=evidence)
-    if best <= _SIR_DB[0]:
+def _likeliest(evidence: Callable[[np.ndarray], np.ndarray], near_db: float | None) -> float | None:
+    """The SIR in dB of most ``evidence``; None for the least. One near that of the frame before is not sought among
+    all, unless the return has changed."""
+    if near_db is not None:
+        tried = near_db + np.r_[_STEPS_DB, _CHANGED_DB]
+        best = int(evidence(tried).argmax())
+        if best < _STEPS_DB.size:
+            return float(tried[best]) if tried[best] > _SIR_DB[0] else None
+    best = int(evidence(_SIR_DB).argmax())
+    if not best:
         return None
-    return float(max(best + _STEP_DB, key=evidence) if finer else best)
+    tried = _SIR_DB[best] + _STEPS_DB
+    return float(tried[evidence(tried).argmax()])
 
 
 def expected_return(
@@ -182,60 +199,79 @@ def expected_return(
     least = FOLD if amplitudes is None else _SOME_FOLD
     if not count or not clear.any() or (received.capped * ridge).sum() < least * count:
         return None
-    level = float(np.sqrt((power(received.symbols) * clear).sum() / np.count_nonzero(clear)))
-    at = np.flatnonzero(ridge)
-    still = received.channel.ndim == 1
-    channel = received.channel[at % received.channel.size] if still else received.channel.ravel()[at]
-    scanty_points = SPARSE_POINTS[:, None]
-    if amplitudes is not None:
-        dense, few = (each.ravel()[at] for each in amplitudes)
-        channel, scanty_points = channel * dense, scanty_points * (few / dense)
-    values = received.symbols.ravel()[at] / channel
-    size = power(channel)
-    kinds = received.kinds.ravel()[at]
-    root = np.array([SCALE[m] for m in DENSE])[kinds]
-    tried = _SIR_DB if near_db is None else near_db + _STEP_DB
+    most_db = _SIR_DB[-1] if near_db is None else near_db + _CHANGED_DB.max()
+    near = NearPoints(received, ridge, clear, most_db)
+    sir_db = _likeliest(near.evidence(few_beside(received.few, clear)[ridge]), near_db)
+    return None if sir_db is None else (near.expected(sir_db), sir_db)
 
-    def modulus(sir_db: float) -> float:
-        return level * 10 ** ((sir_db + _LEVEL_DB) / 20)
 
-    # points up to two from the nearest, or one where no other is at the return's distance
-    reach = 1 if _FAR * modulus(tried.max()) < 3 * root.min() * np.sqrt(middle(size)) else 2
-    steps = root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
-    near = np.choose(kinds, [nearest(values, m) for m in DENSE])
-    top = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)[kinds]
-    rests, inside = [], []
-    for value, point in ((values.real, near.real), (values.imag, near.imag)):
-        rests.append(value - (point + steps))
-        inside.append((np.abs(point + steps) <= top).astype(np.float32))
-    square = (rests[0] ** 2)[:, None] + rests[1] ** 2
-    square *= size
-    prior = inside[0][:, None] * (inside[1] / np.array(DENSE, dtype=np.float32)[kinds])
-    few_rests = values - scanty_points
-    few_square = power(few_rests) * size
-    share = _few_beside(received.few, clear).ravel()[at]
-    some = (np.ascontiguousarray(part[..., ::_SAMPLE]) for part in (square, prior, few_square, share))
-    some_square, some_prior, some_few, some_share = some
-    anything = np.float32(_ASTRAY / (np.pi * level**2))
+class NearPoints:
+    """Points near what was received in the elements of ``ridge`` (L, K), for SIR up to ``most_db``: those of each one's
+    lattice, then `SPARSE_POINTS`."""
 
-    def evidence(sir_db: float) -> float:
-        many = (_density(some_square, modulus(sir_db), received.noise) * some_prior).sum(axis=(0, 1))
-        few = _SPARSE_PRIOR @ _density(some_few, modulus(sir_db), received.noise)
-        return float(np.mean(np.log(many + some_share * (few - many) + anything)))
+    def __init__(self, received: Received, ridge: np.ndarray, clear: np.ndarray, most_db: float) -> None:
+        self._noise, self._shape, self._at = received.noise, ridge.shape, np.flatnonzero(ridge)
+        self._level = float(np.sqrt(np.vdot(power(received.symbols), clear) / clear.sum()))
+        at, channel = self._at, received.channel
+        channel = channel[at % channel.size] if channel.ndim == 1 else channel.ravel()[at]
+        scanty_points = SPARSE_POINTS[:, None]
+        if received.amplitudes is not None:
+            dense, few = (each.ravel()[at] for each in received.amplitudes)
+            channel, scanty_points = channel * dense, scanty_points * (few / dense)
+        self._channel, values = channel, received.symbols.ravel()[at] / channel
+        size = power(channel)
+        kinds = received.kinds.ravel()[at]
+        root = _HALF_CELL[kinds]
+        # points up to two from the nearest, or one where no other is at the return's distance
+        reach = 1 if _FAR * self._modulus(most_db) < 3 * root.min() * np.sqrt(middle(size)) else 2
+        steps = np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)
+        near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0]
+        dense = near + root * (steps[:, None] + 1j * steps).astype(np.complex64).reshape(-1, 1)
+        top = _OUTERMOST[kinds]
+        self._rests = np.concatenate([values - dense, values - scanty_points])
+        self._square = power(self._rests)
+        self._square *= size
+        self._prior = np.empty_like(self._square)
+        inside = (np.abs(dense.real) <= top) & (np.abs(dense.imag) <= top)
+        np.divide(inside, _POINTS[kinds], out=self._prior[:-_FEW])
+        self._prior[-_FEW:] = _SPARSE_PRIOR
 
-    sir_db = _likeliest(evidence, tried, finer=near_db is None)
-    if sir_db is None:
-        return None
-    weight = _density(square, modulus(sir_db), received.noise)
-    weight *= prior
-    across = weight.sum(axis=1)
-    many = across.sum(axis=0) + FAINT
-    few_weight = _density(few_square, modulus(sir_db), received.noise) * _SPARSE_PRIOR[:, None]
-    few = few_weight.sum(axis=0) + FAINT
-    # a block is of one alphabet
-    plane = np.zeros(ridge.shape, dtype=np.float32)
-    np.put(plane, at, np.log(few / many))
-    scanty = box(plane, BLOCK).ravel()[at] > 0
-    mean = ((across * rests[0]).sum(axis=0) + 1j * (weight.sum(axis=0) * rests[1]).sum(axis=0)) / many
-    mean = np.where(scanty, (few_weight * few_rests).sum(axis=0) / few, mean)
-    return (mean * channel).astype(np.complex64), sir_db
+    def _modulus(self, sir_db: float | np.ndarray) -> float | np.ndarray:
+        return self._level * 10 ** ((sir_db + _LEVEL_DB) / 20)
+
+    def evidence(self, share: np.ndarray, every: int = _SAMPLE) -> Callable[[np.ndarray], np.ndarray]:
+        """How likely one element in ``every`` few is at SIRs in dB (n,): (n,); ``share`` (elements,) is that of few
+        points, by the elements beside."""
+        square, prior, share = (
+            np.ascontiguousarray(part[..., ::every]) for part in (self._square, self._prior, share)
+        )
+        anything = np.float32(_ASTRAY / (np.pi * self._level**2))
+
+        def evidence(sir_db: np.ndarray) -> np.ndarray:
+            many, few = _both(_density(square, self._modulus(sir_db), self._noise) * prior)
+            return np.log(many + share * (few - many) + anything).mean(axis=1)
+
+        return evidence
+
+    def goes_on(self, sir_db: float, share: np.ndarray) -> bool:
+        """Whether the return is as large as at that SIR in dB, and not smaller or larger by far; as `evidence`."""
+        return not self.evidence(share, _CHANGE_SAMPLE)(sir_db + np.r_[0.0, _CHANGED_DB]).argmax()
+
+    def expected(self, sir_db: float) -> np.ndarray:
+        """(elements,) complex64 mean of the return."""
+        weight = _density(self._square, np.array([self._modulus(sir_db)]), self._noise)[0]
+        weight *= self._prior
+        many, few = _both(weight)
+        many += FAINT
+        few += FAINT
+        # a block is of one alphabet
+        plane = np.zeros(self._shape, dtype=np.float32)
+        np.put(plane, self._at, np.log(few / many))
+        scanty = box(plane, BLOCK).ravel()[self._at] > 0
+        dense_mean, few_mean = _both(self._rests * weight)
+        return (np.where(scanty, few_mean / few, dense_mean / many) * self._channel).astype(np.complex64)
+
+
+def _both(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of (..., points, elements) over the lattices' points, and over `SPARSE_POINTS`."""
+    return parts[..., :-_FEW, :].sum(axis=-2), parts[..., -_FEW:, :].sum(axis=-2)

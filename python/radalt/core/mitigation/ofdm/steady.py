@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit
 from .demodulator import FINER, SURE, Received, again
-from .emission import PARTLY, Emission
+from .emission import MAJORITY, PARTLY, Emission
 from .lattice import (
     Decisions,
     at_most_one,
@@ -21,7 +21,7 @@ from .lattice import (
     turn_to_axes,
 )
 from .numerology import Numerology
-from .ridge import FOLD, most_plausible, read_around, whitened
+from .ridge import FOLD, NearPoints, few_beside, most_plausible, read_around, whitened
 from .upright import true_up
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
@@ -75,6 +75,8 @@ class Steady:
     white: np.ndarray
     misread: float
     weight: np.ndarray
+    received: Received
+    share: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,6 @@ def steady(
     if (
         received.amplitudes is not None
         or sent.skirts is None
-        or sent.sir_db is not None
         or received.channel.ndim > 1
         or received.misread.mean() > PARTLY
         or not sent.readable.all()
@@ -132,11 +133,16 @@ def steady(
         whitened(skirts.noise)[column],
         misread,
         received.weight,
+        received,
+        None if sent.sir_db is None else few_beside(received.few, trusted).ravel()[at],
     )
 
 
-def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None:
-    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise."""
+def read_on(known: Steady, grid: Grid, numerology: Numerology, near_db: float | None) -> Reading | None:
+    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise.
+
+    ``near_db`` is the SIR of the frame before, where the return was larger than a cell.
+    """
     symbols, channel = grid.symbols, grid.channel
     found, misread = _decided(known, grid, symbols * (1 / channel), numerology)
     points, error, capped = found.points, found.error, found.capped
@@ -159,21 +165,37 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
         again(found, symbols, channel, ~known.clear, found.kinds)
     at, column = known.at, known.column
     held = capped.ravel().take(at)
-    # where the return is wider than a cell, more has to be asked
-    if (held * known.fine).sum() > FOLD * np.count_nonzero(known.fine):
-        return None
     here = symbols.ravel().take(at)
     rest = here - channel.take(column) * points.ravel().take(at)
     np.copyto(rest, here, where=known.empty)
     size = power(rest)
-    told = read_around(held, size, known.fine)
+    fine, told = known.fine, read_around(held, size, known.fine)
+    kept = None
+    if (held * fine).sum() > FOLD * np.count_nonzero(fine):
+        # the return is wider than a cell: more has to be asked
+        if known.share is None or near_db is None:
+            return None
+        if np.count_nonzero(told) <= MAJORITY * np.count_nonzero(fine):
+            told = fine
+        ridge = np.zeros(capped.shape, dtype=bool)
+        ridge.ravel()[at[told]] = True
+        here = replace(
+            known.received, symbols=symbols, channel=channel, points=points, kinds=found.kinds, capped=capped,
+            few=found.few,
+        )  # fmt: skip
+        near = NearPoints(here, ridge, known.trusted, near_db)
+        if not near.goes_on(near_db, known.share[told]):
+            return None
+        kept = near.expected(near_db)
+        size[told] = power(kept)
     most = most_plausible(size, told)
-    told |= known.empty
-    told &= size < most
+    weight = (told | known.empty) & (size < most)
     white = known.white
     if known.kind is None:  # users change, and what is misread with them
         white = whitened(_noise(known, symbols, channel * points))[column]
-    rest *= told * white
+    rest *= weight * white
+    if kept is not None:
+        rest[told] = kept
     symbols.ravel()[at] -= rest
     symbols *= phase.conj()
     return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))
