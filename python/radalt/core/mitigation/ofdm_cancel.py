@@ -290,7 +290,7 @@ class OfdmCancel(Mitigation):
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
         if lock.read_on and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
-            reading = read_on(lock.steady, grid, numerology, lock.sir_db)
+            reading = read_on(lock.steady, grid, numerology)
             if reading is not None:
                 lock.read_on -= 1
                 self.busy = 1.0

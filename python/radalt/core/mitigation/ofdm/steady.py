@@ -76,6 +76,7 @@ class Steady:
     misread: float
     weight: np.ndarray
     received: Received
+    sir_db: float | None
     share: np.ndarray | None
 
 
@@ -134,15 +135,13 @@ def steady(
         misread,
         received.weight,
         received,
+        sent.sir_db,
         None if sent.sir_db is None else few_beside(received.few, trusted).ravel()[at],
     )
 
 
-def read_on(known: Steady, grid: Grid, numerology: Numerology, near_db: float | None) -> Reading | None:
-    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise.
-
-    ``near_db`` is the SIR of the frame before, where the return was larger than a cell.
-    """
+def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None:
+    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise."""
     symbols, channel = grid.symbols, grid.channel
     found, misread = _decided(known, grid, symbols * (1 / channel), numerology)
     points, error, capped = found.points, found.error, found.capped
@@ -172,21 +171,11 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology, near_db: float | 
     fine, told = known.fine, read_around(held, size, known.fine)
     kept = None
     if (held * fine).sum() > FOLD * np.count_nonzero(fine):
-        # the return is wider than a cell: more has to be asked
-        if known.share is None or near_db is None:
-            return None
         if np.count_nonzero(told) <= MAJORITY * np.count_nonzero(fine):
             told = fine
-        ridge = np.zeros(capped.shape, dtype=bool)
-        ridge.ravel()[at[told]] = True
-        here = replace(
-            known.received, symbols=symbols, channel=channel, points=points, kinds=found.kinds, capped=capped,
-            few=found.few,
-        )  # fmt: skip
-        near = NearPoints(here, ridge, known.trusted, near_db)
-        if not near.goes_on(near_db, known.share[told]):
+        kept = _wide_return(known, symbols, channel, found, told)
+        if kept is None:
             return None
-        kept = near.expected(near_db)
         size[told] = power(kept)
     most = most_plausible(size, told)
     weight = (told | known.empty) & (size < most)
@@ -199,6 +188,27 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology, near_db: float | 
     symbols.ravel()[at] -= rest
     symbols *= phase.conj()
     return Reading(symbols, channel, grid.angles + angle, said, misread, middle(slope))
+
+
+def _wide_return(
+    known: Steady, symbols: np.ndarray, channel: np.ndarray, found: Decisions, told: np.ndarray
+) -> np.ndarray | None:
+    """(elements,) complex64 mean of a return that is larger than a cell, in those of the other elements that are
+    ``told`` (n, bool); None unless it is about as large as it was."""
+    if known.share is None:
+        return None
+    ridge = np.zeros(symbols.shape, dtype=bool)
+    ridge.ravel()[known.at[told]] = True
+    here = replace(
+        known.received,
+        symbols=symbols,
+        channel=channel,
+        points=found.points,
+        kinds=found.kinds,
+        few=found.few,
+    )
+    near = NearPoints(here, ridge, known.trusted, known.sir_db)
+    return near.expected(known.sir_db) if near.goes_on(known.sir_db, known.share[told]) else None
 
 
 def _noise(known: Steady, symbols: np.ndarray, model: np.ndarray) -> np.ndarray:
