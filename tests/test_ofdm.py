@@ -1,5 +1,7 @@
 """Cancellation of OFDM: what is sent is read blindly, subtracted, and the return is left."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from alike import assert_same_but_for_rounding
@@ -19,7 +21,7 @@ from gnuradio.radalt.core.mitigation.ofdm.carrier import carrier_step, course, w
 from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
 from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, misread, nearest
 from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
+from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge, expected_return
 from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
 from gnuradio.radalt.core.mitigation.ofdm.under_noise import mean_points
 from gnuradio.radalt.core.mitigation.ofdm.upright import true_up, turned
@@ -178,6 +180,35 @@ def test_a_return_that_changes_by_much_is_measured_at_once(before_db, after_db):
     frames += np.stack([jammer.next_frame() for _ in range(32)])
     cleaned = create("ofdm_cancel", W).process(frames.astype(np.complex64))
     assert right(cleaned[1:], altitude_m[1:]) == 1.0
+
+
+def test_a_return_wider_than_a_cell_is_told_beside_points_on_the_axes():
+    """The synchronisation signals: of the lattice's points those beside theirs leave the return upside down."""
+    rng = np.random.default_rng(7)
+    points = rng.choice(np.arange(-7, 8, 2), (2, 13, 500)) * 42**-0.5
+    points = (points[0] + 1j * points[1]).astype(np.complex64)
+    points[2, 186:313] = rng.choice([1, -1, 1j, -1j], 127)
+    ridge = np.zeros(points.shape, dtype=bool)
+    for symbol in range(13):
+        ridge[symbol, 20 + 72 * (symbol % 6) : 104 + 72 * (symbol % 6)] = True
+    alone = 0.14 * np.exp(2j * np.pi * rng.random(points.shape)) * ridge
+    received = SimpleNamespace(
+        symbols=(points + alone + 0.007 * noise(13, rng)[:, :500]).astype(np.complex64),
+        channel=np.ones(500, dtype=np.complex64),
+        points=points * ~ridge,
+        kinds=np.ones(points.shape, dtype=np.int8),
+        few=np.broadcast_to(np.arange(13)[:, None] == 2, points.shape),
+        capped=np.where(ridge, 0.6, 0.0).astype(np.float32),
+        amplitudes=None,
+        noise=5e-5,
+    )
+    kept, sir_db = expected_return(received, ridge, (~ridge).astype(np.float32))
+    assert sir_db == pytest.approx(20 * np.log10(0.14) - 8.5, abs=1.0)
+    told = np.zeros(points.shape, dtype=np.complex64)
+    told[ridge] = kept
+    there = ridge[2, 192:307].nonzero()[0] + 192
+    error = np.mean(np.abs(told - alone)[2, there] ** 2)
+    assert there.size > 50 and error < 0.01 * np.mean(np.abs(alone[2, there]) ** 2)
 
 
 @pytest.mark.parametrize("change", ["turns", "fades", "echoes", "ends"])

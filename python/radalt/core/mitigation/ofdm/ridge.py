@@ -34,7 +34,8 @@ _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
 _SPARSE_PRIOR = np.array([0.2] + [0.15] * 4 + [0.05] * 4, dtype=np.float32)[:, None]
-_FEW = len(SPARSE_POINTS)
+_AXES = np.array([1, 1j, -1, -1j], dtype=np.complex64)[:, None]
+_AXES_PRIOR = np.full((4, 1), 0.25, dtype=np.float32)
 # of each of `DENSE`
 _HALF_CELL = np.array([SCALE[m] for m in DENSE])
 _OUTERMOST = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)
@@ -206,18 +207,24 @@ def expected_return(
 
 
 class NearPoints:
-    """Points near what was received in the elements of ``ridge`` (L, K), for SIR up to ``most_db``: those of each one's
-    lattice, then `SPARSE_POINTS`."""
+    """Points near what was received in the elements of ``ridge`` (L, K), for SIR up to ``most_db``.
+
+    They are those of each one's lattice, `SPARSE_POINTS`, and those on the axes if any symbol has some: the
+    synchronisation signals.
+    """
 
     def __init__(self, received: Received, ridge: np.ndarray, clear: np.ndarray, most_db: float) -> None:
         self._noise, self._shape, self._at = received.noise, ridge.shape, np.flatnonzero(ridge)
         self._level = float(np.sqrt(np.vdot(power(received.symbols), clear) / clear.sum()))
         at, channel = self._at, received.channel
         channel = channel[at % channel.size] if channel.ndim == 1 else channel.ravel()[at]
-        scanty_points = SPARSE_POINTS[:, None]
+        families = [(SPARSE_POINTS[:, None], _SPARSE_PRIOR)]
+        if _some_on_axes(received.points):
+            families.append((_AXES, _AXES_PRIOR))
+        scale = 1
         if received.amplitudes is not None:
             dense, few = (each.ravel()[at] for each in received.amplitudes)
-            channel, scanty_points = channel * dense, scanty_points * (few / dense)
+            channel, scale = channel * dense, few / dense
         self._channel, values = channel, received.symbols.ravel()[at] / channel
         size = power(channel)
         kinds = received.kinds.ravel()[at]
@@ -228,13 +235,14 @@ class NearPoints:
         near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0]
         dense = near + root * (steps[:, None] + 1j * steps).astype(np.complex64).reshape(-1, 1)
         top = _OUTERMOST[kinds]
-        self._rests = np.concatenate([values - dense, values - scanty_points])
+        self._rests = np.concatenate([values - dense, *(values - points * scale for points, _ in families)])
         self._square = power(self._rests)
         self._square *= size
         self._prior = np.empty_like(self._square)
+        self._first = np.cumsum([0, len(dense), *(len(prior) for _, prior in families[:-1])])
         inside = (np.abs(dense.real) <= top) & (np.abs(dense.imag) <= top)
-        np.divide(inside, _POINTS[kinds], out=self._prior[:-_FEW])
-        self._prior[-_FEW:] = _SPARSE_PRIOR
+        np.divide(inside, _POINTS[kinds], out=self._prior[: len(dense)])
+        self._prior[len(dense) :] = np.concatenate([prior for _, prior in families])
 
     def _modulus(self, sir_db: float | np.ndarray) -> float | np.ndarray:
         return self._level * 10 ** ((sir_db + _LEVEL_DB) / 20)
@@ -248,7 +256,8 @@ class NearPoints:
         anything = np.float32(_ASTRAY / (np.pi * self._level**2))
 
         def evidence(sir_db: np.ndarray) -> np.ndarray:
-            many, few = _both(_density(square, self._modulus(sir_db), self._noise) * prior)
+            each = self._of_families(_density(square, self._modulus(sir_db), self._noise) * prior)
+            many, few = each[:, 0], each[:, 1:].sum(axis=1)
             return np.log(many + share * (few - many) + anything).mean(axis=1)
 
         return evidence
@@ -261,17 +270,23 @@ class NearPoints:
         """(elements,) complex64 mean of the return."""
         weight = _density(self._square, np.array([self._modulus(sir_db)]), self._noise)[0]
         weight *= self._prior
-        many, few = _both(weight)
-        many += FAINT
-        few += FAINT
-        # a block is of one alphabet
-        plane = np.zeros(self._shape, dtype=np.float32)
-        np.put(plane, self._at, np.log(few / many))
-        scanty = box(plane, BLOCK).ravel()[self._at] > 0
-        dense_mean, few_mean = _both(self._rests * weight)
-        return (np.where(scanty, few_mean / few, dense_mean / many) * self._channel).astype(np.complex64)
+        likely = self._of_families(weight) + FAINT
+        means = self._of_families(self._rests * weight) / likely
+        mean, most = means[0], np.float32(0)
+        for of_few, how_likely in zip(means[1:], likely[1:], strict=True):
+            # a block is of one alphabet
+            plane = np.zeros(self._shape, dtype=np.float32)
+            np.put(plane, self._at, np.log(how_likely / likely[0]))
+            more = box(plane, BLOCK).ravel()[self._at]
+            mean, most = np.where(more > most, of_few, mean), np.maximum(more, most)
+        return (mean * self._channel).astype(np.complex64)
+
+    def _of_families(self, values: np.ndarray) -> np.ndarray:
+        """Sums of (..., points, elements) over each family of points: (..., families, elements)."""
+        return np.add.reduceat(values, self._first, axis=-2)
 
 
-def _both(parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of (..., points, elements) over the lattices' points, and over `SPARSE_POINTS`."""
-    return parts[..., :-_FEW, :].sum(axis=-2), parts[..., -_FEW:, :].sum(axis=-2)
+def _some_on_axes(points: np.ndarray) -> bool:
+    """Whether some (L, K) points stand on the axes, at least a block of them."""
+    sent = power(points)
+    return np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK
