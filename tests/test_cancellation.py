@@ -29,6 +29,7 @@ from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
 from gnuradio.radalt.evaluation.engine import estimate as estimates
 from gnuradio.radalt.evaluation.engine.options import Options
 from gnuradio.radalt.evaluation.engine.run import run
+from gnuradio.radalt.evaluation.results.score import SCORE_COLUMNS
 
 
 @pytest.mark.parametrize(
@@ -152,6 +153,8 @@ def test_study_end_to_end(tmp_path, monkeypatch):
     held = [r for r in rows if r["case"] == "nr10_qpsk" and r["method"] == "ofdm_cancel"]
     assert [float(row["sir_db"]) for row in held] == list(SIRS_DB)
     assert sum(int(row["correct"]) for row in held) >= 0.95 * sum(int(row["trials"]) for row in held)
+    assert all(row["frames_cleaned"] == row["trials"] for row in held[-8:])  # SIR -30 dB and below
+    assert {row["frames_cleaned"] for row in rows if row["method"] == "none"} == {"0"}
     # a worker's rows are those of the seed alone
     monkeypatch.setattr(f"{module}.SIRS_DB", SIRS_DB[-2:])
     again = [row for row in study.measure(study.points()[0]) if row["method"] == "ofdm_cancel"]
@@ -250,12 +253,30 @@ def test_the_place_of_what_was_sent_is_found(first):
 
 
 @pytest.mark.parametrize(
-    ("every", "right", "mark"),
-    [(0.09, 0.09, "yes"), (13.0, 0.05, "those within 5 m"), (13.0, 0.2, "no"), (None, None, "no")],
+    ("every", "cleaned", "mark"),
+    [
+        (0.09, 0.09, "yes"),
+        (13.0, 0.05, "0.050 in the 96 of 99 cleaned"),
+        (13.0, 0.2, "no"),
+        (None, None, "no"),
+    ],
 )
-def test_a_line_says_whether_its_errors_are_near_those_without_interference(every, right, mark):
-    assert _within({"rmse_detected_m": every, "rmse_correct_m": right}, 0.09) == mark
+def test_a_line_says_whether_its_errors_are_near_those_without_interference(every, cleaned, mark):
+    counts = {"trials": 99, "frames_cleaned": 96}
+    assert _within({"rmse_detected_m": every, "rmse_cleaned_m": cleaned} | counts, 0.09) == mark
     assert _within(None, 0.09) == ""
+
+
+def test_batches_of_a_case_are_pooled_with_their_errors():
+    batches = [
+        [{**dict.fromkeys(SCORE_COLUMNS, 0), "trials": 4, "detections": 3, "correct": count, "rmse_correct_m": error_m}
+         | {"frames_cleaned": count, "rmse_cleaned_m": error_m}]
+        for count, error_m in ((1, 0.5), (3, 0.1), (0, float("nan")))
+    ]  # fmt: skip
+    (row,) = CancellationStudy().pooled(batches)
+    assert row["correct"] == row["frames_cleaned"] == 4
+    assert row["rmse_correct_m"] == row["rmse_cleaned_m"] == pytest.approx(np.sqrt(0.28 / 4))
+    assert CancellationStudy().pooled(batches[:1])[0]["rmse_cleaned_m"] == 0.5
 
 
 @pytest.mark.parametrize(("points", "snr_db"), [(4, 20.0), (64, 35.0)])

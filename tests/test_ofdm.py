@@ -450,6 +450,21 @@ def test_a_clock_of_its_own_is_followed():
     assert method.found <= 3 and method.found + method.followed == 30
 
 
+@pytest.mark.parametrize(
+    ("case", "fewest", "most"), [("nr10_stream", 0, 1), ("nr10_eva", 0, 1), ("nr10_eva_moving", 16, 16)]
+)
+def test_a_channel_is_found_to_stand_still(case, fewest, most, monkeypatch):
+    """In frames each looked at alone: decisions a quarter turn off, or delays, look like one that moves."""
+    frames, _ = received(CASES[case], -45.0, 48, np.random.default_rng([6760003, 8]))
+    moving = []
+    fresh = ofdm_cancel.still
+    monkeypatch.setattr(
+        ofdm_cancel, "still", lambda *a: (moving.append(a[0].received.channel.ndim > 1), fresh(*a))[1]
+    )
+    single(frames[:16])
+    assert len(moving) == 16 and fewest <= sum(moving) <= most
+
+
 def test_a_silent_symbol_of_another_signal_is_not_read_as_silence():
     _, frames = returns(4, 32)
     jam = continuing(4, -40.0, 33)

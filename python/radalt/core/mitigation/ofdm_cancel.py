@@ -18,6 +18,7 @@ from .ofdm.demodulator import (
     READ,
     Before,
     Received,
+    at_rest,
     demodulate,
     once_more,
 )
@@ -249,6 +250,7 @@ class OfdmCancel(Mitigation):
                 return out
         if first.received.misread.mean() <= READ or not self._returned.seen(frame):
             first = self._thoroughly(first)
+        first = replace(first, received=at_rest(first.grid, first.clear, first.received, numerology))
         read = still(first, self._modulator).retraced()
         grid = read.grid
         lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used, read.shift)

@@ -27,6 +27,14 @@ TRACKED_METHODS = ("none", "whitening", "tcae", "ofdm_cancel", "hybrid")
 SIRS_DB = (0.0, -10.0, -15.0, -20.0, -22.5, -25.0, -27.5, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
 GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
 GO_ON = ("ofdm_cancel", "qpsk_cancel")  # they may find themselves again
+# root mean squares that are not in a `Score`, and of how many altitudes or frames each is
+_ERRORS = (("rmse_correct_m", "correct"), ("rmse_cleaned_m", "frames_cleaned"))
+
+
+def _rms(parts: Sequence[tuple[float | None, int]]) -> float:
+    """Root mean square of several, each given with its count; NaN of none."""
+    known = np.array([part for part in parts if part[1] and np.isfinite(part[0] or np.nan)]).reshape(-1, 2)
+    return float(np.sqrt(np.average(known[:, 0] ** 2, weights=known[:, 1]))) if len(known) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -58,9 +66,18 @@ class CancellationStudy(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {
         "rows": Columns(
-            ("case", "sir_db", "method", *SCORE_COLUMNS, "rmse_correct_m"),
+            (
+                "case",
+                "sir_db",
+                "method",
+                *SCORE_COLUMNS,
+                "rmse_correct_m",
+                "frames_cleaned",
+                "rmse_cleaned_m",
+            ),
             text=frozenset({"case", "method"}),
-            whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}),
+            whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
+            | {"frames_cleaned"},
         ),
         "tracked": TRACKED_COLUMNS,
         "mixtures": MIXTURE_COLUMNS,
@@ -142,18 +159,30 @@ class CancellationStudy(Study):
             for method in self.methods:
                 if failures[method] >= 2 and method not in GO_ON:
                     continue
-                results, _ = Chain(method, method).results(frames, WAVEFORM)
+                results, _, cleaned = Chain(method, method).results_and_changes(frames, WAVEFORM)
                 score = score_frames(results, altitude_m)
                 failures[method] += score.pd < GIVEN_UP_PD
-                error = {"rmse_correct_m": rmse_correct_m(results, altitude_m)}
+                error = {
+                    "rmse_correct_m": rmse_correct_m(results, altitude_m),
+                    "frames_cleaned": np.count_nonzero(cleaned),
+                    "rmse_cleaned_m": score_frames(results[cleaned], altitude_m[cleaned]).rmse_detected_m,
+                }
                 rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row() | error)
         return rows
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; flights stand one by one."""
+        """See `Study`; with the errors that only this study has. Flights stand one by one."""
         if "flight" in batches[0][0]:
             return [row for batch in batches for row in batch]
-        return super().pooled(batches)
+        rows = super().pooled(batches)
+        for row, *same in zip(rows, *batches, strict=True):
+            errors = {
+                name: _rms([(r[name], r[count]) for r in same]) for name, count in _ERRORS if name in row
+            }
+            row |= errors
+            if "frames_cleaned" in row:
+                row["frames_cleaned"] = sum(r["frames_cleaned"] for r in same)
+        return rows
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `Study`."""

@@ -94,17 +94,26 @@ class Chain:
 
         There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
+        return self.results_and_changes(frames, waveform)[:2]
+
+    def results_and_changes(
+        self, frames: np.ndarray, waveform: Waveform
+    ) -> tuple[np.ndarray, Mitigation, np.ndarray]:
+        """What `results` says, and (n,) bool: which frames the method has changed."""
         method = _method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
         step = self.looks * max(1, _CHUNK // self.looks)
-        parts = []
+        parts, changed = [], []
         for k in range(0, len(frames), step):
-            spectra = altimeter.spectra(method.process(frames[k : k + step]))
+            given = frames[k : k + step]
+            cleaned = method.process(given)
+            changed.append((cleaned != given).any(axis=1))
+            spectra = altimeter.spectra(cleaned)
             if self.looks > 1:
                 spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
-        return np.concatenate(parts), method
+        return np.concatenate(parts), method, np.concatenate(changed)
 
 
 def model_files(chains: Sequence[Chain]) -> dict[str, Path]:
