@@ -240,6 +240,28 @@ def test_interference_as_received_has_paths_and_no_power_at_the_bands_edge(data)
         assert (edge_db < -40.0) == bool(received)
 
 
+def test_an_interferers_own_noise_is_as_far_below_it_as_said(data, monkeypatch):
+    """Tones leave the band empty, so the noise there tells its power; the SIR holds both."""
+    monkeypatch.setattr(data, "_OWN_NOISE_DB", (-10.0, -10.0))
+    levels_db = []
+    for own_noise in (0.0, 1.0):
+        kinds = {"kinds": (("tones", 1.0),)}
+        config = replace(
+            data.CONFIGS["any_sweep"], **ONE_QPSK | kinds, received=0.0, own_noise=own_noise, full_overlap=1.0,
+            persistent=1,
+        )  # fmt: skip
+        share = []
+        for index in range(10):
+            frame, clean, _ = data.example(config, W, 1, index)
+            power = np.abs(np.fft.fft((frame - clean).astype(complex) * np.hanning(7500))) ** 2
+            assert -10 * np.log10(np.mean(np.abs(frame - clean) ** 2)) == pytest.approx(-40.0, abs=0.05)
+            share.append(7500 * np.median(power) / power.sum())
+        levels_db.append(10 * np.log10(np.mean(share)))
+    assert levels_db[0] < -40.0
+    # half of exponentially distributed powers are below log 2 of their mean
+    assert levels_db[1] == pytest.approx(10 * np.log10(np.log(2.0) * 0.1 / 1.1), abs=0.2)
+
+
 def test_interference_that_lasts_goes_on_in_the_next_example(data):
     """Two examples share one burst, which need not end where the first does; a return is each example's own."""
     config = replace(data.CONFIGS["any_sweep"], **ONE_QPSK, received=0.0, full_overlap=0.0, persistent=2)

@@ -120,6 +120,36 @@ def test_doubling_is_a_transposed_convolution(root):
     assert run.returncode == 0 and float(run.stdout) < 1e-5, run.stderr
 
 
+def test_a_faint_return_counts_by_decibels(root):
+    """Of an output with little of the return, half of the power costs 3 dB; without ``faint`` it costs nothing."""
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+    command = [root / ".venv-train/bin/python", "-c", FAINT]
+    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    assert run.returncode == 0, run.stderr
+    plain, faint = map(float, run.stdout.split())
+    assert plain < 0.2 and faint == pytest.approx(np.log(2.0), abs=0.25)
+
+
+FAINT = """
+import sys
+sys.path[:0] = ["training", "python"]
+import numpy as np
+import torch
+from losses import BeatLoss
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
+waveform = Waveform()
+clean = point_return(waveform, np.array([300.0]))
+noise = np.random.default_rng(1).standard_normal((1, 7500, 2)).view(complex)[..., 0] * 10
+planes = [torch.tensor(np.stack([x.real, x.imag], 1), dtype=torch.float32) for x in
+          (clean, clean + noise, 0.5 ** 0.5 * clean + noise)]
+for faint in (0.0, 1e-4):
+    loss = BeatLoss(waveform, faint=faint)
+    print(float(loss(planes[2], planes[0]) - loss(planes[1], planes[0])))
+"""
+
+
 DOUBLING = """
 import sys
 sys.path[:0] = ["training", "python"]

@@ -43,6 +43,9 @@ class SceneConfig:
     received : float
         Probability that an interferer comes as a receiver hears it: through paths (half of them moving at up to 30
         km/h), the receiver's filter, and with a clock of its own within 2 ppm.
+    own_noise : float
+        Probability that an interferer carries white noise of its own, 3 to 20 dB below it, as a recording off the air
+        does: no method takes that away.
     front_end : float
         Probability that the frame went through an amplifier that saturates at one to four times its RMS, and a
         converter of 8, 10 or 12 bits.
@@ -78,6 +81,7 @@ class SceneConfig:
     empty: float = 0.0
     second: float = 0.0
     received: float = 0.0
+    own_noise: float = 0.0
     front_end: float = 0.0
     persistent: int = 1
     any_sweep: bool = False
@@ -152,6 +156,8 @@ CONFIGS["crowded"] = replace(
 CONFIGS["ground"] = replace(
     CONFIGS["crowded"], snr_db=(0.0, 45.0), counts=(0.12, 0.46, 0.14, 0.28), extended=0.3, seed=7
 )
+# seventh part: interferers with noise of their own, and as a receiver hears them
+CONFIGS["noisy"] = replace(CONFIGS["ground"], received=0.15, own_noise=0.25, seed=9)
 # `compact` for any sweep, after its sixth part: sweeps of all kinds, frames without a return or with two, other radars,
 # interference as a receiver hears it
 CONFIGS["any_sweep"] = replace(

@@ -42,6 +42,7 @@ _BANK_SAMPLES = 65536
 _DOPPLER_HZ = 120.0  # 30 km/h at 4.3 GHz
 _FILTER_EDGE = (0.4, 0.49)  # of the rate: from there a receiver's filter falls to nothing at half the rate
 _CLOCK = 2e-6
+_OWN_NOISE_DB = (-20.0, -3.0)  # of an interferer's own noise to it
 
 _OWN_SHARE = 0.3  # of the batches have the default sweep
 _SWEEP_SAMPLES = (600, 20_000)  # per frame: longer ones cost as many steps
@@ -204,6 +205,20 @@ class _Received:
         return np.fft.ifft(spectrum) + drift * np.fft.ifft(2j * np.pi * frequency * spectrum)
 
 
+@dataclass(frozen=True)
+class _Noisy:
+    """An emitter with white noise at this power beside its own."""
+
+    emitter: Emitter
+    noise_db: float
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """See `radalt.core.interference.placement.Emitter`."""
+        signal = self.emitter.samples(count, rate_hz, rng)
+        sigma = np.sqrt(0.5 * np.mean(np.abs(signal) ** 2) * 10.0 ** (self.noise_db / 10.0))
+        return signal + sigma * rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
+
+
 def _impair(frame: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """The frame after a fractional sample delay and a carrier offset of up to 4 kHz (1 ppm), zeros kept
     zero."""
@@ -236,6 +251,8 @@ def _interference(
             emitter = _emitter(kind, relative * rate_hz, rng)
         if config.received and rng.random() < config.received:
             emitter = _Received(emitter)
+        if config.own_noise and rng.random() < config.own_noise:
+            emitter = _Noisy(emitter, float(rng.uniform(*_OWN_NOISE_DB)))
         overlap = 1.0 if rng.random() < config.full_overlap else float(rng.uniform(0.02, 1.0))
         placed = Interferer(emitter, float(rng.uniform(-10, 0)), overlap)
         part = interference_frame(placed, samples, rate_hz, rng)
@@ -396,7 +413,16 @@ def description(config: SceneConfig) -> str:
     """The configuration as canonical JSON, without later entries that say nothing, so that older hashes stay."""
     entries = asdict(config)
     entries["recordings"] = sorted(map(_digest, config.recordings))
-    for name in ("converter", "empty", "second", "received", "front_end", "any_sweep", "recordings"):
+    for name in (
+        "converter",
+        "empty",
+        "second",
+        "received",
+        "own_noise",
+        "front_end",
+        "any_sweep",
+        "recordings",
+    ):
         if not entries[name]:
             del entries[name]
     if config.persistent == 1:

@@ -107,8 +107,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     draw_beats(out / "tcae_beats.png")
     logs = ROOT / "training" / "logs"
     draw_training(out / "tcae_compare.png", sorted(logs.glob("compare_*.csv")))
-    parts = ("compact_first", "compact_deep", "compact_heard", "compact_lean", "compact_crowded", "compact")
-    draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in parts])
+    parts = (
+        "compact_first",
+        "compact_deep",
+        "compact_heard",
+        "compact_lean",
+        "compact_crowded",
+        "compact_ground",
+    )
+    draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in (*parts, "compact")])
     draw_training(out / "tcae_any_sweep.png", [logs / "any_sweep.csv"])
     draw_training(out / "tcae_paper.png", [logs / f"{name}.csv" for name in ("paper", "fc", "cnn")])
     return 0

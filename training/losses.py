@@ -28,13 +28,22 @@ class BeatLoss(nn.Module):
         cuts that off.
     floor : float
         Error share below which nothing more is asked for.
+    faint : float
+        Coherence below which nothing is lost any more: minus the log of the coherence is added above it, so that a
+        return which hardly stands out of what is left counts by decibels, too. 0 adds nothing.
     """
 
     def __init__(
-        self, waveform: Waveform, *, max_altitude_m: float = 1500.0, margin: int = 15, floor: float = 1e-3
+        self,
+        waveform: Waveform,
+        *,
+        max_altitude_m: float = 1500.0,
+        margin: int = 15,
+        floor: float = 1e-3,
+        faint: float = 0.0,
     ) -> None:
         super().__init__()
-        self.half, self.floor = waveform.samples_per_half, floor
+        self.half, self.floor, self.faint = waveform.samples_per_half, floor, faint
         cell_hz = 1.0 / waveform.half_sweep_s
         top = int(np.ceil(float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz)) + margin
         beats = np.arange(-margin, top + 1)
@@ -58,7 +67,11 @@ class BeatLoss(nn.Module):
 
     def forward(self, output: Tensor, clean: Tensor) -> Tensor:
         """Scalar, in nepers of power."""
-        return torch.log(self.error(output, clean) + self.floor).mean()
+        error = self.error(output, clean)
+        loss = torch.log(error + self.floor)
+        if self.faint:
+            loss = loss - torch.log(1 - error + self.faint)
+        return loss.mean()
 
 
 def sample_loss(output: Tensor, clean: Tensor) -> Tensor:

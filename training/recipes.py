@@ -28,7 +28,7 @@ class Recipe:
         Recipe whose checkpoint the network starts from; empty starts anew.
     dropped_blocks : tuple of int
         Gated blocks of that checkpoint's network which this one does without.
-    margin : int
+    margin, faint
         Of `losses.BeatLoss`.
     stop : int
         Step after which training ends, before the schedule does; 0 runs to ``steps``.
@@ -45,6 +45,7 @@ class Recipe:
     start_from: str = ""
     dropped_blocks: tuple[int, ...] = ()
     margin: int = 15
+    faint: float = 0.0
     stop: int = 0
 
 
@@ -57,9 +58,9 @@ _PAPER = {
     "bfloat16": True,
 }
 RECIPES: dict[str, Recipe] = {
-    # the shipped model in six parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
+    # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
     # then without what it can do without (training/networks/__init__.py); then more of what it was weak in; then frames
-    # almost without noise
+    # almost without noise; then interferers with noise of their own
     "compact_first": Recipe("compact_wide", steps=10_000, stop=2_750),
     "compact_deep": Recipe("compact_wide", data="deep", steps=5_000, rate=1.5e-3, start_from="compact_first"),
     "compact_heard": Recipe("compact_wide", data="heard", steps=5_250, rate=1e-3, start_from="compact_deep"),
@@ -67,9 +68,14 @@ RECIPES: dict[str, Recipe] = {
         "compact", data="lean", steps=9_000, rate=1e-3, start_from="compact_heard", dropped_blocks=(2, 4)
     ),
     "compact_crowded": Recipe("compact", data="crowded", steps=6_000, rate=1e-3, start_from="compact_lean"),
-    "compact": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
+    "compact_ground": Recipe("compact", data="ground", steps=4_500, rate=1e-3, start_from="compact_crowded"),
+    "compact": Recipe(
+        "compact", data="noisy", batch=64, steps=8_000, rate=1e-3, faint=0.02, start_from="compact_ground"
+    ),
     # the same weights for any sweep, and for frames that hold no return
-    "any_sweep": Recipe("compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact", margin=26),
+    "any_sweep": Recipe(
+        "compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact_ground", margin=26
+    ),
     # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks; each was
     # stopped after 20 epochs
     "paper": Recipe("paper", data="paper", stop=7_812, **_PAPER),
