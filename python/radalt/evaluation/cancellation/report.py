@@ -127,7 +127,6 @@ def _errors(rows: Sequence[Row], study: CancellationStudy) -> dict[str, object]:
         "clean_frames": len(frames),
         "clean_rmse": number(clean[0]["rmse_detected_m"], 3),
         "within": marks.count("yes"),
-        "within_cleaned": sum("cleaned" in mark for mark in marks),
         "case_count": len(marks),
     }
 
