@@ -10,6 +10,7 @@ from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.acquisition import Grid, find_prefix, transforms
+from .ofdm.at_rest import at_rest
 from .ofdm.burst import loud_burst
 from .ofdm.carrier import TURNS, carrier_step, course
 from .ofdm.demodulated import Demodulated, Straight, straightened
@@ -18,7 +19,6 @@ from .ofdm.demodulator import (
     READ,
     Before,
     Received,
-    at_rest,
     demodulate,
     once_more,
 )
@@ -250,8 +250,7 @@ class OfdmCancel(Mitigation):
                 return out
         if first.received.misread.mean() <= READ or not self._returned.seen(frame):
             first = self._thoroughly(first)
-        first = replace(first, received=at_rest(first.grid, first.clear, first.received, numerology))
-        read = still(first, self._modulator).retraced()
+        read = still(at_rest(first), self._modulator).retraced()
         grid = read.grid
         lock = _Lock(numerology, ridge, grid.first_long, read.carrier, grid.channel, grid.used, read.shift)
         return self._less(read, lock)

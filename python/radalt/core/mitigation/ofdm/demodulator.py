@@ -41,7 +41,6 @@ __all__ = [
     "Received",
     "again",
     "astray",
-    "at_rest",
     "begin",
     "bridged",
     "demodulate",
@@ -64,8 +63,6 @@ FINER = 0.01  # change of the channel for which no decision is made again
 _BETTER = 0.8  # of the error, for a mended channel to be taken
 READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
-_TO_REST = 2  # turns of points and channel until one that does not move fits
-_RESTS = 1.4  # times the error with one that moves, which has more to fit
 _RUN = 9  # subcarriers over which their mean error is judged
 _MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
 _ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
@@ -342,23 +339,6 @@ def once_more(
     again = demodulate(grid, clear, numerology, turns, before, received.amplitudes is not None)
     again.late += received.late
     return again
-
-
-def at_rest(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
-    """The symbols with a channel that stands still, if that explains what was ``received`` nearly as well.
-
-    A channel that seems to move may have been a quarter turn off in some symbols, or its course may stand for the
-    delays of symbols that were set upright by a wrong one.
-    """
-    if received.channel.ndim == 1:
-        return received
-    resting = replace(received, channel=received.channel[len(received.channel) // 2])
-    before = replace(received.as_before(clear & grid.used), steady=received.noise)
-    for _ in range(_TO_REST):
-        resting = once_more(grid, clear, resting, numerology, AGAIN, before)
-        if resting.channel.ndim > 1 or resting.noise > _RESTS * received.noise:
-            return received
-    return resting if resting.misread.mean() < _MOSTLY_READ else received
 
 
 def _decided(
