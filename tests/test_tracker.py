@@ -505,6 +505,18 @@ def test_a_second_return_that_could_be_the_ground_is_no_computed_data(level_db, 
     assert not np.any(outputs["status"][12:] == Status.NORMAL)
 
 
+@pytest.mark.parametrize(("altitude_m", "apart_m"), [(30, 16), (100, 16), (800, 16), (100, 21)])
+def test_another_altimeter_a_resolution_cell_from_the_ground_leaves_neither(altitude_m, apart_m):
+    """Two peaks that overlap: of equal power, and of another speed, so that its phase against the ground turns."""
+    rng = np.random.default_rng(0)
+    path = altitude_m + 2.0 * T * np.arange(480)
+    frames = flight(rng, path, 20.0, 2.0)
+    frames += point_return(W, path + apart_m, vertical_speed_m_per_s=7.0, phase_cycles=rng.random())
+    outputs = tracked(frames, settings=TrackerSettings(doppler=True))
+    error_m = np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])
+    assert not np.any(error_m > outputs["protection_level_m"])
+
+
 @pytest.mark.parametrize("apart_m", [80.0, -80.0])
 def test_the_ground_is_not_given_up_for_a_stronger_return_near_by_while_it_is_there(apart_m):
     """13 dB, for 1.8 s: alone the stronger one would be called NORMAL, since the ground is far below it."""
@@ -678,7 +690,7 @@ def test_what_a_network_leaves_within_the_span_alone_is_no_second_return():
         level[here - 24 : here - 15] += second * lobe  # 100 m below
         block = tables.integrate(ratio * level, np.arange(40.0))
         found = block.measure(block.strongest(np.abs(tables._up - here) <= 2))
-        assert block.second_return(found, 30, 0.25, 0.1) is said
+        assert block.second_return(found, 30, 0.25, 0.1, 0.0) is said
 
 
 def test_a_track_stays_with_the_pair_of_most_power_while_a_lobe_wins_the_votes():

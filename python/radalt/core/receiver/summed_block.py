@@ -15,6 +15,8 @@ __all__ = ["Block", "Entry", "Measurement", "upper_median"]
 
 _VARIANCE = 0.1763  # of log(1 + x), x exponential of mean 1
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
+# resolution cells from a return to where another one counts, and to where one counts that no extended ground explains
+_BESIDE, _NEAR_BY = 1.5, 0.9
 _NEARLY = 0.8  # of the greatest strength
 _STILL = 0.6  # cells that a return may move in a block without being followed by the evidence
 _BOTH = 0.1  # least share of the stronger half's power over noise that the weaker has to show
@@ -310,12 +312,14 @@ class Block:
         other = np.where(away, self._late, -np.inf).max()
         return bool(other - here > 4.0 * np.sqrt(2.0))
 
-    def second_return(self, found: Measurement, reach: int, above: float, below: float) -> bool:
+    def second_return(self, found: Measurement, reach: int, above: float, below: float, lean: float) -> bool:
         """Whether another return, not a side lobe, stands within ``reach`` cells of one.
 
         A method weights the sweep by real factors, so its lobes lie on both sides alike; a return stands on one side
         only. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
-        altitude, ``below`` it) and twice its mirror image by five standard deviations.
+        altitude, ``below`` it) and twice its mirror image by five standard deviations. Nearer by, from 0.9 cells on,
+        it also has to be a peak of its own, or more than ground beyond the nearest gives: a share ``lean`` of the
+        return's power above it, nothing below it.
         """
         t = self.tables
         power, floor, _ = self._sums(int(t.rows[found.row, 0]))
@@ -325,7 +329,10 @@ class Block:
         over = 0.5 * (here[0] + here[1])
         share = np.where(steps > 0, above, below)
         noise = np.sqrt(((1.0 + over) ** 2 + 4.0 * (1.0 + over[::-1]) ** 2) / (2.0 * self.count))
-        apart = np.abs(steps) >= 1.5 * t.resolution_cells
+        apart = np.abs(steps) >= _BESIDE * t.resolution_cells
+        peak = np.r_[False, (over[1:-1] > over[:-2]) & (over[1:-1] >= over[2:]), False]
+        unlike_ground = (steps < 0) | (over > lean * found.power)
+        apart |= (peak | unlike_ground) & (np.abs(steps) >= _NEAR_BY * t.resolution_cells)
         both = np.minimum(*here) > 0.25 * over  # the two halves show it
         stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
         if not np.any(apart & both & stands):

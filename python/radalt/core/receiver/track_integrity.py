@@ -23,6 +23,7 @@ _SYSTEMATIC_M = 1.0
 # how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
 # ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
+_SPARE_EXTENT = 2.0  # times that extent, beyond which what leans is another return
 
 
 def noise_threshold(pfa: float, trials: float) -> float:
@@ -111,11 +112,18 @@ class Integrity:
         if outdone or block.lobe_from_beyond(found) or block.contradicted(found):
             return False
         near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
-        if block.second_return(found, round(near_m / t.cell_m), *self._shares):
+        if self._second(block, found, near_m):
             return False
         if self._rival(block, found.power, here_m, near_m, self.search_threshold):
             return False
         return received is None or not self._received_rival(received(), found, here_m, near_m)
+
+    def _second(self, block: Block, found: Measurement, near_m: float) -> bool:
+        """Whether another return stands within ``near_m`` of one, and not its own extent."""
+        t = self.integrator
+        extent_m = _SPARE_EXTENT * _EXTENT_SHARE * max(0.0, found.altitude_m)
+        lean = (extent_m / (_EXTENT_CELLS * t.waveform.range_resolution_m)) ** 2
+        return block.second_return(found, round(near_m / t.cell_m), *self._shares, lean)
 
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
         """Whether the received frames show a rival, near by or far, that a method may have taken away.
@@ -126,7 +134,7 @@ class Integrity:
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
         if beside is not None and beside.strength >= self._received_threshold:
-            if before.second_return(found, round(near_m / t.cell_m), *self._shares):
+            if self._second(before, found, near_m):
                 return True
         return self._rival(before, found.power, here_m, near_m, self._received_threshold)
 
