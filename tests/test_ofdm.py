@@ -122,7 +122,7 @@ def read_on(frames, monkeypatch, most):
     monkeypatch.setattr(ofdm_cancel, "_READ_ON", most)
     read, count = ofdm_cancel.read_on, []
     with monkeypatch.context() as patch:
-        patch.setattr(ofdm_cancel, "read_on", lambda *a: (count.append(read(*a)), count[-1])[1])
+        patch.setattr(ofdm_cancel, "read_on", lambda *a, **k: (count.append(read(*a, **k)), count[-1])[1])
         cleaned = create("ofdm_cancel", W).process(frames.astype(np.complex64))
     return cleaned, sum(one is not None for one in count)
 

@@ -60,6 +60,9 @@ _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.004  # samples of timing that need no new phases
 _DRIFTS = 0.3  # of what a frame tells of the clock's drift
+_ASKED_AGAIN = (
+    3  # of these frames one in three is asked whether its return has changed, if that is larger than a cell
+)
 _READ_ON = 15  # frames that are read with what one told of them, before all is judged anew
 
 
@@ -291,7 +294,7 @@ class OfdmCancel(Mitigation):
         angle, channel, phase = np.zeros(len(starts)), lock.channel, ramp
         if lock.read_on and lock.steady.clear is clear:
             grid = Grid(starts, lock.first_long, symbols, phase, channel, lock.used, angle)
-            reading = read_on(lock.steady, grid, numerology)
+            reading = read_on(lock.steady, grid, numerology, ask=lock.read_on % _ASKED_AGAIN == 0)
             if reading is not None:
                 lock.read_on -= 1
                 self.busy = 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 
@@ -12,24 +13,29 @@ from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, pow
 from .numerology import Numerology
 
 __all__ = [
+    "CHANGED_DB",
     "FOLD",
+    "Density",
     "NearPoints",
     "Ridge",
     "expected_return",
     "few_beside",
+    "modulus_of",
     "most_plausible",
     "plausible",
     "read_around",
+    "usual_level",
     "whitened",
 ]
 
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
 _SOME_FOLD = 0.05  # the same where weak users' cells are smaller than others'
+_ALL, _MANY = 0.95, 0.6  # shares of few points: in a symbol that has little else, and in the block of a user
 _ASTRAY = 0.01  # share of elements whose alphabet was misjudged, which may be anything
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
 _STEPS_DB = np.array([0.0, -1.0, 1.0])  # to the finer grid, and from frame to frame
-_CHANGED_DB = np.array([-12.0, -8.0, -4.0, 4.0, 8.0])  # the same of a return that has changed
+CHANGED_DB = np.array([-12.0, -8.0, -4.0, 4.0, 8.0])  # the same of a return that has changed
 _SPREAD = 0.2  # of the return's modulus: noise and Fresnel's ripple
 _PRIOR_IN = 0.75  # share of the ridge that the return fills, which has one delay of many
 _LEVEL_DB = 8.5  # a return stands in one subcarrier of seven
@@ -41,13 +47,17 @@ _HALF_CELL = np.array([SCALE[m] for m in DENSE])
 _OUTERMOST = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)
 _POINTS = np.array(DENSE, dtype=np.float32)
 _SAMPLE = 4  # one element in four tells the SIR
-_CHANGE_SAMPLE = 8  # the same where it is asked only whether it has changed
+CHANGE_SAMPLE = 8  # the same where it is asked only whether it has changed
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
 _TOO_MUCH = np.float32(3.0)  # times the usual power: more than return and noise, so the point was another one
 _REGION = 20  # subcarriers that are misread together
 _SPOILT = 0.5  # mean error of such a region, each at most 1; a random one has 0.75
 _DOUBTED = 0.3  # the same of one that is louder than others
 _UNEVEN = 4.0  # times the usual power, in the mean of such a region; a return from rough ground has that, too
+_PARTS, _WIDTHS = (
+    16,
+    6,
+)  # of the ring's standard deviation: the density's steps, and beyond the modulus its last
 _UNLIKE = 20.0  # times the usual power, more of which tells no more
 _BESIDE = 3  # subcarriers of which noise is alike
 _ALONG = 121  # subcarriers of a symbol that tell whether it has few points; the ridge is some 80 wide
@@ -139,41 +149,71 @@ def whitened(noise: np.ndarray) -> np.ndarray:
     return np.minimum(np.sqrt(np.float32(middle(noise)) / np.maximum(noise, FAINT)), 1)
 
 
-def _density(square: np.ndarray, modulus: np.ndarray, noise: float) -> np.ndarray:
-    """Density of a return of each ``modulus`` (n,) and noise at squared distances (points, elements), float32: on a
-    ring, or (beside the ridge's own line) a disc; (n, points, elements)."""
-    modulus = modulus.astype(np.float32)[:, None, None]
-    spread = (_SPREAD * modulus) ** 2 + 0.5 * noise
-    distance = np.sqrt(square)
-    ring = distance - modulus
-    ring *= ring
-    ring *= -0.5 / spread
-    np.exp(ring, out=ring)
-    ring /= np.maximum(distance, 0.1 * modulus)
-    ring *= _PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread))
-    size = (0.5 * modulus) ** 2 + noise
-    disc = square * (-1 / size)
-    np.exp(disc, out=disc)
-    disc *= (1 - _PRIOR_IN) / (np.pi * size)
-    ring += disc
-    return ring
+class Density:
+    """Tabulated density of a return and noise over the distance from a point: a ring, or (beside its own line) a disc.
+
+    At SIRs in dB ``sir_db`` (n,), beside symbols of RMS ``level`` and noise of power ``noise``.
+    """
+
+    def __init__(self, level: float, sir_db: np.ndarray, noise: float) -> None:
+        modulus = modulus_of(level, sir_db)[:, None]
+        spread = (_SPREAD * modulus) ** 2 + 0.5 * noise
+        width = np.sqrt(spread)
+        step = width.min() / _PARTS
+        distance = step * (0.5 + np.arange(int((modulus + _WIDTHS * width).max() / step) + 1))
+        ring = np.exp(-0.5 * (distance - modulus) ** 2 / spread) / np.maximum(distance, 0.1 * modulus)
+        ring *= _PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread))
+        size = (0.5 * modulus) ** 2 + noise
+        disc = (1 - _PRIOR_IN) / (np.pi * size) * np.exp(-(distance**2) / size)
+        self._parts, self._last = np.float32(1 / step), np.float32(distance.size - 1)
+        self._table = (ring + disc).astype(np.float32)
+        self.count = len(self._table)
+
+    def places(self, distance: np.ndarray) -> np.ndarray:
+        """Where the table has a ``distance``, float32; intp as it."""
+        place = distance * self._parts
+        return np.minimum(place, self._last, out=place).astype(np.intp)
+
+    def __call__(self, distance: np.ndarray) -> np.ndarray:
+        """(n, ...) float32 at distances (...)."""
+        return self._table.take(self.places(distance), axis=1)
+
+    def first(self, distance: np.ndarray) -> np.ndarray:
+        """(...) float32 at the first SIR."""
+        return self._table[0].take(self.places(distance))
 
 
-def few_beside(few: np.ndarray, clear: np.ndarray) -> np.ndarray:
+def modulus_of(level: float, sir_db: float | np.ndarray) -> float | np.ndarray:
+    """Modulus of a return in its elements, beside symbols of RMS ``level``."""
+    return level * 10 ** ((sir_db + _LEVEL_DB) / 20)
+
+
+def few_beside(few: np.ndarray, clear: np.ndarray, *, varying: bool) -> np.ndarray:
     """(L, K) float32, 0..1: the share of elements of few points among the ``clear`` ones (L, K, float32 weights) around
-    each, in its symbol (control) and in its block of all symbols (a user)."""
+    each, in its symbol (control) and in its block of all symbols (a user).
 
-    def around(values: np.ndarray) -> np.ndarray:
-        return _ALONG * box(values, _ALONG) + BLOCK * box(values.sum(axis=0), BLOCK)
+    It is 1 in a symbol that has nothing else around, and 0 in one that has none unless its block has many, or users are
+    ``varying``: they may have few points in one slot and many in the next.
+    """
 
-    return (around(few * clear) + np.float32(0.5)) / (around(clear) + 1)
+    def around(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _ALONG * box(values, _ALONG), BLOCK * box(values.sum(axis=0), BLOCK)
+
+    (in_symbol, in_block), (all_symbol, all_block) = around(few * clear), around(clear)
+    share = (in_symbol + in_block + np.float32(0.5)) / (all_symbol + all_block + 1)
+    if not varying:
+        share[in_symbol >= np.float32(_ALL) * all_symbol] = 1
+        share[
+            (in_symbol <= np.float32(1 - _ALL) * all_symbol) & (in_block < np.float32(_MANY) * all_block)
+        ] = 0
+    return share
 
 
 def _likeliest(evidence: Callable[[np.ndarray], np.ndarray], near_db: float | None) -> float | None:
     """The SIR in dB of most ``evidence``; None for the least. One near that of the frame before is not sought among
     all, unless the return has changed."""
     if near_db is not None:
-        tried = near_db + np.r_[_STEPS_DB, _CHANGED_DB]
+        tried = near_db + np.r_[_STEPS_DB, CHANGED_DB]
         best = int(evidence(tried).argmax())
         if best < _STEPS_DB.size:
             return float(tried[best]) if tried[best] > _SIR_DB[0] else None
@@ -200,93 +240,168 @@ def expected_return(
     least = FOLD if amplitudes is None else _SOME_FOLD
     if not count or not clear.any() or (received.capped * ridge).sum() < least * count:
         return None
-    most_db = _SIR_DB[-1] if near_db is None else near_db + _CHANGED_DB.max()
-    near = NearPoints(received, ridge, clear, most_db)
-    sir_db = _likeliest(near.evidence(few_beside(received.few, clear)[ridge]), near_db)
-    return None if sir_db is None else (near.expected(sir_db), sir_db)
+    level = usual_level(received.symbols, clear)
+    most_db = _SIR_DB[-1] if near_db is None else near_db + CHANGED_DB.max()
+    share = few_beside(received.few, clear, varying=False)[ridge]
+    near = NearPoints(received, np.flatnonzero(ridge), share, modulus_of(level, most_db))
+    some = near.some(_SAMPLE)
+
+    def density(sir_db: np.ndarray) -> Density:
+        return Density(level, sir_db, received.noise)
+
+    sir_db = _likeliest(lambda sir_db: some.evidence(density(sir_db), level), near_db)
+    return None if sir_db is None else (near.expected(density(np.array([sir_db]))), sir_db)
+
+
+def usual_level(symbols: np.ndarray, clear: np.ndarray) -> float:
+    """RMS of ``symbols`` (L, K), weighted by ``clear`` (L, K), float32."""
+    return float(np.sqrt(np.vdot(power(symbols), clear) / clear.sum()))
+
+
+class _FewPoints:
+    """What a few points leave of ``values`` (elements,), in units of the channel; its modulus in those of the symbols,
+    where the channel's is ``size`` (elements,); and the points' prior (points, 1)."""
+
+    def __init__(self, values: np.ndarray, size: np.ndarray, points: np.ndarray, prior: np.ndarray) -> None:
+        self._rests, self._prior = values - points, prior
+        self._distance = np.abs(self._rests)
+        self._distance *= size
+
+    def some(self, at: np.ndarray) -> _FewPoints:
+        """The same of some elements."""
+        some = copy(self)
+        some._rests, some._distance = self._rests[:, at], self._distance[:, at]
+        return some
+
+    def likely(self, density: Density) -> np.ndarray:
+        """(n, elements) how likely what was received is at the SIRs of the density."""
+        return (density(self._distance) * self._prior).sum(axis=1)
+
+    def mean(self, density: Density) -> tuple[np.ndarray, np.ndarray]:
+        """(elements,) mean of the return at the density's first SIR, and how likely what was received is."""
+        weight = density.first(self._distance)
+        weight *= self._prior
+        likely = weight.sum(axis=0) + FAINT
+        return (self._rests * weight).sum(axis=0) / likely, likely
+
+
+class _Lattice:
+    """The same for points near ``values`` of the lattices ``kinds`` (elements,), for returns up to a ``modulus``.
+
+    Both rails have the same steps, so what depends on one rail is (rail, steps, elements): its rests, and whether its
+    points are inside the lattice. The density needs all pairs of them.
+    """
+
+    def __init__(self, values: np.ndarray, size: np.ndarray, kinds: np.ndarray, modulus: float) -> None:
+        root = _HALF_CELL[kinds]
+        # points up to two from the nearest, or one where no other is at the return's distance
+        reach = 1 if _FAR * modulus < 3 * root.min() * middle(size) else 2
+        near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0][0]
+        points = np.stack([near.real, near.imag])[:, None]
+        points = points + root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
+        self._rests = np.stack([values.real, values.imag])[:, None] - points
+        self._inside = (np.abs(points) <= _OUTERMOST[kinds]).astype(np.float32)
+        self._each = 1 / _POINTS[kinds]
+        square = (self._rests * size) ** 2
+        self._distance = np.sqrt(square[0][:, None] + square[1])
+
+    def some(self, at: np.ndarray) -> _Lattice:
+        """The same of some elements."""
+        some = copy(self)
+        some._rests, some._inside = self._rests[..., at], self._inside[..., at]
+        some._each, some._distance = self._each[at], self._distance[..., at]
+        return some
+
+    def likely(self, density: Density) -> np.ndarray:
+        """See `_FewPoints.likely`."""
+        weight = density(self._distance)
+        weight *= self._inside[0][:, None]
+        return self._each * ((weight.sum(axis=1)) * self._inside[1]).sum(axis=1)
+
+    def mean(self, density: Density) -> tuple[np.ndarray, np.ndarray]:
+        """See `_FewPoints.mean`."""
+        weight = density.first(self._distance)
+        of_real = (weight * self._inside[1]).sum(axis=1) * self._inside[0]
+        of_imag = (weight * self._inside[0][:, None]).sum(axis=0) * self._inside[1]
+        likely = of_real.sum(axis=0) + FAINT
+        mean = np.empty(likely.shape, dtype=np.complex64)
+        np.divide((of_real * self._rests[0]).sum(axis=0), likely, out=mean.real)
+        np.divide((of_imag * self._rests[1]).sum(axis=0), likely, out=mean.imag)
+        return mean, self._each * likely
 
 
 class NearPoints:
-    """Points near what was received in the elements of ``ridge`` (L, K), for SIR up to ``most_db``.
+    """Points near what was received in the elements ``at``, places in (L, K), for returns up to some ``modulus``.
 
-    They are those of each one's lattice, `SPARSE_POINTS`, and those on the axes if any symbol has some: the
-    synchronisation signals.
+    They are those of each one's lattice; and by the ``share`` (elements,) of few points beside also, or only,
+    `SPARSE_POINTS` and those on the axes if any symbol has some: the synchronisation signals.
     """
 
-    def __init__(self, received: Received, ridge: np.ndarray, clear: np.ndarray, most_db: float) -> None:
-        self._noise, self._shape, self._at = received.noise, ridge.shape, np.flatnonzero(ridge)
-        self._level = float(np.sqrt(np.vdot(power(received.symbols), clear) / clear.sum()))
-        at, channel = self._at, received.channel
+    def __init__(self, received: Received, at: np.ndarray, share: np.ndarray, modulus: float) -> None:
+        channel = received.channel
         channel = channel[at % channel.size] if channel.ndim == 1 else channel.ravel()[at]
-        families = [(SPARSE_POINTS[:, None], _SPARSE_PRIOR)]
-        if _some_on_axes(received.points):
-            families.append((_AXES, _AXES_PRIOR))
-        scale = 1
+        scale = np.ones(1, dtype=np.float32)
         if received.amplitudes is not None:
             dense, few = (each.ravel()[at] for each in received.amplitudes)
             channel, scale = channel * dense, few / dense
-        self._channel, values = channel, received.symbols.ravel()[at] / channel
-        size = power(channel)
-        kinds = received.kinds.ravel()[at]
-        root = _HALF_CELL[kinds]
-        # points up to two from the nearest, or one where no other is at the return's distance
-        reach = 1 if _FAR * self._modulus(most_db) < 3 * root.min() * np.sqrt(middle(size)) else 2
-        steps = np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)
-        near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0]
-        dense = near + root * (steps[:, None] + 1j * steps).astype(np.complex64).reshape(-1, 1)
-        top = _OUTERMOST[kinds]
-        self._rests = np.concatenate([values - dense, *(values - points * scale for points, _ in families)])
-        self._square = power(self._rests)
-        self._square *= size
-        self._prior = np.empty_like(self._square)
-        self._first = np.cumsum([0, len(dense), *(len(prior) for _, prior in families[:-1])])
-        inside = (np.abs(dense.real) <= top) & (np.abs(dense.imag) <= top)
-        np.divide(inside, _POINTS[kinds], out=self._prior[: len(dense)])
-        self._prior[len(dense) :] = np.concatenate([prior for _, prior in families])
+        values, size = received.symbols.ravel()[at] / channel, np.abs(channel)
+        self._shape, self._at, self._channel, self._share = received.symbols.shape, at, channel, share
+        self._many_at, self._few_at = np.flatnonzero(share < 1), np.flatnonzero(share > 0)
+        self._many: _Lattice | None = None
+        self._few: list[_FewPoints] = []
+        if self._many_at.size:
+            mine = self._many_at
+            self._many = _Lattice(values[mine], size[mine], received.kinds.ravel()[at[mine]], modulus)
+        if self._few_at.size:
+            mine = self._few_at
+            values, size, scale = values[mine], size[mine], scale if scale.size == 1 else scale[mine]
+            families = [(SPARSE_POINTS[:, None], _SPARSE_PRIOR)]
+            if _some_on_axes(received.points):
+                families.append((_AXES, _AXES_PRIOR))
+            self._few = [_FewPoints(values, size, points * scale, prior) for points, prior in families]
 
-    def _modulus(self, sir_db: float | np.ndarray) -> float | np.ndarray:
-        return self._level * 10 ** ((sir_db + _LEVEL_DB) / 20)
+    def some(self, every: int) -> NearPoints:
+        """One element in ``every`` few, for `evidence` alone."""
+        some = copy(self)
+        many, few = (np.flatnonzero(at % every == 0) for at in (self._many_at, self._few_at))
+        some._many_at, some._few_at = self._many_at[many] // every, self._few_at[few] // every
+        some._share = self._share[::every]
+        some._many = self._many and self._many.some(many)
+        some._few = [each.some(few) for each in self._few]
+        return some
 
-    def evidence(self, share: np.ndarray, every: int = _SAMPLE) -> Callable[[np.ndarray], np.ndarray]:
-        """How likely one element in ``every`` few is at SIRs in dB (n,): (n,); ``share`` (elements,) is that of few
-        points, by the elements beside."""
-        square, prior, share = (
-            np.ascontiguousarray(part[..., ::every]) for part in (self._square, self._prior, share)
-        )
-        anything = np.float32(_ASTRAY / (np.pi * self._level**2))
+    def evidence(self, density: Density, level: float) -> np.ndarray:
+        """(n,) how likely what was received is at the SIRs of the density; ``level`` is the symbols' RMS."""
+        likely = np.zeros((density.count, self._share.size), dtype=np.float32)
+        if self._many:
+            at = self._many_at
+            likely[:, at] = (1 - self._share[at]) * self._many.likely(density)
+        for each in self._few:
+            likely[:, self._few_at] += self._share[self._few_at] * each.likely(density)
+        return np.log(likely + np.float32(_ASTRAY / (np.pi * level**2))).mean(axis=1)
 
-        def evidence(sir_db: np.ndarray) -> np.ndarray:
-            each = self._of_families(_density(square, self._modulus(sir_db), self._noise) * prior)
-            many, few = each[:, 0], each[:, 1:].sum(axis=1)
-            return np.log(many + share * (few - many) + anything).mean(axis=1)
-
-        return evidence
-
-    def goes_on(self, sir_db: float, share: np.ndarray) -> bool:
-        """Whether the return is as large as at that SIR in dB, and not smaller or larger by far; as `evidence`."""
-        return not self.evidence(share, _CHANGE_SAMPLE)(sir_db + np.r_[0.0, _CHANGED_DB]).argmax()
-
-    def expected(self, sir_db: float) -> np.ndarray:
-        """(elements,) complex64 mean of the return."""
-        weight = _density(self._square, np.array([self._modulus(sir_db)]), self._noise)[0]
-        weight *= self._prior
-        likely = self._of_families(weight) + FAINT
-        means = self._of_families(self._rests * weight) / likely
-        mean, most = means[0], np.float32(0)
-        for of_few, how_likely in zip(means[1:], likely[1:], strict=True):
+    def expected(self, density: Density) -> np.ndarray:
+        """(elements,) complex64 mean of the return at the density's first SIR."""
+        mean, likely = (np.zeros(self._at.size, dtype=kind) for kind in (np.complex64, np.float32))
+        if self._many:
+            mean[self._many_at], likely[self._many_at] = self._many.mean(density)
+        most, at = np.float32(0), self._few_at
+        for each in self._few:
+            of_few, how_likely = each.mean(density)
+            alone = likely[at] == 0
+            mean[at[alone]], likely[at[alone]] = of_few[alone], how_likely[alone]
+            if alone.all():
+                continue
             # a block is of one alphabet
             plane = np.zeros(self._shape, dtype=np.float32)
-            np.put(plane, self._at, np.log(how_likely / likely[0]))
-            more = box(plane, BLOCK).ravel()[self._at]
-            mean, most = np.where(more > most, of_few, mean), np.maximum(more, most)
-        return (mean * self._channel).astype(np.complex64)
-
-    def _of_families(self, values: np.ndarray) -> np.ndarray:
-        """Sums of (..., points, elements) over each family of points: (..., families, elements)."""
-        return np.add.reduceat(values, self._first, axis=-2)
+            np.put(plane, self._at[at], np.log(how_likely / likely[at]))
+            more = box(plane, BLOCK).ravel()[self._at[at]]
+            mean[at], most = np.where(more > most, of_few, mean[at]), np.maximum(more, most)
+        return mean * self._channel
 
 
 def _some_on_axes(points: np.ndarray) -> bool:
-    """Whether some (L, K) points stand on the axes, at least a block of them."""
+    """Whether some (L, K) points stand on the axes, at least a block of them by every other one."""
+    points = points[:, ::2]
     sent = power(points)
-    return np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK
+    return 2 * np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK

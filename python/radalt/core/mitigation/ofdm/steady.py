@@ -21,7 +21,19 @@ from .lattice import (
     turn_to_axes,
 )
 from .numerology import Numerology
-from .ridge import FOLD, NearPoints, few_beside, most_plausible, read_around, whitened
+from .ridge import (
+    CHANGE_SAMPLE,
+    CHANGED_DB,
+    FOLD,
+    Density,
+    NearPoints,
+    few_beside,
+    modulus_of,
+    most_plausible,
+    read_around,
+    usual_level,
+    whitened,
+)
 from .upright import true_up
 
 __all__ = ["Reading", "Steady", "read_on", "steady"]
@@ -29,6 +41,7 @@ __all__ = ["Reading", "Steady", "read_on", "steady"]
 _DOUBTFUL = 0.1  # mean error of a symbol in cells, each at most 1, from which all is judged anew
 _WORSE, _LEAST = 1.5, 0.01  # the same of the median symbol, over that of the frame in which all was judged
 _FEW = 0.003  # the same of a symbol that may have blocks of few points, read as others
+_BY_MISTAKE = 60  # elements of few points in a symbol
 _SENDS = 0.05  # of a symbol's usual weight; beside a synchronisation block little is in use
 
 
@@ -76,8 +89,38 @@ class Steady:
     misread: float
     weight: np.ndarray
     received: Received
-    sir_db: float | None
-    share: np.ndarray | None
+    wide: Wide | None
+
+
+@dataclass(frozen=True)
+class Wide:
+    """A return that is larger than a cell.
+
+    Attributes
+    ----------
+    level, modulus : float
+        RMS of the symbols, and modulus of the return.
+    density : Density
+        Of the return, and of one that has changed.
+    varying : bool
+        Whether users vary.
+    shares : dict
+        (n,) float32 shares of few points beside each of the other elements, by the symbols that have some: the few
+        patterns there are, with synchronisation signals or without.
+    """
+
+    level: float
+    modulus: float
+    density: Density
+    varying: bool
+    shares: dict[bytes, np.ndarray]
+
+    def share(self, few: np.ndarray, known: Steady) -> np.ndarray:
+        """The share in a frame with these elements of few points, (L, K) bool."""
+        key = b"" if self.varying else (few.sum(axis=1) > _BY_MISTAKE).tobytes()
+        if key not in self.shares:
+            self.shares[key] = few_beside(few, known.trusted, varying=self.varying).ravel()[known.at]
+        return self.shares[key]
 
 
 @dataclass(frozen=True)
@@ -135,13 +178,27 @@ def steady(
         misread,
         received.weight,
         received,
-        sent.sir_db,
-        None if sent.sir_db is None else few_beside(received.few, trusted).ravel()[at],
+        _wide(received, trusted, at, sent.sir_db, varying=likely is None),
     )
 
 
-def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None:
-    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise."""
+def _wide(
+    received: Received, trusted: np.ndarray, at: np.ndarray, sir_db: float | None, *, varying: bool
+) -> Wide | None:
+    """What a frame that was ``received`` tells of a return at ``sir_db`` larger than a cell; None without one."""
+    if sir_db is None:
+        return None
+    level = usual_level(received.symbols, trusted)
+    tried = sir_db + np.r_[0.0, CHANGED_DB]
+    shares = {b"": few_beside(received.few, trusted, varying=True).ravel()[at]} if varying else {}
+    return Wide(level, modulus_of(level, sir_db), Density(level, tried, received.noise), varying, shares)
+
+
+def read_on(known: Steady, grid: Grid, numerology: Numerology, *, ask: bool = True) -> Reading | None:
+    """The symbols of the ``grid`` read with what is ``known``; None where anything seems to be otherwise.
+
+    Whether a return larger than a cell has changed is looked at only if it is to ``ask``.
+    """
     symbols, channel = grid.symbols, grid.channel
     found, misread = _decided(known, grid, symbols * (1 / channel), numerology)
     points, error, capped = found.points, found.error, found.capped
@@ -173,7 +230,7 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
     if (held * fine).sum() > FOLD * np.count_nonzero(fine):
         if np.count_nonzero(told) <= MAJORITY * np.count_nonzero(fine):
             told = fine
-        kept = _wide_return(known, symbols, channel, found, told)
+        kept = _wide_return(known, symbols, channel, found, told, ask=ask)
         if kept is None:
             return None
         size[told] = power(kept)
@@ -191,14 +248,19 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology) -> Reading | None
 
 
 def _wide_return(
-    known: Steady, symbols: np.ndarray, channel: np.ndarray, found: Decisions, told: np.ndarray
+    known: Steady,
+    symbols: np.ndarray,
+    channel: np.ndarray,
+    found: Decisions,
+    told: np.ndarray,
+    *,
+    ask: bool,
 ) -> np.ndarray | None:
     """(elements,) complex64 mean of a return that is larger than a cell, in those of the other elements that are
-    ``told`` (n, bool); None unless it is about as large as it was."""
-    if known.share is None:
+    ``told`` (n, bool); None unless it is about as large as it was, which may be what to ``ask``."""
+    wide = known.wide
+    if wide is None:
         return None
-    ridge = np.zeros(symbols.shape, dtype=bool)
-    ridge.ravel()[known.at[told]] = True
     here = replace(
         known.received,
         symbols=symbols,
@@ -207,8 +269,10 @@ def _wide_return(
         kinds=found.kinds,
         few=found.few,
     )
-    near = NearPoints(here, ridge, known.trusted, known.sir_db)
-    return near.expected(known.sir_db) if near.goes_on(known.sir_db, known.share[told]) else None
+    near = NearPoints(here, known.at[told], wide.share(found.few, known)[told], wide.modulus)
+    if ask and near.some(CHANGE_SAMPLE).evidence(wide.density, wide.level).argmax():
+        return None
+    return near.expected(wide.density)
 
 
 def _noise(known: Steady, symbols: np.ndarray, model: np.ndarray) -> np.ndarray:
