@@ -31,7 +31,8 @@ __all__ = [
 _MARGIN = 3  # subcarriers: a sweep of 15 kHz in a microsecond leaks into its neighbours
 FOLD = 0.2  # error in the ridge, in cells, each at most 1, up to which a decision is right; a random one has 0.75
 _SOME_FOLD = 0.05  # the same where weak users' cells are smaller than others'
-_ALL, _MANY = 0.95, 0.6  # shares of few points: in a symbol that has little else, and in the block of a user
+_ALL, _NONE = 0.95, 0.01  # shares of few points in a symbol that has nothing else, and in one that has none
+_ONE_KIND = 0.9  # of the elements have the same alphabet, if users have but one
 _ASTRAY = 0.01  # share of elements whose alphabet was misjudged, which may be anything
 _SIR_DB = np.arange(-40.0, -3.0, 2.0)
 _STEPS_DB = np.array([0.0, -1.0, 1.0])  # to the finer grid, and from frame to frame
@@ -167,6 +168,7 @@ class Density:
         disc = (1 - _PRIOR_IN) / (np.pi * size) * np.exp(-(distance**2) / size)
         self._parts, self._last = np.float32(1 / step), np.float32(distance.size - 1)
         self._table = (ring + disc).astype(np.float32)
+        self._table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
         self.count = len(self._table)
 
     def places(self, distance: np.ndarray) -> np.ndarray:
@@ -192,20 +194,17 @@ def few_beside(few: np.ndarray, clear: np.ndarray, *, varying: bool) -> np.ndarr
     """(L, K) float32, 0..1: the share of elements of few points among the ``clear`` ones (L, K, float32 weights) around
     each, in its symbol (control) and in its block of all symbols (a user).
 
-    It is 1 in a symbol that has nothing else around, and 0 in one that has none unless its block has many, or users are
-    ``varying``: they may have few points in one slot and many in the next.
+    It is 1 in a symbol that has nothing else, and 0 in one that has none, unless users are ``varying``.
     """
 
-    def around(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _ALONG * box(values, _ALONG), BLOCK * box(values.sum(axis=0), BLOCK)
+    def around(values: np.ndarray) -> np.ndarray:
+        return _ALONG * box(values, _ALONG) + BLOCK * box(values.sum(axis=0), BLOCK)
 
-    (in_symbol, in_block), (all_symbol, all_block) = around(few * clear), around(clear)
-    share = (in_symbol + in_block + np.float32(0.5)) / (all_symbol + all_block + 1)
+    few = few * clear
+    share = (around(few) + np.float32(0.5)) / (around(clear) + 1)
     if not varying:
-        share[in_symbol >= np.float32(_ALL) * all_symbol] = 1
-        share[
-            (in_symbol <= np.float32(1 - _ALL) * all_symbol) & (in_block < np.float32(_MANY) * all_block)
-        ] = 0
+        of_symbol = few.sum(axis=1) / np.maximum(clear.sum(axis=1), 1)
+        share[of_symbol > _ALL], share[of_symbol < _NONE] = 1, 0
     return share
 
 
@@ -242,7 +241,8 @@ def expected_return(
         return None
     level = usual_level(received.symbols, clear)
     most_db = _SIR_DB[-1] if near_db is None else near_db + CHANGED_DB.max()
-    share = few_beside(received.few, clear, varying=False)[ridge]
+    kinds = np.bincount(received.kinds[ridge], minlength=len(DENSE))
+    share = few_beside(received.few, clear, varying=kinds.max() < _ONE_KIND * count)[ridge]
     near = NearPoints(received, np.flatnonzero(ridge), share, modulus_of(level, most_db))
     some = near.some(_SAMPLE)
 
@@ -401,7 +401,6 @@ class NearPoints:
 
 
 def _some_on_axes(points: np.ndarray) -> bool:
-    """Whether some (L, K) points stand on the axes, at least a block of them by every other one."""
-    points = points[:, ::2]
+    """Whether some (L, K) points stand on the axes, at least a block of them."""
     sent = power(points)
-    return 2 * np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK
+    return np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK
