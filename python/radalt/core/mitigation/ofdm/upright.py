@@ -78,12 +78,14 @@ def turned(
     if not doubtful.size:
         return doubtful, back
     channel = channel if channel.ndim == 1 else channel[doubtful]
-    values, clear, halves = symbols[doubtful] * (1 / channel), clear[doubtful], halves[doubtful]
-    least = _UPRIGHT * off[doubtful]
     # with most of them wrong, that is not the fault
-    for angle in _TURNS if doubtful.size < len(off) / 2 else _TURNS[:1]:
-        turn = unit(-angle)
-        left = misread(decide(values * turn, clear, halves, kinds).capped, clear, channel)
-        back[doubtful[left < least]] = turn
-        np.minimum(least, left, out=least)
+    turns = unit(-_TURNS if doubtful.size < len(off) / 2 else -_TURNS[:1])
+    values = turns[:, None, None] * (symbols[doubtful] * (1 / channel))
+    # all turns of all symbols at once, as so many symbols
+    clear, halves = (np.concatenate([part[doubtful]] * turns.size) for part in (clear, halves))
+    found = decide(values.reshape(len(clear), -1), clear, halves, kinds)
+    left = misread(found.capped, clear, channel).reshape(turns.size, -1)
+    best = left.argmin(axis=0)
+    better = left.min(axis=0) < _UPRIGHT * off[doubtful]
+    back[doubtful[better], 0] = turns[best[better]]
     return np.flatnonzero(back != 1), back
