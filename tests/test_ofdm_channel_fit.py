@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.mitigation.ofdm.channel_fit import best_order, fit, smooth_fit, sums
+from gnuradio.radalt.core.mitigation.ofdm.channel_fit import _solved, best_order, fit, smooth_fit, sums
 from gnuradio.radalt.core.mitigation.ofdm.demodulator import times_of
 from gnuradio.radalt.core.mitigation.ofdm.lattice import box
 
@@ -35,6 +35,16 @@ def test_a_channel_that_is_smooth_over_subcarriers_has_a_third_of_the_noise(echo
     assert wrong(0 * error, smooth) < (1e-6 if echo_s < 1e-6 else 1e-4)
     if echo_s < 1e-6:
         assert wrong(error, smooth) < 0.4 * wrong(error, lambda *both: fit(*both, 2, 1))
+
+
+def test_systems_of_all_subcarriers_are_solved_at_once():
+    """As LAPACK solves each; some are nearly singular."""
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((40, 9, 9)) * np.geomspace(1.0, 1e-3, 9)
+    matrix, right = root.transpose(0, 2, 1) @ root, rng.standard_normal((40, 9, 2)).view(complex)
+    told = np.linalg.solve(matrix, right)[:, :, 0].T
+    found = _solved(matrix.transpose(1, 2, 0).copy(), right[:, :, 0].T)
+    assert np.max(np.abs(found - told)) < 1e-6 * np.max(np.abs(told))
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])

@@ -97,16 +97,32 @@ def smooth_fit(right: np.ndarray, left: np.ndarray, channel: np.ndarray) -> np.n
     received = np.stack([_around(right * late.conj(), away**n) for n in range(3)], axis=1)
     energies = np.stack([_around(left.astype(np.float64), away**n) for n in range(5)], axis=1)
     time, place = np.divmod(np.arange(9), 3)
-    matrix = energies[np.add.outer(time, time), np.add.outer(place, place)].transpose(2, 0, 1)
-    energy = matrix[:, 0, 0].copy()
+    matrix = energies[np.add.outer(time, time), np.add.outer(place, place)]
+    energy = matrix[0, 0].copy()
     known = energy > 1e-3 * energy.mean()
     at = np.arange(9)
-    matrix[:, at, at] += ((time > 0) * np.float64(_LOADING) + (place > 0) * _BENDS) * energy[:, None]
-    matrix[~known] = np.eye(9)
-    factors = np.linalg.solve(matrix, received.reshape(9, count).T[:, :, None])[:, :, 0].T
-    factor = factors[place == 0] * late
+    matrix[at, at] += ((time > 0) * np.float64(_LOADING) + (place > 0) * _BENDS)[:, None] * energy
+    matrix[:, :, ~known] = np.eye(9)[:, :, None]
+    factor = _solved(matrix, received.reshape(9, count))[place == 0] * late
     factor[0, ~known], factor[1:, ~known] = 1, 0
     return factor.astype(np.complex64)
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(n, K) solutions of K positive definite systems (n, n, K), float64; ``matrix`` is overwritten.
+
+    Elimination without pivots, of all subcarriers at once. A solver called for each takes several times as long, and
+    with threads of its own, beside other work, a thousand times.
+    """
+    right, count = right.copy(), len(matrix)
+    for k in range(count - 1):
+        share = matrix[k + 1 :, k] / matrix[k, k]
+        matrix[k + 1 :, k + 1 :] -= share[:, None] * matrix[k, k + 1 :]
+        right[k + 1 :] -= share * right[k]
+    for k in reversed(range(count)):
+        right[k] -= (matrix[k, k + 1 :] * right[k + 1 :]).sum(axis=0)
+        right[k] /= matrix[k, k]
+    return right
 
 
 def _around(values: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft, linalg, ndimage
 
 from .acquisition import Grid
 from .channel_fit import audible, loudest, sums
@@ -115,7 +115,8 @@ class Echoes:
         matrix = across[power_of[:, None, :, None], apart[None, :, None, :]].reshape(orders * delays, -1)
         loading = np.array(_LOADING)[:, None] / self.likely * left[0].sum()
         matrix[np.diag_indices(len(matrix))] += loading.ravel() + 1e-30
-        echoes = np.linalg.solve(matrix, right.ravel().astype(np.complex128)).reshape(orders, delays)
+        # positive definite by its loading; beside other work a general solver's threads wait for each other
+        echoes = linalg.lapack.zposv(matrix, right.ravel().astype(np.complex128))[1].reshape(orders, delays)
         courses = fft.fftshift(fft.fft(echoes, symbols.shape[1], axis=1), axes=1) * self._ahead.conj()
         channel = (self._times[:, None] ** np.arange(orders)) @ courses
         loud = ndimage.maximum_filter1d((np.square(np.abs(echoes)) * _SHARES).sum(axis=0), 3)
