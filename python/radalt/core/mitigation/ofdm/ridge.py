@@ -159,30 +159,29 @@ class Density:
     def __init__(self, level: float, sir_db: np.ndarray, noise: float) -> None:
         modulus = modulus_of(level, sir_db)[:, None]
         spread = (_SPREAD * modulus) ** 2 + 0.5 * noise
-        width = np.sqrt(spread)
-        step = width.min() / _PARTS
-        distance = step * (0.5 + np.arange(int((modulus + _WIDTHS * width).max() / step) + 1))
+        step = np.sqrt(spread) / _PARTS
+        self._last = int((modulus / step).max() + _WIDTHS * _PARTS)
+        distance = step * (0.5 + np.arange(self._last + 1))
         ring = np.exp(-0.5 * (distance - modulus) ** 2 / spread) / np.maximum(distance, 0.1 * modulus)
         ring *= _PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread))
         size = (0.5 * modulus) ** 2 + noise
         disc = (1 - _PRIOR_IN) / (np.pi * size) * np.exp(-(distance**2) / size)
-        self._parts, self._last = np.float32(1 / step), np.float32(distance.size - 1)
         self._table = (ring + disc).astype(np.float32)
         self._table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
-        self.count = len(self._table)
+        self.count, self._per_distance = len(step), (1 / step[:, 0]).astype(np.float32)
 
-    def places(self, distance: np.ndarray) -> np.ndarray:
-        """Where the table has a ``distance``, float32; intp as it."""
-        place = distance * self._parts
-        return np.minimum(place, self._last, out=place).astype(np.intp)
+    def _at(self, number: int, distance: np.ndarray) -> np.ndarray:
+        place = distance * self._per_distance[number]
+        np.minimum(place, np.float32(self._last), out=place)
+        return self._table[number].take(place.astype(np.intp))
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
-        """(n, ...) float32 at distances (...)."""
-        return self._table.take(self.places(distance), axis=1)
+        """(n, ...) float32 at distances (...), float32."""
+        return np.stack([self._at(number, distance) for number in range(self.count)])
 
     def first(self, distance: np.ndarray) -> np.ndarray:
         """(...) float32 at the first SIR."""
-        return self._table[0].take(self.places(distance))
+        return self._at(0, distance)
 
 
 def modulus_of(level: float, sir_db: float | np.ndarray) -> float | np.ndarray:
