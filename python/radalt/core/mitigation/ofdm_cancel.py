@@ -60,9 +60,7 @@ _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.004  # samples of timing that need no new phases
 _DRIFTS = 0.3  # of what a frame tells of the clock's drift
-_ASKED_AGAIN = (
-    3  # of these frames one in three is asked whether its return has changed, if that is larger than a cell
-)
+_ASKED_AGAIN = 3  # one such frame in three is asked whether a return larger than a cell has changed
 _READ_ON = 15  # frames that are read with what one told of them, before all is judged anew
 
 
