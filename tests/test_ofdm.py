@@ -651,6 +651,43 @@ def test_a_symbol_is_set_upright_by_its_points_where_the_channel_is_wrong_in_its
     assert np.abs(true_up(agreement, numerology, upright=odd)[1][odd]).max() == 0
 
 
+@pytest.mark.parametrize("drift", [0.0, 6e-4])
+def test_delays_of_symbols_are_told_by_all_of_them_where_a_clock_drifts_evenly(drift):
+    """Of 13 symbols' own delays two unknowns are left: 2/13 of the noise's power."""
+    rng = np.random.default_rng(12)
+    numerology = Numerology(W.rate_hz, 15e3)
+    late = 0.01 + drift * np.arange(13)
+    turn = np.exp(-1j * late[:, None] * numerology.turn)
+    wrong = {True: [], False: []}
+    for _ in range(40):
+        agreement = turn + 0.3 * noise(13, rng)[:, :500]
+        for evenly, errors in wrong.items():
+            found = true_up(agreement.astype(np.complex64), numerology, evenly=evenly)[2]
+            errors.append(np.mean((found + late) ** 2))
+    assert np.mean(wrong[True]) == pytest.approx(2 / 13 * np.mean(wrong[False]), rel=0.4)
+
+
+def test_a_symbol_of_whose_elements_hardly_any_is_trusted_stays_as_it_is():
+    numerology = Numerology(W.rate_hz, 15e3)
+    agreement = np.ones((13, 500), dtype=np.complex64)
+    agreement[0] = 0
+    agreement[0, 497:] = np.exp(0.6j)  # which may all be wrong
+    factor, angles, slopes = true_up(agreement, numerology)
+    assert np.abs(angles).max() < 1e-6 and np.abs(slopes).max() < 1e-6
+    assert np.abs(factor - 1).max() < 1e-6
+
+
+def test_where_one_alphabet_explains_nearly_all_another_is_found_in_the_rest():
+    rng = np.random.default_rng(13)
+    random = (rng.standard_normal((13, 500, 2)) @ [0.7, 0.7j]).astype(np.complex64)
+    sent = nearest(random, 64)
+    sent[7:, 240:276] = nearest(random[7:, 240:276], 256)
+    every, halves = np.ones(sent.shape, dtype=bool), np.repeat([0, 1], [7, 6])
+    found = decide(sent, every, halves, likely=(1, np.ones(500, dtype=bool)))
+    assert np.count_nonzero(np.abs(found.points - sent) > 1e-3) < 0.001 * sent.size
+    assert (found.kinds[1, 242:274] == 2).all() and (found.kinds[0] == 1).all()
+
+
 def test_returns_of_all_altitudes_lie_in_the_ridge():
     numerology = Numerology(W.rate_hz, 15e3)
     starts = np.array([17, 2600, 3600, 6900])

@@ -137,6 +137,25 @@ def level_in_use(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np
     return np.maximum(level, 1e-6 * top), level > _IN_USE * top
 
 
+@lru_cache(maxsize=8)
+def _passed(count: int, per_cycle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a Gram matrix of ``count`` symbols needs, for each place of the long prefix, read-only.
+
+    How many long prefixes came before each symbol, (places, L) int; for two symbols, the number of their product, with
+    as many between them, in an array (n, L, L) of all products of which only the lower half counts, (places, L, L) int;
+    and its sign there, (L, L) float32.
+    """
+    index = np.arange(count)
+    places = np.arange(min(per_cycle, count))
+    passed = np.cumsum((index % per_cycle == places[:, None]) & (index > 0), axis=1)
+    between = np.abs(passed[:, :, None] - passed[:, None, :])
+    pairs = (between * count + np.maximum.outer(index, index)) * count + np.minimum.outer(index, index)
+    lower = np.sign(np.subtract.outer(index, index)).astype(np.float32)
+    for fixed in (passed, pairs, lower):
+        fixed.setflags(write=False)
+    return passed, pairs, lower
+
+
 def acquire(
     frame: np.ndarray,
     prefix: Prefix,
@@ -179,20 +198,17 @@ def acquired(
         :, None
     ]
     fourth *= unit(-4 * late * numerology.turn)
+    passed, pairs, lower = _passed(count, numerology.per_cycle)
     # after 0, 1, 2 ... long prefixes
     longer = numerology.longer * np.arange(-(-count // numerology.per_cycle) + 1, dtype=np.float32)[:, None]
-    turns = unit(4 * longer * numerology.turn)
-    places = np.arange(min(numerology.per_cycle, count))
-    passed = np.cumsum((index % numerology.per_cycle == places[:, None]) & (index > 0), axis=1)
     # Gram matrices: symbols n long prefixes apart are turned by n
-    rows = fourth * turns[:, None]
+    rows = fourth * unit(4 * longer * numerology.turn)[:, None]
     # real and imaginary parts as real products, which cost a quarter
     both = np.concatenate([fourth, 1j * fourth]).view(np.float32)
     parts = rows.view(np.float32).reshape(-1, both.shape[1]) @ both.T
-    apart = (parts[:, :count] + 1j * parts[:, count:]).reshape(-1, count, count)
-    between = np.abs(passed[:, :, None] - passed[:, None, :])
-    gram = apart[between, np.maximum.outer(index, index), np.minimum.outer(index, index)]
-    gram.imag *= np.sign(np.subtract.outer(index, index))  # the upper half is the lower one's conjugate
+    apart = (parts[:, :count] + 1j * parts[:, count:]).ravel()
+    gram = apart.take(pairs)
+    gram.imag *= lower  # the upper half is the lower one's conjugate
     for place, vector in _strongest(gram):
         before = passed[place]
         turned = course(vector, before)

@@ -15,10 +15,11 @@ _READ = 0.05  # mean error of the symbols in cells, each at most 1, up to which 
 
 
 def at_rest(frame: Demodulated) -> Demodulated:
-    """The ``frame`` with a channel (K,) that stands still, if that explains it nearly as well; or as it is.
+    """The ``frame`` with a channel (K,) that stands still, if that explains it nearly as well; or read once more.
 
     A channel that seems to move may have been a quarter turn off in some symbols, or its course may stand for the
-    delays of symbols that were set upright by a wrong one.
+    delays of symbols that were set upright by a wrong one. Where it does move, symbols have delays of their own,
+    which are told once the channel's course is known.
     """
     grid, clear, received = frame.grid, frame.clear, frame.received
     if received.channel.ndim == 1:
@@ -28,5 +29,8 @@ def at_rest(frame: Demodulated) -> Demodulated:
     for _ in range(_TURNS):
         resting = once_more(grid, clear, resting, frame.numerology, AGAIN, before)
         if resting.channel.ndim > 1 or resting.noise > _AS_WELL * received.noise:
-            return frame
-    return replace(frame, received=resting) if resting.misread.mean() < _READ else frame
+            break
+    else:
+        if resting.misread.mean() < _READ:
+            return replace(frame, received=resting)
+    return replace(frame, received=once_more(grid, clear, received, frame.numerology, AGAIN))

@@ -97,8 +97,11 @@ def whole_subcarriers(
     heard = np.flatnonzero(weight)
     if not heard.size or heard[-1] - heard[0] < _LONG:
         return 0.0, angles
+    fourth = weight * np.exp(4j * angles)
+    if np.abs(fourth.sum()) > (1 - _EVENER) * weight.sum():
+        return 0.0, angles  # nothing turns
     turns = 2 * np.pi / numerology.useful * times
-    off, fourth = np.exp(-4j * turns[:, None] * _OFF), weight * np.exp(4j * angles)
+    off = np.exp(-4j * turns[:, None] * _OFF)
     if _fits(fourth[None], off)[0] > 1 - _EVENER:
         return 0.0, angles
     fits = _fits(np.exp(-4j * _WHOLE[:, None] * turns) * fourth, off)

@@ -172,16 +172,26 @@ def best_order(
     energy = (power(symbols) * sure).sum(axis=0)
     elements = sure.sum(axis=0, dtype=np.float32)
     known = elements > _ORDERS
-    best, least = None, np.inf
-    for order in range(_ORDERS):
-        if order < 2:  # the second has all that higher ones need
-            right, left = sums(agreement, weight, times, order * (_ORDERS - 1))
+
+    def fitted(order: int) -> tuple[np.ndarray, float]:
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed, where c solves the normal equations with their loading
         rest = energy - np.einsum("nk,nk->k", factor.conj(), right[: order + 1]).real
         if order:
             rest -= _LOADING * left[0] * power(factor[1:]).sum(axis=0)
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
+        return factor, rest
+
+    right, left = sums(agreement, weight, times, 0)
+    best, least = fitted(0)
+    if least < _STEADY * steady:
+        return best, least
+    right, left = sums(agreement, weight, times, _ORDERS - 1)
+    highest = fitted(_ORDERS - 1) if read else None
+    if highest and highest[1] >= _HELPS * least:
+        return best, least
+    for order in range(1, _ORDERS):
+        factor, rest = highest if highest and order == _ORDERS - 1 else fitted(order)
         if rest >= _HELPS * least:
             if not read:
                 break

@@ -56,6 +56,8 @@ MOVING = ((15, 0, 0.4), (9, 1, 0.5), (9, 1, 0.8), (5, 2, 1.0), (3, 2, 1.0))
 MORE = ((9, 2, 1.0), (3, 2, 1.0))
 SCALED = ((15, 0, 1.0), (5, 0, 1.0), (1, 0, 1.0))
 AGAIN = ()
+_FAIRLY_READ = 0.1  # mean error from which a channel has to be averaged over many subcarriers
+_FEW = 3  # of them where that is not needed
 _MOSTLY_READ = 0.05  # mean error with which an order that helps is no chance
 _FAIR = 1.5  # times the median error of the symbols, up to which one tells of the carrier at first
 SURE = 1.5  # error in cells, up to half a neighbour's distance
@@ -208,6 +210,8 @@ def begin(
     upright, angle, _ = true_up(agreement, numerology)
     agreement *= upright
     weight = power(model) * sure
+    if off.mean() < _FAIRLY_READ and not scaled:
+        width = _FEW
     factor = fit(*sums(agreement, weight, times, order), order, width)
     better = replace(
         grid,
@@ -268,7 +272,7 @@ def demodulate(
         agreement = symbols * model.conj()
         agreement *= sure
         if order >= 0 or not first:
-            turn, angle, slope = true_up(agreement, numerology, upright=odd)
+            turn, angle, slope = true_up(agreement, numerology, upright=odd, evenly=channel.ndim == 1)
             late = middle(slope)
             symbols, agreement, phase = symbols * turn, agreement * turn, phase * turn
             angles = angles + angle

@@ -65,6 +65,7 @@ _DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random on
 _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
 _EXPLAINED = np.float32(0.3)  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
+_ELSEWHERE = 0.25  # of the blocks: where another alphabet explains more, all are judged
 _FEWEST = 8  # elements of a block that tell something; a user has a hundred
 _SYMBOLS_BESIDE = 2  # before and after, whose errors tell of an element
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
@@ -227,7 +228,7 @@ def decide(
     others have a square QAM, which a user keeps for a slot. It is the one from which the elements of one subcarrier and
     its neighbours, over the symbols of the same half slot ``halves`` (L,), are the smallest part of a cell away.
     ``kinds`` given is not judged again. ``likely`` is one of `DENSE` that may explain the whole
-    frame, and the subcarriers (K,) bool that are asked; if so, no other is tried.
+    frame, and the subcarriers (K,) bool that are asked; others are tried in the blocks that it does not explain.
     """
     level = power(values)
     scanty, scanty_error, few = few_points(values, level)
@@ -235,7 +236,7 @@ def decide(
     within = members(halves)
     found = None
     if kinds is None and likely is not None:
-        found = _explained(values, asked * likely[1], within, likely[0])
+        found = _explained(values, asked * likely[1], halves, within, likely[0])
     chosen, error, kinds = found or _judged(values, asked, halves, within, kinds)
     np.copyto(chosen, scanty, where=few)
     np.copyto(error, scanty_error, where=few)
@@ -278,17 +279,23 @@ def rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _explained(
-    values: np.ndarray, asked: np.ndarray, within: np.ndarray, kind: int
+    values: np.ndarray, asked: np.ndarray, halves: np.ndarray, within: np.ndarray, kind: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """As `_judged`, if all elements may be of one kind; None if those of a block in a half slot are not."""
+    """As `_judged`, where nearly all elements may be of one kind; None if those of several blocks are not."""
     points, error = rounded(values, kind)
     blocks = np.arange(0, asked.shape[1], BLOCK)
     wrong = at_most_one(error)
     wrong -= _EXPLAINED
     wrong *= asked
-    if (np.add.reduceat(within @ wrong, blocks, axis=1) > _EXPLAINED * _FEWEST).any():
-        return None
-    return points, error, np.full((len(within), asked.shape[1]), kind, dtype=np.int8)
+    wrong = (np.add.reduceat(within @ wrong, blocks, axis=1) > _EXPLAINED * _FEWEST).any(axis=0)
+    kinds = np.full((len(within), asked.shape[1]), kind, dtype=np.int8)
+    if wrong.any():
+        if np.count_nonzero(wrong) > _ELSEWHERE * wrong.size:
+            return None
+        others = np.repeat(wrong, BLOCK)[: asked.shape[1]]
+        kinds[:, others] = _kinds(values[:, others], asked[:, others], within)
+        points[:, others], error[:, others] = rounded_each(values[:, others], kinds[:, others], halves)
+    return points, error, kinds
 
 
 def _judged(

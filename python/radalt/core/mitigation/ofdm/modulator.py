@@ -26,7 +26,7 @@ class Modulator:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._places: tuple[bytes, np.ndarray, slice, np.ndarray] | None = None
+        self._places: tuple[bytes, np.ndarray, slice] | None = None
         self._around: tuple[bytes, np.ndarray] | None = None
 
     def subtract(
@@ -64,8 +64,7 @@ class Modulator:
         """(n, 2 _REACH + 1) int: samples around each place where symbols meet, or begin or end, inside the frame."""
         key = starts.tobytes()
         if self._around is None or self._around[0] != key:
-            half = numerology.prefix / 2
-            at = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
+            at = self._edges(starts, numerology)
             at = at[(at >= _REACH) & (at < self._count - _REACH)]
             self._around = key, at[:, None] + np.arange(-_REACH, _REACH + 1)
         return self._around[1]
@@ -79,29 +78,33 @@ class Modulator:
         symbols = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
             symbols[~readable] = 0
-        places, inside, _ = self._gather(starts, numerology)
-        out = symbols.ravel().take(places)
-        out[: inside.start] = out[inside.stop :] = 0
+        places, inside = self._gather(starts, numerology)
+        out = np.zeros(self._count, dtype=symbols.dtype)
+        symbols.take(places, out=out[inside], mode="clip")  # which spares a copy; all places are inside
         return out
 
     def offsets(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
         """(N,) float32 distance of each sample from the middle of its symbol, in symbols."""
-        since = self._gather(starts, numerology)[2]
+        lengths = np.diff(np.clip([0, *self._edges(starts, numerology)[1:-1], self._count], 0, self._count))
+        since = np.arange(self._count) - np.repeat(starts, lengths)
         return ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
 
-    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice, np.ndarray]:
-        """For each sample of a frame, which one of the symbols without prefixes it is, (N,) int; which of them are in
-        symbols at all; and how many samples each is after the first of its symbol's window, (N,) int32."""
+    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice]:
+        """For each sample of a frame that is in a symbol, which one of the symbols without prefixes it is, (n,) int;
+        and which samples are."""
         key = starts.tobytes()
         if self._places is None or self._places[0] != key:
-            count = self._count
-            half = numerology.prefix / 2
-            edges = np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
-            lengths = np.diff(np.clip([0, *edges[1:-1], count], 0, count))
-            since = np.arange(count, dtype=np.int32) - np.repeat(starts.astype(np.int32), lengths)
-            places = since % numerology.useful + np.repeat(
-                np.arange(starts.size) * numerology.useful, lengths
-            )
-            inside = slice(max(0, edges[0]), edges[-1])
-            self._places = key, places, inside, since
+            useful, edges = numerology.useful, self._edges(starts, numerology)
+            # first half of the prefix, symbol, and what comes again of it in the second half of the next prefix
+            bounds = np.append(np.stack([edges[:-1], starts, starts + useful], axis=1), edges[-1])
+            bounds = np.clip(bounds, 0, self._count)
+            ahead = (np.arange(starts.size) * useful - starts)[:, None] + [useful, 0, -useful]
+            places = np.arange(bounds[0], bounds[-1]) + np.repeat(ahead, np.diff(bounds))
+            self._places = key, places, slice(bounds[0], bounds[-1])
         return self._places[1:]
+
+    @staticmethod
+    def _edges(starts: np.ndarray, numerology: Numerology) -> np.ndarray:
+        """(L + 1,) int: where each symbol begins, in the middle of its prefix, and where the last one ends."""
+        half = numerology.prefix / 2
+        return np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)

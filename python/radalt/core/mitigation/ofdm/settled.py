@@ -181,7 +181,7 @@ def _of_all(
     for _ in range(_ROUNDS):
         sure = trusted(found, used, asked)
         agreement = symbols * found.points.conj() * sure
-        turn, angle, _ = true_up(agreement * channel.conj(), numerology)
+        turn, angle, _ = true_up(agreement * channel.conj(), numerology, evenly=False)
         symbols, agreement, turns, angles = symbols * turn, agreement * turn, turns * turn, angles + angle
         factors = smooth_fit(*sums(agreement, power(found.points) * sure, times, _ORDER), channel)
         channel = sum(times[:, None] ** n * one for n, one in enumerate(factors))

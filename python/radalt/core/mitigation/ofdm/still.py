@@ -104,7 +104,7 @@ def _evened(frame: Demodulated, received: Received, modulator: Modulator) -> Dem
         agreement = symbols * found.points.conj() * sure
         factors = fit(*sums(agreement, power(found.points) * sure, times, _ORDER), _ORDER, 1)
         channel = audible(sum(times[:, None] ** n * one for n, one in enumerate(factors)), most)
-        turn, angle, _ = true_up(agreement * channel.conj(), numerology)
+        turn, angle, _ = true_up(agreement * channel.conj(), numerology, evenly=False)
         phase, away = phase * turn, away - angle
         change = np.gradient(channel, axis=0) * found.points * phase.conj() * grid.used
         without = _less(frame, change, whole, modulator)

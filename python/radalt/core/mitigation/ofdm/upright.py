@@ -12,6 +12,7 @@ __all__ = ["DOUBTFUL", "true_up", "turned"]
 _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
 _FAINTER = 0.3  # of the strongest symbol's weight, from which a symbol tells how late all are
+_NOTHING = 0.02  # of that weight: a symbol's few trusted elements may all be wrong, and it stays as it is
 DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _TURNS = np.float32([-np.pi / 4, *np.arange(-0.7, 0.75, 0.1)])  # radians by which symbols may be ahead
 _UPRIGHT = 0.8  # of a symbol's error, for another angle to be taken
@@ -19,28 +20,39 @@ _TOGETHER = 0.05  # samples by which symbols differ that are equally late
 
 
 def true_up(
-    agreement: np.ndarray, numerology: Numerology, upright: np.ndarray | None = None
+    agreement: np.ndarray, numerology: Numerology, *, upright: np.ndarray | None = None, evenly: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What sets each symbol right: (L, K) factor, (L,) angles, and (L,) slopes over the subcarriers, in samples.
 
     ``agreement`` (L, K) complex64 is received times conjugate model; zero where not to be used. The symbols ``upright``
-    (int) are so: a channel that is still wrong would turn them.
+    (int) are so: a channel that is still wrong would turn them. Clocks drift ``evenly``, but where echoes fade the mean
+    delay has a course of its own.
     """
-    if upright is not None and upright.size:
-        agreement = agreement.copy()
-        agreement[upright] = 0
-    mean, first, second = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
+    moments = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
+    size = np.abs(moments[0])
+    silent = size <= _NOTHING * size.max()
+    if upright is not None:
+        silent[upright] = True
+    moments[:, silent] = 0
+    mean, first, second = moments
     angle = np.angle(mean + 1e-30)
     back = np.exp(-1j * angle)
     # the elements asked are not centred: angle and slope are found together
     first, whole, square = first * back, np.maximum((mean * back).real, 1e-30), (second * back).real
-    slope = first.imag / np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
+    told = np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
+    slope = first.imag / told
     # all symbols come equally late: one that seems not to was misread
     common = middle(slope[whole > _FAINTER * whole.max()])
     alone = np.abs(slope - common) > _TOGETHER
-    if alone.any():
+    if evenly:
+        slope = _evenly(slope, told * ~alone)
+    else:
         slope[alone] = common
-        straight = (agreement[alone] * unit(np.float32(-common) * numerology.turn)).sum(axis=1)
+    alone &= ~silent
+    if alone.any():
+        straight = (agreement[alone] * unit(-slope[alone, None].astype(np.float32) * numerology.turn)).sum(
+            axis=1
+        )
         angle[alone] = np.angle(straight + 1e-30)
         back[alone], first[alone] = np.exp(-1j * angle[alone]), 0
     finer = slope * first.real / whole
@@ -57,6 +69,18 @@ def true_up(
     terms[:, 1] = back * (-1j * slope)
     terms[:, 2] = back * (-0.5 * slope * slope)
     return (terms.view(np.float32) @ numerology.moments.T).view(np.complex64), angle, slope
+
+
+def _evenly(slope: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(L,) values of the straight line through ``slope`` (L,) of those weights.
+
+    Each symbol's own slope has the data's noise. As the return's elements are left out, which are others in each
+    symbol, what symbols and subcarriers have of that noise would hold each other up over many turns.
+    """
+    weight = weight / weight.sum()
+    time = np.arange(len(slope)) - weight @ np.arange(len(slope))
+    drift = (weight * time) @ slope / max((weight * time) @ time, 1e-9)
+    return weight @ slope + drift * time
 
 
 def turned(
