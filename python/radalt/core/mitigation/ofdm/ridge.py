@@ -9,7 +9,7 @@ import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
 from .demodulator import Received
-from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, power, rounded_each
+from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power, rounded_each
 from .numerology import Numerology
 
 __all__ = [
@@ -166,22 +166,24 @@ class Density:
         ring *= _PRIOR_IN / (2 * np.pi * np.sqrt(2 * np.pi * spread))
         size = (0.5 * modulus) ** 2 + noise
         disc = (1 - _PRIOR_IN) / (np.pi * size) * np.exp(-(distance**2) / size)
-        self._table = (ring + disc).astype(np.float32)
-        self._table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
+        table = (ring + disc).astype(np.float32)
+        table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
+        self._table = table.ravel()
+        self._rows = np.arange(len(step), dtype=np.float32) * table.shape[1]
         self.count, self._per_distance = len(step), (1 / step[:, 0]).astype(np.float32)
-
-    def _at(self, number: int, distance: np.ndarray) -> np.ndarray:
-        place = distance * self._per_distance[number]
-        np.minimum(place, np.float32(self._last), out=place)
-        return self._table[number].take(place.astype(np.intp))
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
         """(n, ...) float32 at distances (...), float32."""
-        return np.stack([self._at(number, distance) for number in range(self.count)])
+        place = np.multiply.outer(self._per_distance, distance)
+        np.minimum(place, np.float32(self._last), out=place)
+        place += self._rows.reshape(-1, *np.ones(distance.ndim, dtype=int))
+        return self._table.take(place.astype(np.intp))
 
     def first(self, distance: np.ndarray) -> np.ndarray:
         """(...) float32 at the first SIR."""
-        return self._at(0, distance)
+        place = distance * self._per_distance[0]
+        np.minimum(place, np.float32(self._last), out=place)
+        return self._table.take(place.astype(np.intp))
 
 
 def modulus_of(level: float, sir_db: float | np.ndarray) -> float | np.ndarray:
@@ -292,15 +294,19 @@ class _Lattice:
     """
 
     def __init__(self, values: np.ndarray, size: np.ndarray, kinds: np.ndarray, modulus: float) -> None:
+        if kinds.min() == kinds.max():
+            kinds = kinds[:1]
+            near = nearest(values, DENSE[kinds[0]])
+        else:
+            near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0][0]
         root = _HALF_CELL[kinds]
         # points up to two from the nearest, or one where no other is at the return's distance
         reach = 1 if _FAR * modulus < 3 * root.min() * middle(size) else 2
-        near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0][0]
         points = np.stack([near.real, near.imag])[:, None]
         points = points + root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
         self._rests = np.stack([values.real, values.imag])[:, None] - points
         self._inside = (np.abs(points) <= _OUTERMOST[kinds]).astype(np.float32)
-        self._each = 1 / _POINTS[kinds]
+        self._each = np.broadcast_to(1 / _POINTS[kinds], values.shape)
         square = (self._rests * size) ** 2
         self._distance = np.sqrt(square[0][:, None] + square[1])
 

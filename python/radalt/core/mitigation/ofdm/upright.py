@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from .lattice import decide, middle, misread, unit
@@ -13,6 +15,7 @@ _STRAIGHT = 2e-4  # samples: less slope than that is none at 70 dB
 _SLIGHT = 0.02  # samples of slope for which two terms of the exponential are exact to 87 dB
 _FAINTER = 0.3  # of the strongest symbol's weight, from which a symbol tells how late all are
 _NOTHING = 0.02  # of that weight: a symbol's few trusted elements may all be wrong, and it stays as it is
+_LEAST = np.float32(1e-30)  # of a weight that divides
 DOUBTFUL = 0.15  # mean error of a symbol in cells, each at most 1; a random one has 0.75
 _TURNS = np.float32([-np.pi / 4, *np.arange(-0.7, 0.75, 0.1)])  # radians by which symbols may be ahead
 _UPRIGHT = 0.8  # of a symbol's error, for another angle to be taken
@@ -33,16 +36,17 @@ def true_up(
     silent = size <= _NOTHING * size.max()
     if upright is not None:
         silent[upright] = True
-    moments[:, silent] = 0
-    mean, first, second = moments
-    angle = np.angle(mean + 1e-30)
-    back = np.exp(-1j * angle)
+    if silent.any():
+        moments[:, silent] = size[silent] = 0
+    mean, whole = moments[0], np.maximum(size, _LEAST)
+    angle = np.arctan2(mean.imag, mean.real)
     # the elements asked are not centred: angle and slope are found together
-    first, whole, square = first * back, np.maximum((mean * back).real, 1e-30), (second * back).real
-    told = np.maximum(square - first.real**2 / whole, 1e-6 * square + 1e-30)
+    first, second = moments[1:] * (mean.conj() / whole)
+    centre = first.real / whole
+    told = np.maximum(second.real - first.real * centre, 1e-6 * second.real + _LEAST)
     slope = first.imag / told
     # all symbols come equally late: one that seems not to was misread
-    common = middle(slope[whole > _FAINTER * whole.max()])
+    common = middle(slope[size >= _FAINTER * size.max()])
     alone = np.abs(slope - common) > _TOGETHER
     if evenly:
         slope = _evenly(slope, told * ~alone)
@@ -50,14 +54,11 @@ def true_up(
         slope[alone] = common
     alone &= ~silent
     if alone.any():
-        straight = (agreement[alone] * unit(-slope[alone, None].astype(np.float32) * numerology.turn)).sum(
-            axis=1
-        )
-        angle[alone] = np.angle(straight + 1e-30)
-        back[alone], first[alone] = np.exp(-1j * angle[alone]), 0
-    finer = slope * first.real / whole
-    angle = angle - finer
-    back = back * np.exp(1j * finer)
+        turn = slope[alone, None].astype(np.float32) * numerology.turn
+        straight = (agreement[alone] * unit(-turn)).sum(axis=1)
+        angle[alone], centre[alone] = np.angle(straight), 0
+    angle = angle - slope * centre
+    back = np.exp(-1j * angle)
     steepest = np.abs(slope).max()
     if steepest < _STRAIGHT:
         return back.astype(np.complex64)[:, None], angle, slope
@@ -77,10 +78,20 @@ def _evenly(slope: np.ndarray, weight: np.ndarray) -> np.ndarray:
     Each symbol's own slope has the data's noise. As the return's elements are left out, which are others in each
     symbol, what symbols and subcarriers have of that noise would hold each other up over many turns.
     """
-    weight = weight / weight.sum()
-    time = np.arange(len(slope)) - weight @ np.arange(len(slope))
-    drift = (weight * time) @ slope / max((weight * time) @ time, 1e-9)
-    return weight @ slope + drift * time
+    powers = _powers(len(slope))
+    whole, first, second = (powers @ weight).tolist()
+    value, product = (powers[:2] @ (weight * slope)).tolist()
+    centre = first / whole
+    drift = (product - centre * value) / max(second - centre * first, 1e-9 * whole)
+    return (value / whole - drift * centre) + drift * powers[1]
+
+
+@lru_cache(maxsize=16)
+def _powers(count: int) -> np.ndarray:
+    """(3, count) float64 powers 0, 1, 2 of the symbols' numbers, read-only."""
+    powers = np.arange(float(count)) ** np.arange(3)[:, None]
+    powers.setflags(write=False)
+    return powers
 
 
 def turned(
