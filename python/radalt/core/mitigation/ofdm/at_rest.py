@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from .demodulated import Demodulated
 from .demodulator import AGAIN, once_more
 
 __all__ = ["at_rest"]
 
-_TURNS = 2  # of points and channel, until one that stands still fits
-_AS_WELL = 1.4  # times the error with a channel that moves, which has more to fit
+# times the error with a channel that moves, which has more to fit; after each of two turns of points and channel
+_AS_WELL = 3.0, 1.2
 _READ = 0.05  # mean error of the symbols in cells, each at most 1, up to which they were read
 
 
@@ -25,10 +27,10 @@ def at_rest(frame: Demodulated) -> Demodulated:
     if received.channel.ndim == 1:
         return frame
     resting = replace(received, channel=received.channel[len(received.channel) // 2])
-    before = replace(received.as_before(clear & grid.used), steady=received.noise)
-    for _ in range(_TURNS):
+    before = replace(received.as_before(clear & grid.used), steady=np.inf)
+    for most in _AS_WELL:
         resting = once_more(grid, clear, resting, frame.numerology, AGAIN, before)
-        if resting.channel.ndim > 1 or resting.noise > _AS_WELL * received.noise:
+        if resting.noise > most * received.noise:
             break
     else:
         if resting.misread.mean() < _READ:

@@ -309,13 +309,12 @@ def _judged(
 
 def _kinds(values: np.ndarray, asked: np.ndarray, within: np.ndarray) -> np.ndarray:
     """(half slots, K) int8: which of `DENSE` explains the ``asked`` (L, K) elements best."""
-    rails = np.ascontiguousarray(values).view(np.float32)
+    rails = np.abs(np.ascontiguousarray(values).view(np.float32))  # lattices are alike on both sides
     score = np.empty((len(DENSE), len(within), values.shape[1]), dtype=np.float32)
     away, whole = np.empty_like(rails), np.empty_like(rails)
     for one, dense in zip(score, DENSE, strict=True):
         np.multiply(rails, np.float32(0.5) / SCALE[dense], out=away)
         np.floor(away, out=whole)
-        np.maximum(whole, _filled(-_TOP[dense] - 1, whole.shape), out=whole)
         np.minimum(whole, _filled(_TOP[dense], whole.shape), out=whole)
         whole += np.float32(0.5)
         away -= whole
