@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import fft
 
 from .numerology import Numerology
 
@@ -32,12 +33,12 @@ def course(agreement: np.ndarray, passed: np.ndarray) -> np.ndarray:
     came before. Where most symbols are out of step (the turns of TS 38.211 clause 5.4) each keeps its own angle.
     """
     weight = np.abs(agreement)
-    leap, spectrum = 0.0, np.fft.fft(agreement, _COURSES)
+    leap, spectrum = 0.0, fft.fft(agreement, _COURSES)
     size = np.abs(spectrum)
     if size.max() < _SURELY * weight.sum() and passed[-1] > 0:
         turned = agreement * np.exp(-1j * _LEAPS[:, None] * passed)
-        best = int(np.abs(np.fft.fft(turned, _COARSELY)).max(axis=1).argmax())
-        finer = np.fft.fft(turned[best], _COURSES)
+        best = int(np.abs(fft.fft(turned, _COARSELY)).max(axis=1).argmax())
+        finer = fft.fft(turned[best], _COURSES)
         finer_size = np.abs(finer)
         if finer_size.max() > _SURELY * weight.sum():
             leap, spectrum, size = _LEAPS[best], finer, finer_size

@@ -33,7 +33,7 @@ def sums(
     """
     if order == 0:
         return agreement.sum(axis=0)[None], weight.sum(axis=0)[None]
-    basis = np.stack([times**n for n in range(2 * order + 1)])
+    basis = np.vander(times, 2 * order + 1, increasing=True).T.astype(times.dtype)
     # in real numbers: a product of complex ones costs four times that
     return (basis[: order + 1] @ agreement.view(np.float32)).view(np.complex64), basis @ weight
 

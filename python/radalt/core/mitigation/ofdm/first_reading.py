@@ -67,11 +67,11 @@ class Opened:
         level = own.sum(axis=0)
         if level.sum() ** 2 < _NARROWEST * (level @ level):
             return False
-        clear = self._clear_of(self.grid.starts)
-        beside, with_return = (
-            (own * part).sum() / max(np.count_nonzero(part), 1) for part in (clear & used, ~clear & used)
-        )
-        return bool(beside >= _BESIDE * with_return)
+        beside = self._clear_of(self.grid.starts) & used
+        power_beside, count_beside = float((own * beside).sum()), np.count_nonzero(beside)
+        power_rest = float(level @ used) - power_beside
+        count_rest = len(own) * np.count_nonzero(used) - count_beside
+        return power_beside / max(count_beside, 1) >= _BESIDE * power_rest / max(count_rest, 1)
 
     def read(self) -> Demodulated | None:
         """The frame read once; None if no symbol can be.
