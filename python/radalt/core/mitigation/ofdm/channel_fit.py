@@ -17,7 +17,7 @@ _BENDS = np.float64(1e-6)  # of the energy, added to what would make it bend whe
 _GAP = 5  # subcarriers: fewer are noise
 _MOST = 0.75  # of the subcarriers have to be right
 _BESIDE = 8  # subcarriers on either side that tell how the channel goes on
-_ORDERS = 3  # 0, 1, 2: tried in the end
+_ORDERS = 3  # 0, 1, 2: tried in the end, and the unknowns of the last
 _HELPS = 0.9  # of the error left, for a higher order to be taken
 _LOUDEST = np.float32(1.7)  # times the usual amplitude: more, and silence explains anything
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
@@ -167,13 +167,15 @@ def best_order(
     """Coefficients of the order with the least error, and that error per element.
 
     Orders rise while that helps the median subcarrier, and the error is larger than where the channel stood still,
-    ``steady``. At the receiver's edges echoes are longer than the prefix.
+    ``steady``. At the receiver's edges echoes are longer than the prefix. Symbols that were ``read`` may tell of a
+    course that is even in time, which the first order does not have. Where the second does not help, neither does the
+    first.
     """
     energy = (power(symbols) * sure).sum(axis=0)
     elements = sure.sum(axis=0, dtype=np.float32)
     known = elements > _ORDERS
 
-    def fitted(order: int) -> tuple[np.ndarray, float]:
+    def fitted(order: int, right: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, float]:
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed, where c solves the normal equations with their loading
         rest = energy - np.einsum("nk,nk->k", factor.conj(), right[: order + 1]).real
@@ -182,24 +184,22 @@ def best_order(
         rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         return factor, rest
 
-    right, left = sums(agreement, weight, times, 0)
-    best, least = fitted(0)
-    if least < _STEADY * steady:
-        return best, least
-    right, left = sums(agreement, weight, times, _ORDERS - 1)
-    highest = fitted(_ORDERS - 1) if read else None
-    if highest and highest[1] >= _HELPS * least:
-        return best, least
-    for order in range(1, _ORDERS):
-        factor, rest = highest if highest and order == _ORDERS - 1 else fitted(order)
-        if rest >= _HELPS * least:
-            if not read:
-                break
-            continue  # a course may be even in time
-        best, least = factor, rest
-        if rest < _STEADY * steady:
-            break
-    return best, least
+    best = fitted(0, *sums(agreement, weight, times, 0))
+    if best[1] < _STEADY * steady:
+        return best
+    both = sums(agreement, weight, times, 2)  # all that the first needs as well
+    second = fitted(2, *both) if read else None
+    if second and second[1] >= _HELPS * best[1]:
+        return best
+    first = fitted(1, *both)
+    if first[1] < _HELPS * best[1]:
+        best = first
+        if best[1] < _STEADY * steady:
+            return best
+    elif not read:
+        return best
+    second = second or fitted(2, *both)
+    return second if second[1] < _HELPS * best[1] else best
 
 
 def standing(
