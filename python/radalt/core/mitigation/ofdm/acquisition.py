@@ -139,11 +139,11 @@ def level_in_use(symbols: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np
 
 @lru_cache(maxsize=8)
 def _passed(count: int, per_cycle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a Gram matrix of ``count`` symbols needs, for each place of the long prefix, read-only.
+    """Tables for the Gram matrices of ``count`` symbols, one for each place of the long prefix, read-only.
 
-    How many long prefixes came before each symbol, (places, L) int; for two symbols, the number of their product, with
-    as many between them, in an array (n, L, L) of all products of which only the lower half counts, (places, L, L) int;
-    and its sign there, (L, L) float32.
+    Returns how many long prefixes came before each symbol, (places, L) int. Then where in the flat array of products
+    (prefixes between two symbols, later symbol, earlier symbol) each element is taken from, (places, L, L) int. Last the
+    sign of its imaginary part, (L, L) float32.
     """
     index = np.arange(count)
     places = np.arange(min(per_cycle, count))

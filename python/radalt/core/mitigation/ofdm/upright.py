@@ -75,8 +75,8 @@ def true_up(
 def _evenly(slope: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(L,) values of the straight line through ``slope`` (L,) of those weights.
 
-    Each symbol's own slope has the data's noise. As the return's elements are left out, which are others in each
-    symbol, what symbols and subcarriers have of that noise would hold each other up over many turns.
+    Each symbol's own slope has the noise of its data. The channel would take that over, since the elements that are left
+    out for the return are others in each symbol.
     """
     powers = _powers(len(slope))
     whole, first, second = (powers @ weight).tolist()
