@@ -522,6 +522,23 @@ def test_a_carrier_is_found_so_well_that_no_symbols_are_read_again(monkeypatch):
     assert not readings
 
 
+@pytest.mark.parametrize("seed", [6790002, 6790021])
+def test_a_channel_that_stands_still_is_not_taken_for_one_that_moves(seed, monkeypatch):
+    """Of 20 frames, all the data that the stream has, one seemed to, and was read ten times."""
+    frames, _ = received(CASES["nr10_stream"], -45.0, 20, np.random.default_rng([seed, 8]))
+    rested, moving = ofdm_cancel.at_rest, []
+
+    def at_rest(frame):
+        frame = rested(frame)
+        moving.append(frame.received.channel.ndim > 1)
+        return frame
+
+    monkeypatch.setattr(ofdm_cancel, "at_rest", at_rest)
+    for frame in frames:
+        create("ofdm_cancel", W).process(frame)
+    assert len(moving) == 20 and not any(moving)
+
+
 @pytest.mark.parametrize("tail", [12, 25])
 def test_a_quarter_turn_of_the_channel_is_bridged_as_far_as_it_goes(tail):
     rng = np.random.default_rng(991205)
