@@ -142,8 +142,8 @@ def _passed(count: int, per_cycle: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     """Tables for the Gram matrices of ``count`` symbols, one for each place of the long prefix, read-only.
 
     Returns how many long prefixes came before each symbol, (places, L) int. Then where in the flat array of products
-    (prefixes between two symbols, later symbol, earlier symbol) each element is taken from, (places, L, L) int. Last the
-    sign of its imaginary part, (L, L) float32.
+    (prefixes between two symbols, later symbol, earlier symbol) each element is taken from, (places, L, L) int. Last
+    the sign of its imaginary part, (L, L) float32.
     """
     index = np.arange(count)
     places = np.arange(min(per_cycle, count))

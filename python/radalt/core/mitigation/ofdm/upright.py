@@ -75,8 +75,8 @@ def true_up(
 def _evenly(slope: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(L,) values of the straight line through ``slope`` (L,) of those weights.
 
-    Each symbol's own slope has the noise of its data. The channel would take that over, since the elements that are left
-    out for the return are others in each symbol.
+    Each symbol's own slope has the noise of its data. The channel would take that over, since the elements that are
+    left out for the return are others in each symbol.
     """
     powers = _powers(len(slope))
     whole, first, second = (powers @ weight).tolist()
