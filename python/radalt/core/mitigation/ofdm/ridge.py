@@ -169,14 +169,16 @@ class Density:
         table = (ring + disc).astype(np.float32)
         table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
         self._table = table.ravel()
-        self._rows = np.arange(len(step), dtype=np.float32) * table.shape[1]
+        self._begins = (
+            np.arange(len(step), dtype=np.float32) * table.shape[1]
+        )  # of each SIR, in the flat table
         self.count, self._per_distance = len(step), (1 / step[:, 0]).astype(np.float32)
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
         """(n, ...) float32 at distances (...), float32."""
         place = np.multiply.outer(self._per_distance, distance)
         np.minimum(place, np.float32(self._last), out=place)
-        place += self._rows.reshape(-1, *np.ones(distance.ndim, dtype=int))
+        place += self._begins.reshape(-1, *(1,) * distance.ndim)
         return self._table.take(place.astype(np.intp))
 
     def first(self, distance: np.ndarray) -> np.ndarray:

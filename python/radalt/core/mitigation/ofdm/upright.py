@@ -33,11 +33,11 @@ def true_up(
     """
     moments = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     size = np.abs(moments[0])
-    silent = size <= _NOTHING * size.max()
+    unknown = size <= _NOTHING * size.max()
     if upright is not None:
-        silent[upright] = True
-    if silent.any():
-        moments[:, silent] = size[silent] = 0
+        unknown[upright] = True
+    if unknown.any():
+        moments[:, unknown] = size[unknown] = 0
     mean, whole = moments[0], np.maximum(size, _LEAST)
     angle = np.arctan2(mean.imag, mean.real)
     # the elements asked are not centred: angle and slope are found together
@@ -52,7 +52,7 @@ def true_up(
         slope = _evenly(slope, told * ~alone)
     else:
         slope[alone] = common
-    alone &= ~silent
+    alone &= ~unknown
     if alone.any():
         turn = slope[alone, None].astype(np.float32) * numerology.turn
         straight = (agreement[alone] * unit(-turn)).sum(axis=1)
