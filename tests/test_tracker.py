@@ -382,6 +382,29 @@ def test_a_young_track_moves_from_a_lobe_to_the_pair_that_its_blocks_show_with_m
         assert track.history[0][1] - lobe_m == pytest.approx(rise, abs=1.5)
 
 
+@pytest.mark.parametrize(("altitudes", "moves"), [(2, True), (5, False)])
+def test_a_young_track_does_not_move_to_a_pair_whose_doppler_its_altitudes_contradict(altitudes, moves):
+    """Fifty metres per second, and five level altitudes. Two say nothing of a speed.
+
+    Below 5 MHz NR at -60 dB such a pair was given as the altitude in two of 1,300 outputs at 20 to 80 m: its
+    Doppler left no speed open that anything else could have, so nothing had to be ruled out.
+    """
+    tracker = AltitudeTracker(FAST)
+    track = started(tracker, 150, 150, 37)
+    found = replace(track.latest, altitude_variance_m2=9.0)
+    track.history.clear()
+    for k in range(altitudes):
+        track.take(found, 40.0 * k)
+    ratio = exponential(39)
+    ratio[:, 0, 153] = ratio[:, 1, 147] = 60.0
+    block = tracker.integrator.integrate(ratio, np.arange(40.0))
+    track.evidence.add(*block.differences(found, tracker._reach))
+    settled = tracker._settled(track, block, found)
+    assert (settled is not found) is moves
+    lowest, highest = tracker._integrity.open_cells(track)
+    assert lowest <= highest
+
+
 def test_an_altitude_that_contradicts_its_prediction_is_not_given_until_the_next_one_agrees():
     """After coasting the gate is wide: a strong pair of lobes may lie in it, farther off than its level says."""
     tracker = AltitudeTracker(FAST)

@@ -28,9 +28,13 @@ _UNCLEAR_DB = -3.0  # what is no return over what is, in an output: more, and it
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 # power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
 _SHALLOW_DB = 17.0
-_SHARE = 2.0  # amplitude of the whitened frame, or what is left of QPSK, beside that output
+_SHARE = 2.0  # amplitude of what is left of QPSK, beside that output
+# The same of the whitened frame. Under a mixture the network has its best at the middle of its span of altitudes, and
+# a third of that at both ends; a whitened frame has the same everywhere.
+_WHITENED = 8.0
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
+_ALIKE = 8  # unclear frames of a live path, of which one is asked whether it is white noise
 _LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
@@ -108,6 +112,10 @@ class Hybrid(Mitigation):
         self._last: OfdmCancel | QpskCancel | None = None  # that had the frame before, if that had no tones
         self._followed = 0  # frames in a row
         self._pause = self._wait = 0  # frames after the next look, and until it, on a live path
+        self._white, self._told = (
+            False,
+            0,
+        )  # whether unclear frames are white noise, and how many more that is said of
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()
@@ -199,7 +207,7 @@ class Hybrid(Mitigation):
             return out
         if self._qpsk.depth_db > _SHALLOW_DB and self._detector.residual_db(out[None])[0] < _UNCLEAR_DB:
             return out
-        return _sum(self._other.process(frame), out)
+        return _sum(self._other.process(frame), out, _SHARE)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
@@ -232,18 +240,25 @@ class Hybrid(Mitigation):
     def _with_whitened(self, out: np.ndarray, frames: np.ndarray) -> np.ndarray:
         """(n, N) sums of the network's unclear outputs ``out`` (n, N) and the whitened ``frames`` (n, N).
 
-        A frame that is white noise is given whitened alone: a network knows nothing of it.
+        A frame that is white noise is given whitened alone: a network knows nothing of it. On a live path frames that
+        follow it are taken for the same.
         """
         whitened = self._beside.process(frames)
-        for k in np.flatnonzero(~self._detector.white(frames)):
-            whitened[k] = _sum(out[k], whitened[k])
+        for k, frame in enumerate(frames):
+            if not self._told:
+                self._white = bool(self._detector.white(frame[None])[0])
+                self._told = _ALIKE if self._live else 1
+            self._told -= 1
+            if not self._white:
+                whitened[k] = _sum(out[k], whitened[k], _WHITENED)
         return whitened
 
 
-def _sum(out: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """(N,) network's output and what another method left: both hold the return, with errors that differ."""
+def _sum(out: np.ndarray, beside: np.ndarray, share: float) -> np.ndarray:
+    """(N,) network's output and what another method left, with ``share`` times its amplitude: both hold the return, with
+    errors that differ."""
     level, other = np.linalg.norm(out), np.linalg.norm(beside)
-    return out + np.float32(_SHARE * level / other) * beside if 0 < other < np.inf else out
+    return out + np.float32(share * level / other) * beside if 0 < other < np.inf else out
 
 
 def _toneless(frame: np.ndarray) -> np.ndarray:

@@ -197,14 +197,17 @@ class Track:
         self.history = deque(((t, a + rise) for t, a in self.history), maxlen=self.history.maxlen)
         self.latest = found
 
-    def speed_by_altitudes(self, sweep_s: float) -> tuple[float, float]:
-        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it."""
+    def speed_by_altitudes(self, sweep_s: float, least_m2: float) -> tuple[float, float]:
+        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it.
+
+        Each altitude has a variance of ``least_m2`` at least, which its measurement claims: few residuals may be small
+        by chance.
+        """
         if len(self.history) < 3:
             return 0.0, np.inf
         time, altitude = np.array(self.history).T
         time = (time - time.mean()) * sweep_s
         slope = float(time @ altitude / (time @ time))
         rest = altitude - altitude.mean() - slope * time
-        # few residuals may be small by chance: what the measurement claims counts as well
-        variance = max(float(rest @ rest) / (time.size - 2), self.latest.altitude_variance_m2)
+        variance = max(float(rest @ rest) / (time.size - 2), least_m2)
         return slope, float(np.sqrt(variance / (time @ time)))

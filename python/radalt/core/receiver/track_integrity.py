@@ -149,16 +149,16 @@ class Integrity:
 
     # -- ambiguity and protection level ---------------------------------------------------------------------------
 
-    def open_cells(self, track: Track) -> tuple[int, int]:
-        """Least and most cells by which a rival's halves may differ more than the track's own.
+    def open_cells(self, track: Track, found: Measurement | None = None) -> tuple[int, int]:
+        """Least and most cells by which a rival's halves may differ more than the track's own, or those of ``found``.
 
         They stand for the speeds that the track's altitudes leave open; an empty range where its own is not among them.
         """
         t, s = self.integrator, self.settings
         if not t.doppler:
             return -1, 1
-        slope, sigma = track.speed_by_altitudes(self.sweep_s)
-        found = track.latest
+        found = found or track.latest
+        slope, sigma = track.speed_by_altitudes(self.sweep_s, found.altitude_variance_m2)
         moved = s.acceleration_m_per_s2 * s.output_s * np.sqrt(len(track.history))
         variance = sigma**2 + moved**2 + found.speed_variance_m2_per_s2
         spread = self._noise_sigmas * np.sqrt(variance)

@@ -345,6 +345,9 @@ class AltitudeTracker:
         if other is None or not self._possible(other):
             return found
         other = self._calibrated(other)
+        lowest, highest = self._integrity.open_cells(track, other)
+        if lowest > highest:  # the track's altitudes do not move like that, so this is the lobe
+            return found
         track.move(other)
         track.evidence.recentre(steps)
         return other
