@@ -255,8 +255,10 @@ class Hybrid(Mitigation):
 
 
 def _sum(out: np.ndarray, beside: np.ndarray, share: float) -> np.ndarray:
-    """(N,) network's output and what another method left, with ``share`` times its amplitude: both hold the return, with
-    errors that differ."""
+    """(N,) network's output and ``share`` times as much of what another method left, in amplitude.
+
+    Both hold the return, and their errors differ.
+    """
     level, other = np.linalg.norm(out), np.linalg.norm(beside)
     return out + np.float32(share * level / other) * beside if 0 < other < np.inf else out
 
