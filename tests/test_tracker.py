@@ -680,6 +680,15 @@ def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
     assert evidence.farthest(0.9, (-2, 2), 1.0, everywhere) == (0.0, 0.0)
 
 
+def test_speeds_that_no_two_cells_have_change_nothing():
+    """A measurement that hardly stands out of noise tells nothing of its speed."""
+    evidence = Evidence(2.0)
+    evidence.add(np.full((2, 21), 5.0), np.full((2, 21), 0.5))
+    evidence.mean[:, 3] = evidence.mean[:, 15] = 0.0
+    within, beyond = (evidence.farthest(4.0, (-n, n), 1.0, (-20.0, 20.0)) for n in (20, 1000))
+    assert within == beyond == (7.0, 12.0)
+
+
 def test_a_lobe_that_wins_the_votes_alone_does_not_outdo_a_return():
     found = Measurement(500.0, 0.0, 0.1, 1.0, 40.0, np.zeros(2), 9.0, 0)
     for strength, power, outdone in ((50.0, 5.0, False), (30.0, 20.0, False), (50.0, 20.0, True)):

@@ -111,7 +111,8 @@ class Evidence:
         reach = self.mean.shape[1] // 2
         steps = np.arange(-reach, reach + 1)
         altitude = speed = 0.0
-        for d in range(apart[0], apart[1] + 1):
+        # a weak measurement may leave speeds open that no two cells have
+        for d in range(max(apart[0], 1 - steps.size), min(apart[1], steps.size - 1) + 1):
             up = slice(max(0, d), steps.size + min(0, d))
             down = slice(max(0, -d), steps.size + min(0, -d))
             mean = self.mean[0, up] + self.mean[1, down]
