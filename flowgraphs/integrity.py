@@ -50,6 +50,12 @@ def _parser() -> Parser:
         default=2000,
         help="frames of one flight, whole blocks of 40 (default: %(default)s)",
     )
+    add(
+        "--allowed-m-per-s",
+        type=number(float, 10.0, 150.0),
+        default=20.0,
+        help="vertical speed that altimeter and tracker have to expect (default: %(default)s)",
+    )
     add("--seed", type=number(int, 0, MAX_SEED), default=1)
     add("--replay", default="", metavar="CASE:SEED[:BATCH]", help="fly once more and print every output")
     add(
@@ -79,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
     parts = -(-args.outputs // (len(cases(kinds)) * (args.frames // 40)))
-    study = IntegrityStudy(methods, kinds, args.frames, parts, args.seed)
+    study = IntegrityStudy(methods, kinds, args.frames, parts, args.seed, args.allowed_m_per_s)
     if args.replay:
         return _replay(study, args.replay, parser)
 

@@ -85,7 +85,9 @@ def test_faults_make_failures_or_silence_and_no_wrong_altitude(name):
         assert row["failures"] > 0 or name.startswith("switched")
 
 
-@pytest.mark.parametrize("name", ["jammed/nr5/0.3/-20dB/snr10", "slip/paper_qpsk", "terrain/clear"])
+@pytest.mark.parametrize(
+    "name", ["jammed/nr5/0.3/-20dB/snr10", "drawn/7", "slip/paper_qpsk", "terrain/clear"]
+)
 def test_the_same_point_twice_gives_the_same_rows_and_another_part_another_flight(name):
     study = IntegrityStudy(methods=("none",), frames=240)
 
@@ -108,6 +110,25 @@ def test_interference_meets_its_sir_in_every_frame_and_goes_on_between_frames():
     whole = QpskEmitter().samples(4 * 100, 7.5e6, np.random.default_rng(1))
     parts, rng = Continued(QpskEmitter(), 100, 4), np.random.default_rng(1)
     np.testing.assert_array_equal(np.concatenate([parts.samples(100, 7.5e6, rng) for _ in range(4)]), whole)
+
+
+def test_levels_of_what_is_drawn_hold_within_a_flight_and_differ_between_flights():
+    """One SIR from -62 to -20 dB, in 0.3, 0.6 or all of the frame. NR of little load may be silent in a short burst."""
+    levels = []
+    for part in range(6):
+        case = case_of("drawn/3")
+        parts = received(case, fly(case, 1, part, 400), 1, part)
+        power = np.concatenate([np.mean(np.abs(frames) ** 2, axis=1) for _, frames, _ in parts])
+        level = 10 * np.log10(power)
+        levels.append(np.median(level))
+        assert 19.0 < levels[-1] < 63.0 and np.mean(np.abs(level - levels[-1]) < 0.5) > 0.9
+    assert np.ptp(levels) > 5.0
+
+
+def test_the_vertical_speed_that_is_allowed_is_that_of_every_altimeter():
+    study = IntegrityStudy(("none", "whitening"), allowed_m_per_s=150.0)
+    assert {chain.settings.max_vertical_speed_m_per_s for chain in study.chains} == {150.0}
+    assert study.head()["allowed_m_per_s"] == 150.0
 
 
 def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, monkeypatch):

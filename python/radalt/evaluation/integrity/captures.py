@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from ...core.radio.recording import Stretch, write_metadata
+from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.scene import AltitudeSpec, Scene, load_scene
 from .cases import WAVEFORM, Case, case_of, fly, received
-from .study import SETTINGS, IntegrityStudy
+from .study import IntegrityStudy
 
 __all__ = ["write_capture"]
 
@@ -43,7 +44,8 @@ def write_capture(study: IntegrityStudy, event: Mapping[str, Any], folder: Path)
                     start += n
             if index[-1] > last:
                 break
-    scene = _scene(case, np.nan_to_num(flight.middle_m[first : last + 1]), flight.speed_m_per_s[first])
+    altitude_m = np.nan_to_num(flight.middle_m[first : last + 1])
+    scene = _scene(case, study.settings, altitude_m, flight.speed_m_per_s[first])
     return write_metadata(data, scene, _joined(stretches), latency_samples=0.0, recorder="integrity.py")
 
 
@@ -58,7 +60,7 @@ def _joined(stretches: list[Stretch]) -> list[Stretch]:
     return out
 
 
-def _scene(case: Case, altitude_m: np.ndarray, speed_m_per_s: float) -> Scene:
+def _scene(case: Case, settings: AltimeterSettings, altitude_m: np.ndarray, speed_m_per_s: float) -> Scene:
     """What was flown, one altitude a frame; zero where there was no return."""
     flown = AltitudeSpec(
         programme_m=tuple(float(a) for a in altitude_m),
@@ -70,5 +72,5 @@ def _scene(case: Case, altitude_m: np.ndarray, speed_m_per_s: float) -> Scene:
     scene = load_scene(case.scene).at(overlap=case.overlap, sir_db=case.sir_db) if case.scene else Scene()
     text = f"{case.kind}: {case.name}" + ("" if case.ground else ", without a return")
     return dataclasses.replace(
-        scene, name="integrity", description=text, altitude=flown, altimeter=SETTINGS, landing=None
+        scene, name="integrity", description=text, altitude=flown, altimeter=settings, landing=None
     )

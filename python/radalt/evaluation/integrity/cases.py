@@ -13,7 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...core.interference import Interferer, ToneEmitter, interference_frames
+from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.multipath import unfaded
 from ...core.interference.stream import Continued
 from ...core.receiver.segmenter import FrameSegmenter
@@ -30,6 +31,8 @@ SCENES = ("paper_qpsk", "qpsk_shaped", "nr5", "nr10", "tones", "mixture", "faa_m
 _ANEW = "fmcw"  # heard now and then: each frame's window is drawn to meet a passage
 _PERIODIC = "pulsed_radar"  # of 4 kHz: every frame the same
 _LOWEST_M, _HIGHEST_M, _FASTEST = 5.0, 1400.0, 10.0  # m, m, m/s
+_NR_FRAMES = BLOCK // 10  # of 10 ms in a window of an emitter
+_DRAWN = 60  # cases that have nothing in common
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing
 _DRIFT = 150.0  # m/s of range for each ppm between the clocks of two altimeters, c / 2 * 1e-6
 
@@ -37,6 +40,7 @@ KINDS = {
     "noise": "noise alone",
     "interference": "interference alone",
     "jammed": "return and interference",
+    "drawn": "return, echo, one to three emitters and all levels drawn at random",
     "switched_on": "jammer switched on in mid-track",
     "landing": "landing over steps of the terrain, point return",
     "terrain": "landing over terrain, extended return",
@@ -108,6 +112,8 @@ def _scenes(kind: str, sirs: tuple[float, ...], snrs: tuple[float, ...], ground:
 def _all() -> Iterator[Case]:
     yield Case("noise", "noise", ground=False)
     yield from _scenes("interference", (-60.0, -30.0, 0.0), (10.0,), False)
+    for number in range(_DRAWN):
+        yield Case("drawn", f"drawn/{number}", overlap=np.nan, sir_db=np.nan, snr_db=np.nan)
     yield from _scenes("jammed", (-60.0, -50.0, -40.0, -30.0, -20.0, -10.0, 0.0), (-10.0, 10.0), True)
     for scene, sir in (("paper_qpsk", -10), ("paper_qpsk", -28), ("nr5", -30), ("nr10", -20), ("tones", -40)):
         yield Case("switched_on", f"switched_on/{scene}/{sir}dB", scene, sir_db=sir)
@@ -170,7 +176,8 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     """Draw the flight: a start from 5 to 1400 m, even in the logarithm, and a speed up to 10 m/s."""
     rng, sweep_s = _rng(case, seed, batch, 0), WAVEFORM.sweep_s
     index = np.arange(frames)
-    faulty = case.kind not in ("noise", "interference", "jammed", "landing", "terrain", "spoofed_first")
+    whole = ("noise", "interference", "jammed", "drawn", "landing", "terrain", "spoofed_first")
+    faulty = case.kind not in whole
     fault = int(rng.integers(2 * frames // 5, frames // 2)) if faulty else None
     if not case.ground:
         nothing = np.full(frames, np.nan)
@@ -226,6 +233,13 @@ def received(case: Case, flight: Flight, seed: int, batch: int) -> Iterator[tupl
 
 def _frames(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     n, total = WAVEFORM.samples_per_frame, flight.middle_m.size
+    if case.kind == "drawn":
+        overlap, sir_db, snr_db = (
+            rng.choice((0.3, 0.6, 1.0)),
+            rng.uniform(-62.0, -20.0),
+            rng.uniform(-10.0, 15.0),
+        )
+        case = dataclasses.replace(case, overlap=float(overlap), sir_db=float(sir_db), snr_db=float(snr_db))
     sources = _sources(case, flight, rng)
     out = _spoilt(case, flight, rng) if case.kind in ("missing", "nan") else np.zeros(total, dtype=bool)
     level, rail = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0)), None
@@ -260,7 +274,11 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
         sources.append((lambda k: np.stack([flight.landing.frame(int(i)) for i in k]), 0))
     elif case.ground:
         sources.append((_point(flight.middle_m, flight.speed_m_per_s, phase[0]), 0))
-    if case.scene:
+    if case.kind == "drawn" and rng.random() < 0.5:
+        echo = _point(flight.middle_m + rng.uniform(5.0, 120.0), flight.speed_m_per_s, phase[1])
+        share = np.float32(10.0 ** (rng.uniform(-25.0, -6.0) / 20.0))
+        sources.append((lambda k: echo(k) * share, 0))
+    if case.scene or case.kind == "drawn":
         interferers, total = _interferers(case, rng)
 
         def interference(index: np.ndarray) -> np.ndarray:
@@ -298,9 +316,14 @@ def _point(altitude_m: np.ndarray, speed: np.ndarray, phase: float) -> Source:
 
 def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer], float | None]:
     """The scene's interferers, which go on from frame to frame: bursts keep their place, tones their frequencies."""
-    scene = load_scene(case.scene).at(overlap=case.overlap, sir_db=case.sir_db)
+    if case.kind == "drawn":
+        parts = [Interferer(_emitter(rng), 0.0, case.overlap) for _ in range(rng.integers(1, 4))]
+        total_sir_db = case.sir_db
+    else:
+        scene = load_scene(case.scene).at(overlap=case.overlap, sir_db=case.sir_db)
+        parts, total_sir_db = scene.interference, scene.total_sir_db
     out = []
-    for interferer in scene.interference:
+    for interferer in parts:
         emitter, start = interferer.emitter, float(rng.random())
         if isinstance(emitter, ToneEmitter) and not emitter.frequencies_hz:
             span = emitter.span_hz or WAVEFORM.rate_hz
@@ -312,7 +335,28 @@ def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer]
             length = 1 if periodic else BLOCK
             emitter = Continued(emitter, WAVEFORM.samples_per_frame, length, repeats=periodic)
         out.append(dataclasses.replace(interferer, emitter=emitter, start=start))
-    return out, scene.total_sir_db if len(out) > 1 else None
+    return out, total_sir_db if len(out) > 1 or case.kind == "drawn" else None
+
+
+def _emitter(rng: np.random.Generator) -> object:
+    """Tones, QPSK or NR of a width and a place of their own."""
+    kind, seed = int(rng.integers(3)), int(rng.integers(1 << 31))
+    if kind == 0:
+        return ToneEmitter(int(rng.integers(1, 6)))
+    if kind == 1:
+        return QpskEmitter(
+            bandwidth_hz=float(np.exp(rng.uniform(np.log(3e5), np.log(5e6)))),
+            carrier_hz=float(rng.uniform(-1e6, 1e6)),
+            pulse=str(rng.choice(("rrc", "rectangular"))),
+        )
+    return NrEmitter(
+        channel_bandwidth_hz=float(rng.choice((5e6, 10e6))),
+        carrier_hz=float(rng.choice((0.0, rng.uniform(-2e6, 2e6)))),
+        load=float(rng.choice((0.3, 0.7, 1.0))),
+        cell_id=int(rng.integers(1000)),
+        seed=seed,
+        frame_count=_NR_FRAMES,
+    )
 
 
 def _spoilt(case: Case, flight: Flight, rng: np.random.Generator) -> np.ndarray:

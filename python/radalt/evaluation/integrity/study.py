@@ -44,7 +44,6 @@ __all__ = [
     "replay_lines",
 ]
 
-SETTINGS = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=20.0)
 TRACKER = TrackerSettings(doppler=True)
 EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # of the Stanford diagram, in alert limits
 _STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")
@@ -98,7 +97,7 @@ def judge(
     frames_of_flight: Iterable[tuple[np.ndarray, ...]], frames: int, chains: Sequence[Chain]
 ) -> dict[str, Judged]:
     """Every chain's tracked and per-frame altitudes of the same received frames."""
-    altimeter = shared_altimeter(WAVEFORM, SETTINGS)
+    altimeter = shared_altimeter(WAVEFORM, chains[0].settings)
     trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
     outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
     spent = dict.fromkeys(chains, 0.0)
@@ -156,6 +155,8 @@ class IntegrityStudy(Study):
         Of `cases.KINDS`.
     frames : int
         Of one flight, a multiple of 40.
+    allowed_m_per_s : float
+        Vertical speed that altimeter and tracker have to expect; up to 10 m/s are flown.
     parts : int
         Flights through each case. No row depends on it: a run is resumed with more.
     seed : int
@@ -166,6 +167,7 @@ class IntegrityStudy(Study):
     frames: int = 2000
     parts: int = 1
     seed: int = 1
+    allowed_m_per_s: float = 20.0
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": _ROWS}
     published: ClassVar[Mapping[str, str]] = {
@@ -178,9 +180,14 @@ class IntegrityStudy(Study):
     }
 
     @property
+    def settings(self) -> AltimeterSettings:
+        """Of the altimeter behind every method."""
+        return AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=self.allowed_m_per_s)
+
+    @property
     def chains(self) -> tuple[Chain, ...]:
         """The methods with the altimeter behind them."""
-        return tuple(Chain.live(m, SETTINGS) for m in self.methods)
+        return tuple(Chain.live(m, self.settings) for m in self.methods)
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
