@@ -29,8 +29,8 @@ _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked fo
 # power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
 _SHALLOW_DB = 17.0
 _SHARE = 2.0  # amplitude of what is left of QPSK, beside that output
-# The same of the whitened frame. Under a mixture the network has its best at the middle of its span of altitudes, and
-# a third of that at both ends; a whitened frame has the same everywhere.
+# The same of the whitened frame. Under a mixture the network leaves most of a return in the middle of its span of
+# altitudes and less at both ends than a whitened frame has, which has the same everywhere.
 _WHITENED = 8.0
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
@@ -112,10 +112,8 @@ class Hybrid(Mitigation):
         self._last: OfdmCancel | QpskCancel | None = None  # that had the frame before, if that had no tones
         self._followed = 0  # frames in a row
         self._pause = self._wait = 0  # frames after the next look, and until it, on a live path
-        self._white, self._told = (
-            False,
-            0,
-        )  # whether unclear frames are white noise, and how many more that is said of
+        self._white = False  # whether unclear frames are white noise
+        self._told = 0  # how many more of them that is said of
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()

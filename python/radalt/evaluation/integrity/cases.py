@@ -234,12 +234,8 @@ def received(case: Case, flight: Flight, seed: int, batch: int) -> Iterator[tupl
 def _frames(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     n, total = WAVEFORM.samples_per_frame, flight.middle_m.size
     if case.kind == "drawn":
-        overlap, sir_db, snr_db = (
-            rng.choice((0.3, 0.6, 1.0)),
-            rng.uniform(-62.0, -20.0),
-            rng.uniform(-10.0, 15.0),
-        )
-        case = dataclasses.replace(case, overlap=float(overlap), sir_db=float(sir_db), snr_db=float(snr_db))
+        overlap, levels = float(rng.choice((0.3, 0.6, 1.0))), rng.uniform((-62.0, -10.0), (-20.0, 15.0))
+        case = dataclasses.replace(case, overlap=overlap, sir_db=float(levels[0]), snr_db=float(levels[1]))
     sources = _sources(case, flight, rng)
     out = _spoilt(case, flight, rng) if case.kind in ("missing", "nan") else np.zeros(total, dtype=bool)
     level, rail = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0)), None

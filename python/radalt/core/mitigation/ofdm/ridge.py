@@ -169,9 +169,8 @@ class Density:
         table = (ring + disc).astype(np.float32)
         table[:, -1] = 0  # and beyond: what is far from all points tells nothing of a return
         self._table = table.ravel()
-        self._begins = (
-            np.arange(len(step), dtype=np.float32) * table.shape[1]
-        )  # of each SIR, in the flat table
+        # of each SIR, in the flat table
+        self._begins = np.arange(len(step), dtype=np.float32) * table.shape[1]
         self.count, self._per_distance = len(step), (1 / step[:, 0]).astype(np.float32)
 
     def __call__(self, distance: np.ndarray) -> np.ndarray:
