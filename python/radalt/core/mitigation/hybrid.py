@@ -1,4 +1,4 @@
-"""OFDM, QPSK or both that are no short bursts are cancelled; all others go to the network, or to it and whitening."""
+"""OFDM, QPSK or both that are no short bursts are cancelled; all other frames go to the network, or are whitened."""
 
 from __future__ import annotations
 
@@ -25,16 +25,15 @@ _MISREAD = 0.12
 _LEFT_DB = 10.0
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in an output: more, and its method is at its limit
+_LOST_DB = -1.0  # the same of the network: below it is better than whitening, or as good
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 # power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
 _SHALLOW_DB = 17.0
 _SHARE = 2.0  # amplitude of what is left of QPSK, beside that output
-# The same of the whitened frame. Under a mixture the network leaves most of a return in the middle of its span of
-# altitudes and less at both ends than a whitened frame has, which has the same everywhere.
-_WHITENED = 8.0
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
-_ALIKE = 8  # unclear frames of a live path, of which one is asked whether it is white noise
+_ALIKE = 8  # frames of a live path, of which one tells whether the network or whitening has them
+_NEW, _SCATTER_DB = 0.25, 1.0  # its weight beside those before it, and how far from the limit it counts at most
 _LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 
@@ -47,15 +46,13 @@ class Hybrid(Mitigation):
     signal that the second is not made for. The choice depends on what was demodulated, not on which output looks
     better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that had
     the frame. The method that had the last frame is asked first, and in a frame that shows no interference nothing is
-    looked for. Where interference lasts for the whole frame and the network's output holds more than half a return's
-    power beside the return, the network gets the frame without its tones, and the whitened frame is added to its
-    output. Both hold the return, but their errors differ. Under what is white noise to the receiver, such as NR with
-    noise of its own, the network only makes errors of its own, and the whitened frame alone is given. The output is
-    also added to what is left of a part of the frame with QPSK that no pulse explains well. Beside other bursts the
-    network alone is better: it knows the quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band.
+    looked for. Where interference lasts for the whole frame and the network's output holds nearly as much beside the
+    return as the return's power, the network is at its end, and the frame is whitened. Its output is added to what is
+    left of a part of the frame with QPSK that no pulse explains well. Beside other bursts the network alone is better:
+    it knows the quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band.
     A frame that holds both costs some 5,000 transforms, which no live path has. There, looks that lead to no three
     frames that can be followed are 1, 3, 7 ... 511 frames apart. The other frames go to the network, several in one
-    call.
+    call. One in eight tells whether those after it are whitened instead.
 
     Parameters
     ----------
@@ -112,8 +109,8 @@ class Hybrid(Mitigation):
         self._last: OfdmCancel | QpskCancel | None = None  # that had the frame before, if that had no tones
         self._followed = 0  # frames in a row
         self._pause = self._wait = 0  # frames after the next look, and until it, on a live path
-        self._white = False  # whether unclear frames are white noise
-        self._told = 0  # how many more of them that is said of
+        self._past_db = 0.0  # by which the network is past its end, by the frames of a live path that told
+        self._others = 0  # frames of a live path that neither method had
         self._ofdm.reset()
         self._qpsk.reset()
         self._other.reset()
@@ -219,37 +216,31 @@ class Hybrid(Mitigation):
         if both is not None:
             self.cancelled += 1
             return both
-        if self._beside is None or not left_db > _UNCLEAR_DB:
-            return out
-        if heard is not frame:
-            out = self._other.process(heard)
-        return self._with_whitened(out[None], heard[None])[0]
+        return out if self._beside is None or not left_db > _LOST_DB else self._beside.process(heard)
 
     def _together(self, frames: np.ndarray) -> np.ndarray:
-        """(n, N) frames of a live path behind the other method, in one call, their tones with them."""
-        out = self._other.process(frames)
-        if self._beside is not None:
-            unclear = np.flatnonzero(self._detector.residual_db(out) > _UNCLEAR_DB)
-            unclear = [k for k in unclear if _lasts(frames[k])]
-            if unclear:
-                out[unclear] = self._with_whitened(out[unclear], frames[unclear])
-        return out
+        """(n, N) frames of a live path behind the other method, in one call, or whitened; their tones with them.
 
-    def _with_whitened(self, out: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """(n, N) sums of the network's unclear outputs ``out`` (n, N) and the whitened ``frames`` (n, N).
-
-        A frame that is white noise is given whitened alone: a network knows nothing of it. On a live path frames that
-        follow it are taken for the same.
+        One in `_ALIKE` tells which it is of those that follow it.
         """
-        whitened = self._beside.process(frames)
+        if self._beside is None:
+            return self._other.process(frames)
+        out, lost = np.empty_like(frames), np.zeros(len(frames), dtype=bool)
+        tells = (self._others + np.arange(len(frames))) % _ALIKE == 0
+        self._others += len(frames)
+        if tells.any():
+            out[tells] = self._other.process(frames[tells])
         for k, frame in enumerate(frames):
-            if not self._told:
-                self._white = bool(self._detector.white(frame[None])[0])
-                self._told = _ALIKE if self._live else 1
-            self._told -= 1
-            if not self._white:
-                whitened[k] = _sum(out[k], whitened[k], _WHITENED)
-        return whitened
+            if tells[k] and _lasts(frame):
+                past_db = self._detector.residual_db(out[k : k + 1])[0] - _LOST_DB
+                self._past_db += _NEW * (max(-_SCATTER_DB, min(past_db, _SCATTER_DB)) - self._past_db)
+            lost[k] = self._past_db > 0 and _lasts(frame)
+        rest = ~(lost | tells)
+        if rest.any():
+            out[rest] = self._other.process(frames[rest])
+        if lost.any():
+            out[lost] = self._beside.process(frames[lost])
+        return out
 
 
 def _sum(out: np.ndarray, beside: np.ndarray, share: float) -> np.ndarray:
