@@ -197,7 +197,9 @@ def begin(
     # while the gain is rough, the outer points are the uncertain ones
     trusted = clear & (power(values) < 1)
     halves = numerology.halves(grid.starts, grid.first_long)
-    found, _, off = _decided(values, grid.channel, trusted, clear, halves, before and before.likely, scaled)
+    found, _, off = _decided(
+        values, grid.channel, trusted, clear, halves, before and before.likely, scaled, guess=True
+    )
     if off.min() > limit:
         return None
     times = times_of(len(values))
@@ -353,12 +355,13 @@ def _decided(
     halves: np.ndarray,
     likely: tuple[int, np.ndarray] | None,
     scaled: bool,
+    guess: bool = False,
 ) -> tuple[Decisions, np.ndarray | None, np.ndarray]:
     """`decide`, or `decide_scaled` with its amplitudes, and how much of each symbol was misread, (L,)."""
     if scaled:
         found, amplitudes = decide_scaled(values, np.abs(channel), trusted, halves)
     else:
-        found, amplitudes = decide(values, trusted, halves, likely=likely), None
+        found, amplitudes = decide(values, trusted, halves, likely=likely, guess=guess), None
     return found, amplitudes, misread(found.capped, clear, channel)
 
 

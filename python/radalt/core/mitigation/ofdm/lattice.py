@@ -46,6 +46,7 @@ CELL = {
 _STEPS = np.array([2 * SCALE[m] for m in DENSE], dtype=np.float32)
 _TOPS = np.array([_TOP[m] for m in DENSE], dtype=np.float32)
 CELLS = np.array([CELL[m] for m in DENSE], dtype=np.float32)
+_OF_CELL = _STEPS**2 / CELLS
 FEW_CELL = np.float32(0.06)  # squared error from the few points at which they are no better than any other
 FAINT = np.float32(1e-30)  # beside sums that may be 0, before they divide or have a logarithm
 _ROOT2 = np.float32(np.sqrt(2))
@@ -66,6 +67,8 @@ _ONE_USER = 3  # subcarriers judged together; a user has at least 24
 _FRAME = np.float32(1.0)  # weight of the whole frame in a judgement, in elements
 _EXPLAINED = np.float32(0.3)  # mean error of a block in a half slot, each at most 1; another alphabet has 0.7
 _ELSEWHERE = 0.25  # of the blocks: where another alphabet explains more, all are judged
+_GUESSED = 0.2  # mean error of all elements, up to which they may be of one kind; a fifth of others have 0.15
+_SOME = 7  # one subcarrier in seven tells
 _FEWEST = 8  # elements of a block that tell something; a user has a hundred
 _SYMBOLS_BESIDE = 2  # before and after, whose errors tell of an element
 _SUBCARRIER = np.float32(0.1)  # weight of the subcarrier's other half slots
@@ -221,6 +224,7 @@ def decide(
     halves: np.ndarray,
     kinds: np.ndarray | None = None,
     likely: tuple[int, np.ndarray] | None = None,
+    guess: bool = False,
 ) -> Decisions:
     """Points of (L, K) elements; their alphabets are judged from the ``trusted`` (L, K) ones.
 
@@ -228,7 +232,8 @@ def decide(
     others have a square QAM, which a user keeps for a slot. It is the one from which the elements of one subcarrier and
     its neighbours, over the symbols of the same half slot ``halves`` (L,), are the smallest part of a cell away.
     ``kinds`` given is not judged again. ``likely`` is one of `DENSE` that may explain the whole
-    frame, and the subcarriers (K,) bool that are asked; others are tried in the blocks that it does not explain.
+    frame, and the subcarriers (K,) bool that are asked; others are tried in the blocks that it does not explain. With
+    ``guess`` it is sought.
     """
     level = power(values)
     scanty, scanty_error, few = few_points(values, level)
@@ -237,6 +242,10 @@ def decide(
     found = None
     if kinds is None and likely is not None:
         found = _explained(values, asked * likely[1], halves, within, likely[0])
+    elif kinds is None and guess:
+        kind = _guessed(values[:, ::_SOME], asked[:, ::_SOME])
+        if kind is not None:
+            found = *rounded(values, kind), np.full((len(within), values.shape[1]), kind, dtype=np.int8)
     chosen, error, kinds = found or _judged(values, asked, halves, within, kinds)
     np.copyto(chosen, scanty, where=few)
     np.copyto(error, scanty_error, where=few)
@@ -276,6 +285,17 @@ def rounded(values: np.ndarray, kind: int) -> tuple[np.ndarray, np.ndarray]:
     error = power(values - points)
     error *= 1 / CELL[DENSE[kind]]
     return points, error
+
+
+def _guessed(values: np.ndarray, asked: np.ndarray) -> int | None:
+    """The one of `DENSE` that may explain all of the ``asked`` (L, K) elements; None if none does."""
+    rails = np.abs(np.ascontiguousarray(values).view(np.float32)) / _STEPS[:, None, None]
+    rails -= np.minimum(np.floor(rails), _TOPS[:, None, None]) + np.float32(0.5)
+    rails *= rails
+    error = (rails[..., ::2] + rails[..., 1::2]) * _OF_CELL[:, None, None]
+    away = (np.minimum(error, 1) * asked).sum(axis=(1, 2))
+    kind = int(away.argmin())
+    return kind if away[kind] < _GUESSED * asked.sum() else None
 
 
 def _explained(
