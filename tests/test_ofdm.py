@@ -244,6 +244,15 @@ def test_a_followed_clock_of_its_own_costs_no_accuracy(monkeypatch):
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
 
 
+def test_a_return_about_as_large_as_a_cell_needs_no_frame_read_anew(monkeypatch):
+    """In some frames it is larger than the cells of most users, in others not, as their alphabets have it."""
+    frames, altitude_m = received(CASES["nr10_mixed_stream"], -32.0, 60, np.random.default_rng([77, 16]))
+    cleaned, count = read_on(frames, monkeypatch, 31)
+    assert count > 52
+    result = ALTIMETER.detect(ALTIMETER.spectra(cleaned))
+    assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
+
+
 @pytest.mark.parametrize("case", ["nr10_burst", "nr10_idle"])
 def test_a_short_burst_that_cannot_be_read_is_blanked(case):
     frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, 13]))

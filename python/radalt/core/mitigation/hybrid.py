@@ -33,7 +33,8 @@ _SHARE = 2.0  # amplitude of what is left of QPSK, beside that output
 _PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest part, of the mean, below which there is a burst
 _SETTLED = 3  # frames followed in a row, after which a lost emitter is looked for at once
 _ALIKE = 8  # frames of a live path, of which one tells whether the network or whitening has them
-_NEW, _SCATTER_DB = 0.25, 1.0  # its weight beside those before it, and how far from the limit it counts at most
+_NEW = 0.25  # its weight beside those before it
+_SCATTER_DB = 1.0  # from the limit that it counts, at most
 _LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
 _OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
 

@@ -394,11 +394,12 @@ class OfdmCancel(Mitigation):
             if settled is None:
                 return None
             received, sent, out = settled
-        lock.sir_db = sent.sir_db
+        if sent.sir_db is not None:
+            lock.sir_db = sent.sir_db  # kept while frames need none: at the limit the data decide which do
         lock.before = received.as_before(clear & grid.used)
         # the frame after the first one is judged anew in any case
         if lock.heard_through:
-            lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.numerology)
+            lock.steady = steady(received, grid, clear, lock.before.likely, sent, lock.sir_db)
             lock.read_on = _READ_ON if lock.steady else 0
         self._keep(lock, grid, received, middle(received.misread))
         return out

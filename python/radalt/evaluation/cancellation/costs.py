@@ -41,6 +41,7 @@ _KINDS = (
         -28.0,
         False,
     ),
+    ("ofdm_cancel", "the same with users of all four alphabets", "nr10_mixed_stream", -28.0, False),
     ("ofdm_cancel", "looking for an emitter, SIR -45 dB", "nr10_stream", -45.0, True),
     ("qpsk_cancel", "no QPSK", "qpsk", None, False),
     ("qpsk_cancel", "following, SIR -45 dB", "qpsk_stream", -45.0, False),

@@ -107,6 +107,8 @@ class Wide:
     shares : dict
         (n,) float32 shares of few points beside each of the other elements, by the symbols that have some: the few
         patterns there are, with synchronisation signals or without.
+    certain : bool
+        Whether the frame itself told how large it is, not one before.
     """
 
     level: float
@@ -114,6 +116,7 @@ class Wide:
     density: Density
     varying: bool
     shares: dict[bytes, np.ndarray]
+    certain: bool
 
     def share(self, few: np.ndarray, known: Steady) -> np.ndarray:
         """The share in a frame with these elements of few points, (L, K) bool."""
@@ -141,11 +144,11 @@ def steady(
     clear: np.ndarray,
     likely: tuple[int, np.ndarray] | None,
     sent: Emission,
-    numerology: Numerology,
+    sir_db: float | None,
 ) -> Steady | None:
     """What a frame that was ``received`` tells of the next ones; None unless it was read well, with users of one power.
 
-    ``likely`` is as in `Before`.
+    ``likely`` is as in `Before`. ``sir_db`` is what the last frame with a return larger than a cell told; None without.
     """
     misread = middle(received.misread)
     if (
@@ -178,12 +181,18 @@ def steady(
         misread,
         received.weight,
         received,
-        _wide(received, trusted, at, sent.sir_db, varying=likely is None),
+        _wide(received, trusted, at, sir_db, varying=likely is None, certain=sent.sir_db is not None),
     )
 
 
 def _wide(
-    received: Received, trusted: np.ndarray, at: np.ndarray, sir_db: float | None, *, varying: bool
+    received: Received,
+    trusted: np.ndarray,
+    at: np.ndarray,
+    sir_db: float | None,
+    *,
+    varying: bool,
+    certain: bool,
 ) -> Wide | None:
     """What a frame that was ``received`` tells of a return at ``sir_db`` larger than a cell; None without one."""
     if sir_db is None:
@@ -191,7 +200,8 @@ def _wide(
     level = usual_level(received.symbols, trusted)
     tried = sir_db + np.r_[0.0, CHANGED_DB]
     shares = {b"": few_beside(received.few, trusted, varying=True).ravel()[at]} if varying else {}
-    return Wide(level, modulus_of(level, sir_db), Density(level, tried, received.noise), varying, shares)
+    density = Density(level, tried, received.noise)
+    return Wide(level, modulus_of(level, sir_db), density, varying, shares, certain)
 
 
 def read_on(known: Steady, grid: Grid, numerology: Numerology, *, ask: bool = True) -> Reading | None:
@@ -227,9 +237,9 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology, *, ask: bool = Tr
     size = power(rest)
     fine, told = known.fine, read_around(held, size, known.fine)
     kept = None
-    if (held * fine).sum() > FOLD * np.count_nonzero(fine):
-        if np.count_nonzero(told) <= MAJORITY * np.count_nonzero(fine):
-            told = fine
+    if np.count_nonzero(told) <= MAJORITY * np.count_nonzero(fine):
+        told = fine
+    if (held * told).sum() >= FOLD * np.count_nonzero(told):
         kept = _wide_return(known, symbols, channel, found, told, ask=ask)
         if kept is None:
             return None
@@ -270,7 +280,7 @@ def _wide_return(
         few=found.few,
     )
     near = NearPoints(here, known.at[told], wide.share(found.few, known)[told], wide.modulus)
-    if ask and near.some(CHANGE_SAMPLE).evidence(wide.density, wide.level).argmax():
+    if (ask or not wide.certain) and near.some(CHANGE_SAMPLE).evidence(wide.density, wide.level).argmax():
         return None
     return near.expected(wide.density)
 
