@@ -843,6 +843,29 @@ def test_hybrid_whitens_where_the_network_is_at_its_end(monkeypatch, live, emitt
     assert pd["hybrid"] >= pd[better] - 0.05
 
 
+def test_a_live_path_runs_the_network_on_one_frame_in_eight_where_it_is_at_its_end(monkeypatch):
+    """However the frames are split."""
+    _, frames = returns(72, 36)
+    parts = [Interferer(e, 0.0) for e in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=6, frame_count=8))]
+    rng = np.random.default_rng(38)
+    frames += interference_frames(parts, 72, W.samples_per_frame, W.rate_hz, rng, total_sir_db=-43.0)
+    frames = frames.astype(np.complex64)
+    cleaned = []
+    for sizes in ([72], [1, 7, 13, 3, 48]):
+        method, count = create("hybrid", W, live=True), []
+        run = method._other.process
+        monkeypatch.setattr(
+            method._other,
+            "process",
+            lambda part, run=run, count=count: (count.append(len(part)), run(part))[1],
+        )
+        cleaned.append(
+            np.concatenate([method.process(part) for part in np.split(frames, np.cumsum(sizes)[:-1])])
+        )
+        assert sum(count) <= 18  # 9 of them tell, and at first it may not be at its end
+    assert_same_but_for_rounding(*cleaned)
+
+
 @pytest.mark.parametrize("altitude_m", [30.0, 750.0, 1470.0])
 def test_a_return_under_a_mixture_stands_out_at_the_ends_of_the_span_as_well(altitude_m):
     """Summed over frames, as the tracker does. The network alone leaves a quarter less at both ends."""

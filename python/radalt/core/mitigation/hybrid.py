@@ -44,13 +44,13 @@ class Hybrid(Mitigation):
 
     Card: *choice by signal.* Each frame goes to the method that knows its interference, to `OfdmCancel` and
     `QpskCancel` without its tones, which are fitted and subtracted. A chain gains nothing, since the first leaves a
-    signal that the second is not made for. The choice depends on what was demodulated, not on which output looks
-    better. So no frame is chosen for its altitude, and false altitudes are as rare as those of the method that had
-    the frame. The method that had the last frame is asked first, and in a frame that shows no interference nothing is
-    looked for. Where interference lasts for the whole frame and the network's output holds nearly as much beside the
-    return as the return's power, the network is at its end, and the frame is whitened. Its output is added to what is
-    left of a part of the frame with QPSK that no pulse explains well. Beside other bursts the network alone is better:
-    it knows the quiet part. Before that, `JointCancel` is asked for QPSK and OFDM in one band.
+    signal that the second is not made for. The choice depends on what was demodulated, and on how much the network
+    leaves, not on which altitude looks better. The method that had the last frame is asked first, and in a frame that
+    shows no interference nothing is looked for. Where interference lasts for the whole frame and the network's output
+    holds nearly as much beside the return as the return's power, the network is at its end, and the frame is whitened.
+    The network's output is added to what is left of a part of the frame with QPSK that no pulse explains well. Beside
+    other bursts the network alone is better: it knows the quiet part. Before that, `JointCancel` is asked for QPSK and
+    OFDM in one band.
     A frame that holds both costs some 5,000 transforms, which no live path has. There, looks that lead to no three
     frames that can be followed are 1, 3, 7 ... 511 frames apart. The other frames go to the network, several in one
     call. One in eight tells whether those after it are whitened instead.
