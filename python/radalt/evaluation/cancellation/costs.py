@@ -27,7 +27,7 @@ _LEAD = 20  # frames in which a method settles
 # the same where a live path looks ever less often, and frames that hold a look
 _LONG_LEAD, _LONG = 512, 512
 _FRAMES = 32
-_PER_FRAME = 10  # transforms measured beside each frame
+_PER_FRAME = 10  # times the transforms of a few frames are measured
 _KINDS = (
     ("ofdm_cancel", "no OFDM", "nr10_stream", None, False),
     ("ofdm_cancel", "following, SIR -45 dB", "nr10_stream", -45.0, False),
@@ -111,17 +111,19 @@ def _of_method(method: Mitigation, frames: np.ndarray, anew: bool = False, lead:
 def _transforms(
     work: Callable[[np.ndarray], None], frames: np.ndarray, settle: Callable[[], None] = lambda: None
 ) -> float:
-    """CPU time of ``work`` per frame over that of a transform of the frame."""
-    ratios = []
+    """CPU time of ``work`` per frame over that of a transform of a frame, whose samples are in the cache."""
+    ratios, few = [], frames[:_FRAMES]
     for _ in range(_ROUNDS):
         settle()
         start = time.process_time_ns()
         for frame in frames:
             work(frame)
         middle = time.process_time_ns()
-        for frame in np.tile(frames, (_PER_FRAME, 1)):
-            fft.fft(frame)
-        ratios.append(_PER_FRAME * (middle - start) / max(1, time.process_time_ns() - middle))
+        for _ in range(_PER_FRAME):
+            for frame in few:
+                fft.fft(frame)
+        transform = (time.process_time_ns() - middle) / (_PER_FRAME * len(few))
+        ratios.append((middle - start) / len(frames) / max(1, transform))
     return float(np.median(ratios))
 
 
