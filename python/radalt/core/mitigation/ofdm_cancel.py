@@ -60,7 +60,7 @@ _SOME = 3  # one subcarrier in three tells the symbols' phases
 _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.004  # samples of timing that need no new phases
 _DRIFTS = 0.3  # of what a frame tells of the clock's drift
-_ASKED_AGAIN = 3  # one such frame in three is asked whether a return larger than a cell has changed
+_ASKED_AGAIN = 4  # one such frame in four is asked whether a return larger than a cell has changed
 _READ_ON = 31  # frames that are read with what one told of them, before all is judged anew
 
 

@@ -46,7 +46,7 @@ _AXES_PRIOR = np.full((4, 1), 0.25, dtype=np.float32)
 # of each of `DENSE`
 _HALF_CELL = np.array([SCALE[m] for m in DENSE])
 _OUTERMOST = np.array([1.001 * (np.sqrt(m) - 1) * SCALE[m] for m in DENSE], dtype=np.float32)
-_POINTS = np.array(DENSE, dtype=np.float32)
+_EACH = 1 / np.array(DENSE, dtype=np.float32)  # how likely each point is
 _SAMPLE = 4  # one element in four tells the SIR
 CHANGE_SAMPLE = 8  # the same where it is asked only whether it has changed
 _MOSTLY = 0.8  # of the elements have less than the usual power; in a fade cells, and what is left in them, are small
@@ -295,6 +295,7 @@ class _Lattice:
     """
 
     def __init__(self, values: np.ndarray, size: np.ndarray, kinds: np.ndarray, modulus: float) -> None:
+        self._each = _EACH.take(kinds)
         if kinds.min() == kinds.max():
             kinds = kinds[:1]
             near = nearest(values, DENSE[kinds[0]])
@@ -302,12 +303,11 @@ class _Lattice:
             near = rounded_each(values[None], kinds[None], np.zeros(1, dtype=int))[0][0]
         root = _HALF_CELL[kinds]
         # points up to two from the nearest, or one where no other is at the return's distance
-        reach = 1 if _FAR * modulus < 3 * root.min() * middle(size) else 2
+        reach = 1 if _FAR * modulus < 3 * root.min() * size.mean() else 2
         points = np.stack([near.real, near.imag])[:, None]
         points = points + root * np.arange(-2 * reach, 2 * reach + 1, 2, dtype=np.float32)[:, None]
         self._rests = np.stack([values.real, values.imag])[:, None] - points
         self._inside = (np.abs(points) <= _OUTERMOST[kinds]).astype(np.float32)
-        self._each = np.broadcast_to(1 / _POINTS[kinds], values.shape)
         square = (self._rests * size) ** 2
         self._distance = np.sqrt(square[0][:, None] + square[1])
 
