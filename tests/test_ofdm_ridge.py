@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import Received
 from gnuradio.radalt.core.mitigation.ofdm.lattice import DENSE, nearest
+from gnuradio.radalt.core.mitigation.ofdm.received import Received
 from gnuradio.radalt.core.mitigation.ofdm.ridge import Density, NearPoints, few_beside, modulus_of
 
 SHAPE = (13, 500)

@@ -203,7 +203,7 @@ class Hybrid(Mitigation):
             return out
         if self._qpsk.depth_db > _SHALLOW_DB and self._detector.residual_db(out[None])[0] < _UNCLEAR_DB:
             return out
-        return _sum(self._other.process(frame), out, _SHARE)
+        return _sum(self._other.process(frame), out)
 
     def _elsewhere(self, frame: np.ndarray, heard: np.ndarray) -> np.ndarray:
         """(N,) frame that neither method can read behind the other one; ``heard`` is it without its tones."""
@@ -244,13 +244,13 @@ class Hybrid(Mitigation):
         return out
 
 
-def _sum(out: np.ndarray, beside: np.ndarray, share: float) -> np.ndarray:
-    """(N,) network's output and ``share`` times as much of what another method left, in amplitude.
+def _sum(out: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(N,) network's output ``out`` and `_SHARE` times as much of ``beside``, which another method left, in amplitude.
 
     Both hold the return, and their errors differ.
     """
     level, other = np.linalg.norm(out), np.linalg.norm(beside)
-    return out + np.float32(share * level / other) * beside if 0 < other < np.inf else out
+    return out + np.float32(_SHARE * level / other) * beside if 0 < other < np.inf else out
 
 
 def _toneless(frame: np.ndarray) -> np.ndarray:

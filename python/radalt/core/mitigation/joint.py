@@ -10,10 +10,11 @@ import numpy as np
 from ..waveform import Waveform
 from .ofdm.acquisition import transforms
 from .ofdm.demodulated import Demodulated, straightened
-from .ofdm.demodulator import AGAIN, MORE, Received, once_more
+from .ofdm.demodulator import AGAIN, MORE, once_more
 from .ofdm.echoes import grown
 from .ofdm.gain import misfit
 from .ofdm.lattice import DENSE
+from .ofdm.received import Received
 from .ofdm_cancel import OfdmCancel
 from .qpsk.clock import Clock, find_clocks
 from .qpsk.equaliser import Equaliser, Symbols, nearest

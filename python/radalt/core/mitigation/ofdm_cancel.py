@@ -14,14 +14,7 @@ from .ofdm.at_rest import at_rest
 from .ofdm.burst import loud_burst
 from .ofdm.carrier import TURNS, carrier_step, course
 from .ofdm.demodulated import Demodulated, Straight, straightened
-from .ofdm.demodulator import (
-    AGAIN,
-    READ,
-    Before,
-    Received,
-    demodulate,
-    once_more,
-)
+from .ofdm.demodulator import AGAIN, READ, demodulate, once_more
 from .ofdm.emission import READABLE, Emission, emission, faint_emission
 from .ofdm.first_reading import Opened
 from .ofdm.front_end import FrontEnd, front_end
@@ -30,6 +23,7 @@ from .ofdm.lattice import DENSE, FAINT, middle, power, unit
 from .ofdm.long_prefix import well_placed
 from .ofdm.modulator import BLANKED, Modulator
 from .ofdm.numerology import SPACINGS_HZ, Numerology
+from .ofdm.received import Before, Received
 from .ofdm.ridge import Ridge
 from .ofdm.settled import Returned
 from .ofdm.steady import Reading, Steady, read_on, steady

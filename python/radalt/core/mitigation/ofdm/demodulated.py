@@ -8,8 +8,8 @@ import numpy as np
 
 from .acquisition import Grid
 from .carrier import whole_subcarriers
-from .demodulator import Received
 from .numerology import Numerology
+from .received import Received
 
 __all__ = ["NEGLIGIBLE", "Demodulated", "Straight", "straightened"]
 

@@ -27,6 +27,7 @@ from .lattice import (
     sparse_on_axes,
 )
 from .numerology import Numerology
+from .received import ASTRAY, Before, Received, likely_kind
 from .upright import DOUBTFUL, true_up, turned
 
 __all__ = [
@@ -36,11 +37,8 @@ __all__ = [
     "READ",
     "SCALED",
     "SURE",
-    "Before",
     "Begun",
-    "Received",
     "again",
-    "astray",
     "begin",
     "bridged",
     "demodulate",
@@ -66,87 +64,10 @@ _BETTER = 0.8  # of the error, for a mended channel to be taken
 READ = 0.02  # mean error of all symbols, where nothing is left to be mended
 _WHOLE = 0.015  # mean error with which no run of subcarriers is wrong
 _RUN = 9  # subcarriers over which their mean error is judged
-_MOSTLY = 0.8  # of the elements, or an alphabet is not tried alone
-_ASTRAY = 0.3  # mean error of a subcarrier, each at most 1, where its channel is wrong
 _TOUCHED = 0.1  # the same beside them, where it is hardly wrong
 _ON_AXES = 0.25  # of a point's power, in the product of its rails: on the axes it is 0, on the diagonals 0.5
 _NEAR = np.float32(0.2)  # mean error around an element at which its weight is 1/e
 _LEAST = np.float32(0.01)  # such a weight, at least: where nothing is read well, what is read counts
-
-
-@dataclass(frozen=True)
-class Before:
-    """What the frame before was like.
-
-    Attributes
-    ----------
-    likely : (int, (K,) bool) or None
-        The one of `DENSE` that most elements had, and the subcarriers that could be read.
-    steady : float
-        ``noise`` of `Received` where the channel stood still, 0 where it moved.
-    scaled : bool
-        Whether its users had amplitudes of their own.
-    """
-
-    likely: tuple[int, np.ndarray] | None
-    steady: float
-    scaled: bool = False
-
-
-@dataclass
-class Received:
-    """A frame's symbols, demodulated.
-
-    Attributes
-    ----------
-    symbols, phase : (L, K) complex64
-        As in `Grid`, with finer phases.
-    channel : (K,) or (L, K) complex64
-        One for all symbols where it stands still.
-    points : (L, K) complex64
-        Decided points.
-    kinds : (L, K) int8
-        Which of `DENSE` the elements have that are not of few points.
-    error : (L, K) float32
-        Squared distance from the model in cells of the alphabet.
-    capped : (L, K) float32
-        The same, each at most 1.
-    misread : (L,) float32
-        Mean error of each symbol's elements without a return in cells, each at most 1; a random one has 0.75.
-    noise : float
-        Mean squared distance of the sure elements from the model.
-    angles : (L,) float
-        As in `Grid`, finer.
-    weight : (L,) float
-        Weight of each symbol's angle; 0 for a symbol that fits no alphabet.
-    late : float
-        Samples by which the symbols came late.
-    amplitudes : (2, L, K) float32 or None
-        As in `decide_scaled`, where users' powers differ; None where one lattice was tried. Points have them.
-    few : (L, K) bool
-        As in `Decisions`.
-    """
-
-    symbols: np.ndarray
-    phase: np.ndarray
-    channel: np.ndarray
-    points: np.ndarray
-    kinds: np.ndarray
-    error: np.ndarray
-    capped: np.ndarray
-    misread: np.ndarray
-    noise: float
-    angles: np.ndarray
-    weight: np.ndarray
-    late: float
-    amplitudes: np.ndarray | None
-    few: np.ndarray
-
-    def as_before(self, trusted: np.ndarray) -> Before:
-        """What it tells of the next frame, by its ``trusted`` (L, K) elements."""
-        steady = self.noise if self.channel.ndim == 1 else 0.0
-        scaled = self.amplitudes is not None
-        return Before(None if scaled else _likely(self.kinds, self.capped, trusted), steady, scaled)
 
 
 @dataclass(frozen=True)
@@ -166,19 +87,6 @@ class Begun:
     grid: Grid
     likely: tuple[int, np.ndarray] | None
     weight: np.ndarray
-
-
-def astray(capped: np.ndarray, trusted: np.ndarray) -> np.ndarray:
-    """(K,) bool: subcarriers whose channel is wrong, by the errors of their ``trusted`` (L, K) elements."""
-    return ((capped - np.float32(_ASTRAY)) * trusted).sum(axis=0) > 0
-
-
-def _likely(kinds: np.ndarray, capped: np.ndarray, trusted: np.ndarray) -> tuple[int, np.ndarray] | None:
-    """The one of `DENSE` that most elements have, and the subcarriers that could be read; None if there are several."""
-    kind = int(kinds[-1, kinds.shape[1] // 2])
-    if np.count_nonzero(kinds == kind) < _MOSTLY * kinds.size:
-        return None
-    return kind, ~astray(capped, trusted)
 
 
 def begin(
@@ -223,7 +131,9 @@ def begin(
         angles=grid.angles + angle,
     )
     return Begun(
-        better, _likely(found.kinds, found.capped, trusted), weight.sum(axis=1) * (off < _FAIR * middle(off))
+        better,
+        likely_kind(found.kinds, found.capped, trusted),
+        weight.sum(axis=1) * (off < _FAIR * middle(off)),
     )
 
 
@@ -290,7 +200,7 @@ def demodulate(
         channel = channel * course
         if last:
             break
-        likely = _likely(found.kinds, found.capped, clear)
+        likely = likely_kind(found.kinds, found.capped, clear)
     channel, noise = standing(symbols, channel, found.points, times, sure, noise, clear)
     if first and channel.ndim == 1:
         own = channel / averaged
@@ -411,7 +321,7 @@ def bridged(channel: np.ndarray, capped: np.ndarray, asked: np.ndarray) -> np.nd
     """
     wrong = (capped * asked).sum(axis=0) / np.maximum(asked.sum(axis=0, dtype=np.float32), 1)
     wrong = box(wrong, _RUN)
-    amiss = wrong > _ASTRAY
+    amiss = wrong > ASTRAY
     if amiss.any():
         amiss = ndimage.binary_propagation(amiss, mask=wrong > _TOUCHED)
     return mended(channel if channel.ndim == 1 else channel[len(channel) // 2], amiss)

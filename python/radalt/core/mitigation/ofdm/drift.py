@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from .acquisition import Grid
-from .demodulator import Received
 from .emission import PARTLY
 from .lattice import power
+from .received import Received
 
 __all__ = ["change_of_all", "matters", "moves"]
 

@@ -9,9 +9,10 @@ from scipy import fft, linalg, ndimage
 
 from .acquisition import Grid
 from .channel_fit import audible, loudest, sums
-from .demodulator import AGAIN, Received, demodulate, times_of
+from .demodulator import AGAIN, demodulate, times_of
 from .lattice import amid, decide, power
 from .numerology import Numerology
+from .received import Received
 
 __all__ = ["Echoes", "grown"]
 

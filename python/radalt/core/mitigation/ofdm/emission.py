@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .acquisition import Grid
-from .demodulator import Received
 from .lattice import FAINT, amid, middle, power
 from .numerology import Numerology
+from .received import Received
 from .ridge import expected_return, plausible, read_around, whitened
 from .under_noise import mean_model
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from .acquisition import Grid
-from .demodulator import AGAIN, Received, once_more
+from .demodulator import AGAIN, once_more
 from .lattice import decide, misread, unit
 from .numerology import Numerology
+from .received import Received
 
 __all__ = ["well_placed"]
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import audible, loudest
-from .demodulator import AGAIN, SURE, Received, demodulate
+from .demodulator import AGAIN, SURE, demodulate
 from .echoes import Echoes
 from .emission import PARTLY
 from .lattice import amid, decide, power
 from .numerology import Numerology
+from .received import Received
 
 __all__ = ["read_onward"]
 

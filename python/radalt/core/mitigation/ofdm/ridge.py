@@ -8,9 +8,9 @@ from copy import copy
 import numpy as np
 
 from ...waveform import Waveform, altitude_to_delay_s
-from .demodulator import Received
 from .lattice import BLOCK, DENSE, FAINT, SCALE, SPARSE_POINTS, box, middle, nearest, power, rounded_each
 from .numerology import Numerology
+from .received import Received
 
 __all__ = [
     "CHANGED_DB",

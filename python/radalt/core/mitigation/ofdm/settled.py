@@ -11,11 +11,12 @@ from ...waveform import Waveform
 from .acquisition import Grid, transforms
 from .channel_fit import smooth_fit, sums
 from .demodulated import Demodulated
-from .demodulator import Received, again, times_of, trusted
+from .demodulator import again, times_of, trusted
 from .emission import Emission, emission
 from .lattice import FAINT, Decisions, middle, power
 from .modulator import Modulator
 from .numerology import Numerology
+from .received import Received
 from .ridge import FOLD
 from .upright import true_up
 

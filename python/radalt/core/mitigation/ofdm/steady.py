@@ -8,7 +8,7 @@ import numpy as np
 
 from .acquisition import Grid
 from .channel_fit import fit
-from .demodulator import FINER, SURE, Received, again
+from .demodulator import FINER, SURE, again
 from .emission import MAJORITY, PARTLY, Emission
 from .lattice import (
     Decisions,
@@ -21,6 +21,7 @@ from .lattice import (
     turn_to_axes,
 )
 from .numerology import Numerology
+from .received import Received
 from .ridge import (
     CHANGE_SAMPLE,
     CHANGED_DB,

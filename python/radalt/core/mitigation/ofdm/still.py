@@ -10,12 +10,13 @@ from .acquisition import transforms
 from .carrier import course
 from .channel_fit import audible, fit, loudest, sums
 from .demodulated import Demodulated
-from .demodulator import AGAIN, READ, Received, again, once_more, times_of, trusted
+from .demodulator import AGAIN, READ, again, once_more, times_of, trusted
 from .drift import change_of_all, matters, moves
 from .echoes import grown
 from .emission import READABLE
 from .lattice import Decisions, middle, misread, power
 from .modulator import Modulator
+from .received import Received
 from .upright import true_up
 
 __all__ = ["still"]

@@ -8,13 +8,14 @@ import numpy as np
 
 from .acquisition import Grid
 from .amplitudes import levelled
-from .demodulator import AGAIN, MORE, MOVING, READ, SCALED, Received, astray, bridged, demodulate, once_more
+from .demodulator import AGAIN, MORE, MOVING, READ, SCALED, bridged, demodulate, once_more
 from .drift import moves
 from .echoes import grown
 from .emission import PARTLY
 from .lattice import middle
 from .numerology import Numerology
 from .onward import read_onward
+from .received import Received, astray
 
 __all__ = ["read_thoroughly"]
 
