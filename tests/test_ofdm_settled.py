@@ -145,7 +145,7 @@ def test_a_third_of_a_frame_that_was_misread_does_not_hide_its_return():
     ("misread", "sir_db", "given"), [(0.11, -23.0, False), (0.11, -15.0, False), (0.09, -23.0, True)]
 )
 def test_a_return_larger_than_a_cell_is_none_where_much_was_misread(misread, sir_db, given):
-    received = SimpleNamespace(misread=np.full(13, misread))
+    received = SimpleNamespace(mean_misread=misread)
     frame = SimpleNamespace(received=received, straight=None, grid=None, clear=None)
     sent = Emission(np.zeros((13, 500)), np.ones(13, dtype=bool), 1.0, sir_db=sir_db)
     out = np.ones(N, dtype=np.complex64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -179,10 +180,8 @@ class OfdmCancel(Mitigation):
 
         ``toneless`` says that its tones were taken away before.
         """
-        if not _audible(frame):
-            return None
         out = self.follow(frame)
-        if out is not None:
+        if out is not None or not _audible(frame):
             return out
         if self._vain > _PATIENCE and self._vain % _PAUSE:
             self._vain += 1
@@ -243,7 +242,7 @@ class OfdmCancel(Mitigation):
             out = self._faint(opened, first if best <= _HOPELESS else None)
             if out is not None or best > _HOPELESS:
                 return out
-        if first.received.misread.mean() <= READ or not self._returned.seen(frame):
+        if first.misread <= READ or not self._returned.seen(frame):
             first = self._thoroughly(first)
         read = still(at_rest(first), self._modulator).retraced()
         grid = read.grid
@@ -420,7 +419,7 @@ class OfdmCancel(Mitigation):
         step = step if abs(step) < TURNS else 0.0
         # angle of the carrier at the frame's end, modulo a quarter turn
         left = 2 * np.pi / numerology.useful * (samples - grid.starts - numerology.useful / 2)
-        ahead = np.angle(received.weight @ np.exp(4j * (received.angles + step * left))) / 4
+        ahead = cmath.phase(received.weight @ np.exp(4j * (received.angles + step * left))) / 4
         ahead += 2 * np.pi * (lock.carrier + lock.shift) * samples / numerology.useful
         lock.carrier += step
         if lock.left is not None:

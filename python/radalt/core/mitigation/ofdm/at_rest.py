@@ -33,6 +33,6 @@ def at_rest(frame: Demodulated) -> Demodulated:
         if resting.noise > most * received.noise:
             break
     else:
-        if resting.misread.mean() < _READ:
+        if resting.mean_misread < _READ:
             return replace(frame, received=resting)
     return replace(frame, received=once_more(grid, clear, received, frame.numerology, AGAIN))

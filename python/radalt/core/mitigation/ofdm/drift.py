@@ -30,7 +30,7 @@ def change_of_all(received: Received, grid: Grid) -> np.ndarray | None:
     """
     channel = received.channel
     change = np.gradient(channel, axis=0) if channel.ndim > 1 else None
-    turning = _turning(received) if received.misread.mean() < PARTLY else None
+    turning = _turning(received) if received.mean_misread < PARTLY else None
     if turning is not None:
         turned = channel * (1j * turning[:, None]).astype(np.complex64)
         change = turned if change is None else change + turned

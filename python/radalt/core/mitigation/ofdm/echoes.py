@@ -65,7 +65,7 @@ def grown(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerol
     again = demodulate(growth.result(), clear, numerology, AGAIN)
     again.late += received.late
     # elements that are taken for 256QAM are near its points whatever they are: less is left, and no more is read
-    if again.misread.mean() > received.misread.mean():
+    if again.mean_misread > received.mean_misread:
         return received
     return again if _left(again, growth.clear) < _BETTER * _left(received, growth.clear) else received
 

@@ -155,7 +155,7 @@ def emission(
     elements *= received.phase.conj()
     skirts = Skirts(fine, empty, noise)
     busy = np.count_nonzero(sending) / sending.size
-    return Emission(elements, readable, busy, sir_db, held, skirts, float(misread.mean()))
+    return Emission(elements, readable, busy, sir_db, held, skirts, received.mean_misread)
 
 
 def _beside(capped: np.ndarray, own: np.ndarray, told: np.ndarray) -> np.ndarray:

@@ -30,6 +30,8 @@ def well_placed(
     too late or too early by what that prefix is longer, and nothing of it can be read. ``clear`` (L, K) bool tells
     which elements no return can be in.
     """
+    if received.misread.max() <= _AMISS:
+        return grid, received
     passed = numerology.halves(grid.starts, grid.first_long)
     last = np.flatnonzero(np.diff(passed))
     for later in (1, -1):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import fft
 
@@ -17,6 +19,28 @@ _SMOOTH = np.full(5, 0.2, dtype=np.float32)  # such samples are judged together
 _LOUDER = 1.3  # times the usual power, in the mean of all places where symbols meet: such samples are blanked
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """Where a frame's symbols are.
+
+    Attributes
+    ----------
+    edges : (L + 1,) int
+        Where each symbol begins, in the middle of its prefix, and where the last one ends.
+    places : (n,) int
+        For each sample that is in a symbol, which one of the symbols without prefixes it is.
+    inside : slice
+        Which samples are.
+    meetings : (m, 2 _REACH + 1) int
+        Samples around each place where symbols meet, or begin or end, inside the frame.
+    """
+
+    edges: np.ndarray
+    places: np.ndarray
+    inside: slice
+    meetings: np.ndarray
+
+
 class Modulator:
     """OFDM modulation of frames of ``count`` samples (TS 38.211 clause 5.3.1).
 
@@ -26,8 +50,7 @@ class Modulator:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._places: tuple[bytes, np.ndarray, slice] | None = None
-        self._around: tuple[bytes, np.ndarray] | None = None
+        self._last: tuple[bytes, _Layout] | None = None
 
     def subtract(
         self,
@@ -53,21 +76,12 @@ class Modulator:
         most = np.float32(BLANKED * middle(few))
         kept = level <= most
         if alike:
-            places, usual = self._meetings(starts, numerology), np.minimum(few, most).mean()
+            places, usual = self._layout(starts, numerology).meetings, np.minimum(few, most).mean()
             total = np.add.reduce(np.minimum(level.take(places), most), axis=0)
             louder = np.convolve(total, _SMOOTH, mode="same") > _LOUDER * usual * len(places)
             kept[places[:, louder]] = False
         out *= kept
         return out
-
-    def _meetings(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
-        """(n, 2 _REACH + 1) int: samples around each place where symbols meet, or begin or end, inside the frame."""
-        key = starts.tobytes()
-        if self._around is None or self._around[0] != key:
-            at = self._edges(starts, numerology)
-            at = at[(at >= _REACH) & (at < self._count - _REACH)]
-            self._around = key, at[:, None] + np.arange(-_REACH, _REACH + 1)
-        return self._around[1]
 
     def samples(
         self, elements: np.ndarray, readable: np.ndarray, starts: np.ndarray, numerology: Numerology
@@ -78,33 +92,28 @@ class Modulator:
         symbols = fft.ifft(lowest_last, axis=1, norm="ortho", overwrite_x=True)
         if not readable.all():
             symbols[~readable] = 0
-        places, inside = self._gather(starts, numerology)
-        out = np.zeros(self._count, dtype=symbols.dtype)
-        symbols.take(places, out=out[inside], mode="clip")  # which spares a copy; all places are inside
+        layout, out = self._layout(starts, numerology), np.zeros(self._count, dtype=symbols.dtype)
+        symbols.take(layout.places, out=out[layout.inside], mode="clip")  # which spares a copy; all places are inside
         return out
 
     def offsets(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
         """(N,) float32 distance of each sample from the middle of its symbol, in symbols."""
-        lengths = np.diff(np.clip([0, *self._edges(starts, numerology)[1:-1], self._count], 0, self._count))
-        since = np.arange(self._count) - np.repeat(starts, lengths)
+        bounds = [0, *self._layout(starts, numerology).edges[1:-1], self._count]
+        since = np.arange(self._count) - np.repeat(starts, np.diff(np.clip(bounds, 0, self._count)))
         return ((since - numerology.useful / 2) / numerology.spacing).astype(np.float32)
 
-    def _gather(self, starts: np.ndarray, numerology: Numerology) -> tuple[np.ndarray, slice]:
-        """For each sample of a frame that is in a symbol, which one of the symbols without prefixes it is, (n,) int;
-        and which samples are."""
+    def _layout(self, starts: np.ndarray, numerology: Numerology) -> _Layout:
+        """Where the symbols are whose windows begin at ``starts`` (L,)."""
         key = starts.tobytes()
-        if self._places is None or self._places[0] != key:
-            useful, edges = numerology.useful, self._edges(starts, numerology)
+        if self._last is None or self._last[0] != key:
+            useful, half = numerology.useful, numerology.prefix / 2
+            edges = np.append(starts - half, starts[-1] + useful + half).round().astype(int)
             # first half of the prefix, symbol, and what comes again of it in the second half of the next prefix
             bounds = np.append(np.stack([edges[:-1], starts, starts + useful], axis=1), edges[-1])
             bounds = np.clip(bounds, 0, self._count)
             ahead = (np.arange(starts.size) * useful - starts)[:, None] + [useful, 0, -useful]
             places = np.arange(bounds[0], bounds[-1]) + np.repeat(ahead, np.diff(bounds))
-            self._places = key, places, slice(bounds[0], bounds[-1])
-        return self._places[1:]
-
-    @staticmethod
-    def _edges(starts: np.ndarray, numerology: Numerology) -> np.ndarray:
-        """(L + 1,) int: where each symbol begins, in the middle of its prefix, and where the last one ends."""
-        half = numerology.prefix / 2
-        return np.append(starts - half, starts[-1] + numerology.useful + half).round().astype(int)
+            met = edges[(edges >= _REACH) & (edges < self._count - _REACH)]
+            meetings = met[:, None] + np.arange(-_REACH, _REACH + 1)
+            self._last = key, _Layout(edges, places, slice(bounds[0], bounds[-1]), meetings)
+        return self._last[1]

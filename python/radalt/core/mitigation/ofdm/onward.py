@@ -66,7 +66,7 @@ def read_onward(grid: Grid, clear: np.ndarray, received: Received, numerology: N
         walk.held = slice(start, start + _LONG)
     again = demodulate(best, clear, numerology, AGAIN)
     again.late += received.late
-    return again if again.misread.mean() < received.misread.mean() else received
+    return again if again.mean_misread < received.mean_misread else received
 
 
 def _wrong(capped: np.ndarray, points: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -92,6 +93,11 @@ class Received:
     late: float
     amplitudes: np.ndarray | None
     few: np.ndarray
+
+    @cached_property
+    def mean_misread(self) -> float:
+        """Mean error of all symbols in cells, each at most 1."""
+        return float(self.misread.mean())
 
     def as_before(self, trusted: np.ndarray) -> Before:
         """What it tells of the next frame, by its ``trusted`` (L, K) elements."""

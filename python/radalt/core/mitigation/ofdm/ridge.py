@@ -362,7 +362,7 @@ class NearPoints:
             mine = self._few_at
             values, size, scale = values[mine], size[mine], scale if scale.size == 1 else scale[mine]
             families = [(SPARSE_POINTS[:, None], _SPARSE_PRIOR)]
-            if _some_on_axes(received.points):
+            if _some_on_axes(received.points[received.few]):
                 families.append((_AXES, _AXES_PRIOR))
             self._few = [_FewPoints(values, size, points * scale, prior) for points, prior in families]
 
@@ -407,6 +407,6 @@ class NearPoints:
 
 
 def _some_on_axes(points: np.ndarray) -> bool:
-    """Whether some (L, K) points stand on the axes, at least a block of them."""
+    """Whether some points (n,) stand on the axes, at least a block of them."""
     sent = power(points)
     return np.count_nonzero((np.abs(points.real * points.imag) < 1e-3 * sent) & (sent > 0.1)) >= BLOCK

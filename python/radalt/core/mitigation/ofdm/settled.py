@@ -74,7 +74,7 @@ class Returned:
         out, or it is larger than a cell of the constellation, all is as it was.
         """
         straight, grid, clear, received = frame.straight, frame.grid, frame.clear, frame.received
-        if received.misread.mean() > _DOUBTFUL:
+        if received.mean_misread > _DOUBTFUL:
             return None
         if sent.kept is None:
             return received, sent, out

@@ -156,7 +156,7 @@ def steady(
         received.amplitudes is not None
         or sent.skirts is None
         or received.channel.ndim > 1
-        or received.misread.mean() > PARTLY
+        or received.mean_misread > PARTLY
         or not sent.readable.all()
         or sent.busy < 1
     ):

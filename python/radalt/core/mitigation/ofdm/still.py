@@ -54,14 +54,14 @@ def _without_change(frame: Demodulated, modulator: Modulator) -> Demodulated:
         # a channel that moved may stand still now, so its error says nothing
         likely = replace(received.as_before(clear & grid.used), steady=0.0)
         finer = once_more(grid, clear, replace(received, symbols=symbols), numerology, AGAIN, before=likely)
-        error = received.misread.mean()
-        if error < _DOUBTFUL and finer.misread.mean() > max(READ, _WORSE * error):
+        error = received.mean_misread
+        if error < _DOUBTFUL and finer.mean_misread > max(READ, _WORSE * error):
             break
         if finer.noise > before and (number or not moves(received, grid)):
             break
         without, received = less, finer
         # what that change hid can be read now
-        if received.misread.mean() > READ:
+        if received.mean_misread > READ:
             received = grown(grid, clear, received, numerology)
         if received.noise > _STILLER * before:
             break

@@ -32,12 +32,14 @@ def read_thoroughly(
     grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology, *, unequal: bool = True
 ) -> Received:
     """A frame as it was ``received``, or read with what else may be in it: ``unequal`` powers, a moving channel."""
+    if received.mean_misread < READ:
+        return received
     received = _turned_back(grid, clear, received, numerology)
     scaled = _scaled(grid, clear, received, numerology) if unequal else None
     heard = clear & grid.used
-    if scaled is not None and scaled.misread.mean() < PARTLY and scaled.capped[heard].mean() < PARTLY:
+    if scaled is not None and scaled.mean_misread < PARTLY and scaled.capped[heard].mean() < PARTLY:
         return scaled
-    if received.misread.mean() > READ and (
+    if received.mean_misread > READ and (
         moves(received, grid) or astray(received.capped, clear & grid.used).mean() > _HARDLY
     ):
         received = _moving(grid, clear, received, numerology)
@@ -46,7 +48,7 @@ def read_thoroughly(
 
 def _less_misread(one: Received, other: Received, heard: np.ndarray) -> bool:
     """By power and by elements: users' amplitudes make weak elements, which a mean by power hides."""
-    by_power = one.misread.mean() < other.misread.mean()
+    by_power = one.mean_misread < other.mean_misread
     return bool(by_power and one.capped[heard].mean() < other.capped[heard].mean())
 
 
@@ -55,39 +57,37 @@ def _moving(grid: Grid, clear: np.ndarray, received: Received, numerology: Numer
     quarter = len(grid.starts) // 4
     amid = grid.around(slice(quarter, len(grid.starts) - quarter))
     moving = demodulate(replace(grid, channel=amid), clear, numerology, MOVING)
-    if moving.misread.mean() < received.misread.mean():
+    if moving.mean_misread < received.mean_misread:
         received = moving
     return _settled(grid, clear, received, numerology)
 
 
 def _turned_back(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
     """The frame read without the quarter turns that its channel made by chance, or as it was."""
-    if received.misread.mean() < READ:
-        return received
     other = bridged(received.channel, received.capped, clear & grid.used & (received.weight > 0)[:, None])
     if other is None:
         return received
     finer = once_more(grid, clear, replace(received, channel=other), numerology, AGAIN)
-    return finer if finer.misread.mean() < _EVENED * received.misread.mean() else received
+    return finer if finer.mean_misread < _EVENED * received.mean_misread else received
 
 
 def _scaled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received | None:
     """The frame read with users of unequal powers; None where these do not explain what was misread."""
     # the ends of a burst are misread, too, but they are few
-    if received.misread.mean() < READ or middle(received.misread) < _WELL:
+    if received.mean_misread < READ or middle(received.misread) < _WELL:
         return None
     scaled = demodulate(grid, clear, numerology, SCALED[:1], scaled=True)
     # amplitudes of users that have none of their own only add errors
-    if scaled.misread.mean() > min(_NEARLY, received.misread.mean()):
+    if scaled.mean_misread > min(_NEARLY, received.mean_misread):
         return None
     for turns in (SCALED[1:], SCALED[1:], AGAIN):
         told = clear & grid.used & (scaled.error < _TOLD)
         few, (dense, scanty) = scaled.few, scaled.amplitudes
         level = levelled(scaled.channel, np.where(few, scanty, dense), told)
         finer = once_more(grid, clear, replace(scaled, channel=level), numerology, turns)
-        if finer.misread.mean() < scaled.misread.mean():
+        if finer.mean_misread < scaled.mean_misread:
             scaled = finer
-    return scaled if scaled.misread.mean() < _EVENED * received.misread.mean() else None
+    return scaled if scaled.mean_misread < _EVENED * received.mean_misread else None
 
 
 def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Numerology) -> Received:
@@ -95,13 +95,13 @@ def _settled(grid: Grid, clear: np.ndarray, received: Received, numerology: Nume
 
     The echoes need not be few.
     """
-    if received.misread.mean() > PARTLY:
+    if received.mean_misread > PARTLY:
         received = read_onward(grid, clear, received, numerology)
-    if received.misread.mean() > PARTLY:
+    if received.mean_misread > PARTLY:
         received = grown(grid, clear, received, numerology)
-    for _ in range(_MOST_READINGS if received.misread.mean() > PARTLY else 0):
+    for _ in range(_MOST_READINGS if received.mean_misread > PARTLY else 0):
         better = once_more(grid, clear, received, numerology, MORE)
-        if better.misread.mean() > _MENDS * received.misread.mean():
+        if better.mean_misread > _MENDS * received.mean_misread:
             break
         received = better
     return received
