@@ -13,6 +13,7 @@ from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceive
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.interference.stream import JammerStream
 from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
+from gnuradio.radalt.core.mitigation.interference_detector import InterferenceDetector
 from gnuradio.radalt.core.mitigation.joint import JointCancel
 from gnuradio.radalt.core.mitigation.ofdm import demodulator
 from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
@@ -841,6 +842,18 @@ def test_hybrid_whitens_where_the_network_is_at_its_end(monkeypatch, live, emitt
     other = "tcae" if better == "whitening" else "whitening"
     assert pd[better] > pd[other] + 0.05
     assert pd["hybrid"] >= pd[better] - 0.05
+
+
+def test_hybrid_whitens_white_frames_in_which_the_network_is_near_its_end():
+    """White noise alone beside the return: the network can only make it smaller, and parts of the return with it."""
+    _, frames = returns(40, 39)
+    frames = frames + 10 ** (21 / 20) * noise(40, np.random.default_rng(40))
+    frames = frames.astype(np.complex64)
+    of_network, white, out = (create(m, W).process(frames) for m in ("tcae", "whitening", "hybrid"))
+    left_db = InterferenceDetector(W).residual_db(of_network)
+    near = (left_db > -2.9) & (left_db <= -1.0)
+    assert np.count_nonzero(near) > 10
+    np.testing.assert_array_equal(out[near], white[near])
 
 
 def test_a_live_path_runs_the_network_on_one_frame_in_eight_where_it_is_at_its_end(monkeypatch):

@@ -26,6 +26,9 @@ _LEFT_DB = 10.0
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in an output: more, and its method is at its limit
 _LOST_DB = -1.0  # the same of the network: below it is better than whitening, or as good
+_LOST_IN_WHITE_DB = (
+    -3.0
+)  # the same where all beside the return is white: all that it can do is to make that smaller
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 # power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
 _SHALLOW_DB = 17.0
@@ -47,7 +50,8 @@ class Hybrid(Mitigation):
     signal that the second is not made for. The choice depends on what was demodulated, and on how much the network
     leaves, not on which altitude looks better. The method that had the last frame is asked first, and in a frame that
     shows no interference nothing is looked for. Where interference lasts for the whole frame and the network's output
-    holds nearly as much beside the return as the return's power, the network is at its end, and the frame is whitened.
+    holds nearly as much beside the return as the return's power (half as much, if that is white noise), the network is
+    at its end, and the frame is whitened.
     The network's output is added to what is left of a part of the frame with QPSK that no pulse explains well. Beside
     other bursts the network alone is better: it knows the quiet part. Before that, `JointCancel` is asked for QPSK and
     OFDM in one band.
@@ -217,7 +221,13 @@ class Hybrid(Mitigation):
         if both is not None:
             self.cancelled += 1
             return both
-        return out if self._beside is None or not left_db > _LOST_DB else self._beside.process(heard)
+        lost = self._beside is not None and self._past_end_db(heard, left_db) > 0
+        return self._beside.process(heard) if lost else out
+
+    def _past_end_db(self, frame: np.ndarray, left_db: float) -> float:
+        """By which the network is past its end in an (N,) frame, if what it leaves beside the return is ``left_db``."""
+        white = _LOST_IN_WHITE_DB < left_db <= _LOST_DB and self._detector.white(frame[None])[0]
+        return left_db - (_LOST_IN_WHITE_DB if white else _LOST_DB)
 
     def _together(self, frames: np.ndarray) -> np.ndarray:
         """(n, N) frames of a live path behind the other method, in one call, or whitened; their tones with them.
@@ -233,7 +243,7 @@ class Hybrid(Mitigation):
             out[tells] = self._other.process(frames[tells])
         for k, frame in enumerate(frames):
             if tells[k] and _lasts(frame):
-                past_db = self._detector.residual_db(out[k : k + 1])[0] - _LOST_DB
+                past_db = self._past_end_db(frame, self._detector.residual_db(out[k : k + 1])[0])
                 self._past_db += _NEW * (max(-_SCATTER_DB, min(past_db, _SCATTER_DB)) - self._past_db)
             lost[k] = self._past_db > 0 and _lasts(frame)
         rest = ~(lost | tells)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from .acquisition import level_in_use
-from .lattice import box, middle, power
+from .lattice import FAINT, box, middle, power
 
 __all__ = ["audible", "best_order", "fit", "loudest", "mended", "smooth_fit", "standing", "sums"]
 
@@ -19,6 +19,7 @@ _MOST = 0.75  # of the subcarriers have to be right
 _BESIDE = 8  # subcarriers on either side that tell how the channel goes on
 _ORDERS = 3  # 0, 1, 2: tried in the end, and the unknowns of the last
 _HELPS = 0.9  # of the error left, for a higher order to be taken
+_HARDLY = 0.95  # of the error left by a rough sum: more, and that order would not help
 _LOUDEST = np.float32(1.7)  # times the usual amplitude: more, and silence explains anything
 _STEADY = 1.3  # times the error of a frame before, within which a channel that stood still does so
 
@@ -175,31 +176,52 @@ def best_order(
     elements = sure.sum(axis=0, dtype=np.float32)
     known = elements > _ORDERS
 
-    def fitted(order: int, right: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, float]:
+    def left_of(order: int, right: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         factor = fit(right, left, order, 1)
         # |y - c m|^2 summed, where c solves the normal equations with their loading
         rest = energy - np.einsum("nk,nk->k", factor.conj(), right[: order + 1]).real
         if order:
             rest -= _LOADING * left[0] * power(factor[1:]).sum(axis=0)
-        rest = middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
         return factor, rest
 
-    best = fitted(0, *sums(agreement, weight, times, 0))
+    def usual(rest: np.ndarray, order: int) -> float:
+        return middle((rest / np.maximum(elements - order - 1, 1))[known]) if known.any() else 0.0
+
+    def fitted(order: int) -> tuple[np.ndarray, float]:
+        factor, rest = left_of(order, *both)
+        return factor, usual(rest, order)
+
+    factor, rest = left_of(0, *sums(agreement, weight, times, 0))
+    best = factor, usual(rest, 0)
     if best[1] < _STEADY * steady:
         return best
     both = sums(agreement, weight, times, 2)  # all that the first needs as well
-    second = fitted(2, *both) if read else None
+    # most frames stand still: their second order need not be solved for
+    if read and usual(rest - _explained(*both, factor[0]), 2) > _HARDLY * best[1]:
+        return best
+    second = fitted(2) if read else None
     if second and second[1] >= _HELPS * best[1]:
         return best
-    first = fitted(1, *both)
+    first = fitted(1)
     if first[1] < _HELPS * best[1]:
         best = first
         if best[1] < _STEADY * steady:
             return best
     elif not read:
         return best
-    second = second or fitted(2, *both)
+    second = second or fitted(2)
     return second if second[1] < _HELPS * best[1] else best
+
+
+def _explained(right: np.ndarray, left: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """(K,) how much less a course of order 2 leaves than a ``factor`` (K,) that stands still, about.
+
+    ``right`` and ``left`` are the `sums` of order 2. Either power of time is taken as if it alone was fitted: beside
+    each other they explain as much, but for the elements that are left out.
+    """
+    along = right[1:] - factor * left[1:3]
+    spread = left[2::2] - left[1:3] * left[1:3] / np.maximum(left[0], FAINT)
+    return (power(along) / np.maximum(spread, FAINT)).sum(axis=0)
 
 
 def standing(

@@ -172,13 +172,11 @@ def demodulate(
             found, amplitudes, off = _decided(
                 symbols * (1 / channel), channel, clear, clear, halves, likely, scaled
             )
-        error = off.mean()
-        last = order < 0 or error < READ
+        last = order < 0 or off.mean() < READ
         heard = (off < max(DOUBTFUL, 1.5 * middle(off)))[:, None]
         heard[odd] = True  # a channel that they alone tell of has to follow them
-        if not first and not scaled and error > _WHOLE:  # a step may be another user's
+        if not first and not scaled and off.mean() > _WHOLE:  # a step may be another user's
             channel, found, off = _bridged(symbols, channel, found, off, clear, heard, halves)
-            error = off.mean()
         sure = (found.error < SURE) & clear & heard
         if share < 1 and not last:
             sure &= np.abs(times)[:, None] <= share
@@ -194,7 +192,7 @@ def demodulate(
         if last:
             steady = np.inf if scaled else before.steady if before else 0.0
             factor, noise = best_order(
-                symbols, agreement, weight, times, sure, steady, read=error < _MOSTLY_READ
+                symbols, agreement, weight, times, sure, steady, read=off.mean() < _MOSTLY_READ
             )
         else:
             factor = fit(*sums(agreement, weight, times, order), order, width)

@@ -93,7 +93,9 @@ class Modulator:
         if not readable.all():
             symbols[~readable] = 0
         layout, out = self._layout(starts, numerology), np.zeros(self._count, dtype=symbols.dtype)
-        symbols.take(layout.places, out=out[layout.inside], mode="clip")  # which spares a copy; all places are inside
+        symbols.take(
+            layout.places, out=out[layout.inside], mode="clip"
+        )  # which spares a copy; all places are inside
         return out
 
     def offsets(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:

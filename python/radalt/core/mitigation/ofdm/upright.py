@@ -33,27 +33,29 @@ def true_up(
     """
     moments = (agreement.view(np.float32) @ numerology.moments).view(np.complex64).T
     size = np.abs(moments[0])
-    unknown = size <= _NOTHING * size.max()
+    most = size.max()
     if upright is not None:
-        unknown[upright] = True
-    if unknown.any():
+        size[upright] = 0
+    if size.min() <= _NOTHING * most:
+        unknown = size <= _NOTHING * most
         moments[:, unknown] = size[unknown] = 0
+        most = size.max()
     mean, whole = moments[0], np.maximum(size, _LEAST)
     angle = np.arctan2(mean.imag, mean.real)
     # the elements asked are not centred: angle and slope are found together
     first, second = moments[1:] * (mean.conj() / whole)
     centre = first.real / whole
-    told = np.maximum(second.real - first.real * centre, 1e-6 * second.real + _LEAST)
+    told = np.maximum(second.real - first.real * centre, 1e-6 * whole)
     slope = first.imag / told
     # all symbols come equally late: one that seems not to was misread
-    common = middle(slope[size >= _FAINTER * size.max()])
+    common = middle(slope[size >= _FAINTER * most])
     alone = np.abs(slope - common) > _TOGETHER
+    strays = alone.any()
     if evenly:
-        slope = _evenly(slope, told * ~alone)
-    else:
+        slope = _evenly(slope, told * ~alone if strays else told)
+    elif strays:
         slope[alone] = common
-    alone &= ~unknown
-    if alone.any():
+    if strays and (alone := alone & (size > 0)).any():
         turn = slope[alone, None].astype(np.float32) * numerology.turn
         straight = (agreement[alone] * unit(-turn)).sum(axis=1)
         angle[alone], centre[alone] = np.angle(straight), 0
