@@ -26,9 +26,8 @@ _LEFT_DB = 10.0
 _SPREAD = 0.06  # of the modulus while it sends: less two signals do not leave
 _UNCLEAR_DB = -3.0  # what is no return over what is, in an output: more, and its method is at its limit
 _LOST_DB = -1.0  # the same of the network: below it is better than whitening, or as good
-_LOST_IN_WHITE_DB = (
-    -3.0
-)  # the same where all beside the return is white: all that it can do is to make that smaller
+# the same where all beside the return is white noise: the network can only make that smaller
+_LOST_IN_WHITE_DB = -3.0
 _DOUBTED_DB = -7.0  # the same, from which two signals in one band are looked for
 # power taken from a burst of QPSK over what is left: 19 to 23 with one pulse, 13 where the sample grid cuts pulses
 _SHALLOW_DB = 17.0
