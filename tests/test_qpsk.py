@@ -10,7 +10,8 @@ from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
 from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from gnuradio.radalt.core.mitigation import MitigationError, create, qpsk_cancel
-from gnuradio.radalt.core.mitigation.qpsk.clock import clock_line, find_clocks
+from gnuradio.radalt.core.mitigation.qpsk.clock import Clock, clock_line, find_clocks
+from gnuradio.radalt.core.mitigation.qpsk.equaliser import Equaliser
 from gnuradio.radalt.core.mitigation.qpsk.follower import Follower
 from gnuradio.radalt.core.mitigation.qpsk.held import astray
 from gnuradio.radalt.core.mitigation.qpsk.pulse import Train
@@ -496,3 +497,19 @@ def test_hybrid_gives_it_the_frames_that_it_can_read():
         rest = create(other, W)
         np.testing.assert_array_equal(cleaned[4:], np.concatenate([rest.process(f[None]) for f in short]))
         assert method.status()["cancelled"] == 4
+
+
+@pytest.mark.parametrize("rate", [0.05, 0.1, 0.2668])
+def test_a_burst_of_a_tone_leaves_equations_that_can_be_solved(rate):
+    """A tone 80 dB above the noise has one row; what else the equations hold is smaller than float32's rounding."""
+    rng = np.random.default_rng(7)
+    time = np.arange(N)
+    for _ in range(20):
+        tone = np.exp(2j * np.pi * (rng.uniform(-0.4, 0.4) * time + rng.random())) * (
+            np.abs(time - 3000) < 1100
+        )
+        noise = 1e-4 * rng.standard_normal((N, 2)).view(np.complex128)[:, 0]
+        equaliser = Equaliser((tone + noise).astype(np.complex64), Clock(rate, 3000.3))
+        factor = np.triu(equaliser._solved)
+        gram = equaliser._turned @ equaliser._some
+        assert np.abs(factor.conj().T @ factor - gram).max() < 1e-4 * np.abs(gram).max()

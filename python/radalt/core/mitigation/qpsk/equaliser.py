@@ -16,7 +16,7 @@ __all__ = ["TAPS", "Equaliser", "Symbols", "decide", "likeness", "nearest", "tur
 
 TAPS = 32
 _UP = 4  # points per sample, between which is interpolated
-_LOADING = 1e-6  # of the mean power: a tone makes the equations nearly singular
+_LOADING = 1e-5  # of the mean power: tones make the equations nearly singular, to 1e-6 in float32
 _ASKED = 800  # symbols that are enough for 32 weights
 _ROUNDS = 24  # of the constant-modulus start
 _STILL = 1e-3  # change of the weights' outputs, of their power, at which the start ends
