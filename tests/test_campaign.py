@@ -70,6 +70,16 @@ def test_a_clean_flight_is_followed_and_its_truth_belongs_to_the_end_of_each_out
     assert np.abs(flight.speed_m_per_s).max() <= 10.0 and flight.end_m.min() >= 5.0
 
 
+def test_a_step_in_a_block_behind_a_track_that_coasted_is_noticed():
+    """The ground is 13 m nearer from the middle of block 22 on: its peak lies between, and the track beyond."""
+    study = IntegrityStudy(methods=("none",), frames=2080, seed=9410009)
+    flight, judged = study.flown(case_of("landing/nr5/-30dB"), 0)
+    outputs = judged["none"].outputs
+    truth = flight.end_m[outputs["frame_index"]]
+    assert truth[21] - truth[22] > 13.0 and outputs["status"][22] == Status.NO_COMPUTED_DATA
+    assert not is_hazardous(outputs, truth, _limit_m(outputs, truth)).any()
+
+
 def test_a_stronger_second_return_beyond_the_ground_is_scored_as_hazardous():
     (row, *_) = rows_of("spoofed_first/beyond/+20dB")
     assert row["computed"] == row["hazardous"] == row["misleading"] == row["wrong_20m"] == 10

@@ -439,8 +439,10 @@ class AltitudeTracker:
         if track.corrected_m > track.protection_m:
             return False  # what was predicted and what was measured contradict each other: one may be a grating lobe
         moved_m, sigma_m = block.moved_since(found)
-        if abs(moved_m) > max(track.protection_m, _GATE_SIGMAS * sigma_m):
-            return False  # a step of the ground that leaves the peak of the whole block where it was
+        rest_m, _ = track.filter.innovation(found, self._lead_s)
+        # a step of the ground leaves the peak of the whole block where it was, or a track that has coasted behind it
+        if max(abs(moved_m), abs(rest_m + moved_m)) > max(track.protection_m, _GATE_SIGMAS * sigma_m):
+            return False
         here_m = found.altitude_m + self._shift_m
         received = self._received_block if self._beside else None
         return self._integrity.undisputed(
