@@ -82,4 +82,4 @@ class Demodulated:
     @property
     def misread(self) -> float:
         """Mean error of all symbols in cells, each at most 1."""
-        return float(self.received.mean_misread)
+        return self.received.mean_misread

@@ -93,9 +93,8 @@ class Modulator:
         if not readable.all():
             symbols[~readable] = 0
         layout, out = self._layout(starts, numerology), np.zeros(self._count, dtype=symbols.dtype)
-        symbols.take(
-            layout.places, out=out[layout.inside], mode="clip"
-        )  # which spares a copy; all places are inside
+        # all places are inside: to clip none spares a copy
+        symbols.take(layout.places, out=out[layout.inside], mode="clip")
         return out
 
     def offsets(self, starts: np.ndarray, numerology: Numerology) -> np.ndarray:
