@@ -491,6 +491,45 @@ def test_only_the_shipped_default_is_trusted_unchecked(root, tmp_path):
     assert checked == [False, False, False, True, True, False]
 
 
+def smears(planes):
+    """A return that fades from 1 to 0 and back 300 times a frame: lines far beside its own, together as strong."""
+    return planes * (1.0 + np.cos(2 * np.pi * 300 * np.arange(planes.shape[-1]) / planes.shape[-1]))
+
+
+def test_only_white_frames_that_the_network_loses_pass_as_they_came(fake):
+    """Noise 25 dB above the return: a network that leaves no return is no help; QPSK is its business all the same."""
+    rng = np.random.default_rng(18)
+    clean, _ = scene(4, None, 18)
+    noise = 18.0 * rng.standard_normal((4, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    heard = {
+        "white": (clean + noise).astype(np.complex64),
+        "qpsk": scene(4, Interferer(QpskEmitter(), -25.0), 18)[0],
+        "clean": clean,
+    }
+    made = {}
+    for name, frames in heard.items():
+        method = fake(smears, shift_check=False, dither_db=None, skip_lost=True)
+        out = method.process(frames)
+        made[name] = (np.array_equal(out, frames), method.skipped_frames)
+    assert made == {"white": (True, 4), "qpsk": (False, 0), "clean": (False, 0)}
+    assert fake(smears, skip_lost=True).process(heard["white"]).any()  # not silenced by the shift check
+    kept = fake(smears, shift_check=False, dither_db=None)
+    assert not np.array_equal(kept.process(heard["white"]), heard["white"])
+
+
+@pytest.mark.parametrize("snr_db", [-24.0, -26.0])
+def test_the_shipped_network_reads_a_return_in_noise_as_the_altimeter_alone(snr_db):
+    """No method takes white noise away; the network alone has 223 of 300 at -25 dB where the altimeter has 280."""
+    rng = np.random.default_rng(19)
+    altitudes = rng.uniform(20.0, 1400.0, 150)
+    noise = rng.standard_normal((150, W.samples_per_frame, 2)).view(np.complex128)[..., 0]
+    frames = point_return(W, altitudes) + np.sqrt(0.5 * 10.0 ** (-snr_db / 10.0)) * noise
+    frames = frames.astype(np.complex64)
+    alone = correct(frames, altitudes).sum()
+    assert correct(create("tcae", W).process(frames), altitudes).sum() >= alone - 5
+    assert correct(create("tcae", W, skip_lost=False).process(frames), altitudes).sum() < alone - 5
+
+
 def test_shift_check_is_a_yes_or_a_no():
     with pytest.raises(MitigationError, match="tcae.shift_check is 'maybe'; expected true or false"):
         create("tcae", W, shift_check="maybe")

@@ -38,7 +38,7 @@ _ALIKE = 8  # frames of a live path, of which one tells whether the network or w
 _NEW = 0.25  # its weight beside those before it
 _SCATTER_DB = 1.0  # from the limit that it counts, at most
 _LONGEST = 511  # frames between two looks of a live path, at most: one may take as long as a hundred frames
-_OTHERS: dict[str, type[Mitigation]] = {"tcae": Tcae, "whitening": Whitening}
+_OTHERS = ("tcae", "whitening")
 
 
 class Hybrid(Mitigation):
@@ -101,8 +101,10 @@ class Hybrid(Mitigation):
         self._qpsk = QpskCancel(waveform)
         self._joint = JointCancel(waveform, span_m=span_m) if joint and not live else None
         self._live = live
-        self._other = _OTHERS[other](waveform)
-        self._beside = Whitening(waveform) if other == "tcae" else None
+        whitening = Whitening(waveform)
+        # which frames the network is at its end in is asked here, and they are whitened
+        self._other = Tcae(waveform, skip_lost=False) if other == "tcae" else whitening
+        self._beside = whitening if other == "tcae" else None
         self._detector = InterferenceDetector(waveform)
         super().__init__(waveform)
 

@@ -39,6 +39,8 @@ _FINE = 2.0**14
 _DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))
 _APART = 2500  # samples between the three whose modulus is compared first
 _LOUD = 1e15  # scale from which a network's output may leave float32
+# what is no return over what is, in an output, above which the altimeter alone reads more of the frames in white noise
+_LOST_DB = -1.0
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
@@ -107,6 +109,10 @@ class Tcae(Mitigation):
         in ``skipped_frames``: what is not touched costs nothing and holds no invention. None: on for a network of any
         sweep. 5G wider than the sweep looks white, too.
 
+    skip_lost : bool or None
+        Only those of them pass unchanged of which the network leaves nearly as much beside the return as the return's
+        power: there the altimeter alone reads more. None: on for the shipped default.
+
     Notes
     -----
     A frame of constant modulus (a 1-bit converter, a hard limiter, a return without noise) passes as it is, counted in
@@ -133,10 +139,12 @@ class Tcae(Mitigation):
         dither_db: float | None = -50.0,
         shift_check: bool | None = None,
         skip_white: bool | None = None,
+        skip_lost: bool | None = None,
         provider: str = "cpu",
         span_m: float | None = None,
     ) -> None:
-        for name, value in (("shift_check", shift_check), ("skip_white", skip_white)):
+        choices = {"shift_check": shift_check, "skip_white": skip_white, "skip_lost": skip_lost}
+        for name, value in choices.items():
             if value not in (True, False, None):
                 raise MitigationError(f"tcae.{name} is {value!r}; it has to be true, false or none")
         if dither_db is not None and not -120 <= dither_db <= 0:
@@ -155,9 +163,6 @@ class Tcae(Mitigation):
         self._check(waveform)
         self._samples = waveform.samples_per_frame  # inside the network
         any_sweep = self.metadata["radalt_frame_samples"] == ANY
-        self._white = (
-            InterferenceDetector(waveform) if (any_sweep if skip_white is None else skip_white) else None
-        )
         if any_sweep:
             layout = layout_of(waveform, span_m)
             self._samples = layout.samples
@@ -165,9 +170,14 @@ class Tcae(Mitigation):
         self._dither = None if dither_db is None else _dither(self._samples, dither_db)
         self.normalisation = self.metadata["radalt_normalisation"]
         self.sha256 = hashlib.sha256(self.model.read_bytes()).hexdigest()
+        default = _is_default(self.sha256)
+        skips = any_sweep if skip_white is None else skip_white
+        self._white = InterferenceDetector(waveform) if skips else None
+        doubts = default if skip_lost is None else skip_lost
+        self._doubt = InterferenceDetector(waveform) if doubts else None
         super().__init__(waveform)
         self._probe()
-        wanted = not _is_default(self.sha256) if shift_check is None else shift_check
+        wanted = not default if shift_check is None else shift_check
         self._shift_check = ShiftCheck(waveform) if wanted else None
 
     @property
@@ -226,6 +236,7 @@ class Tcae(Mitigation):
             if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
                 self.frames += len(frames)
                 self._run(filled, out)
+                self._skip_lost(frames, out)
                 return
         super().process_into(frames, out)
 
@@ -247,13 +258,25 @@ class Tcae(Mitigation):
 
     def _confirmed(self, batch: np.ndarray) -> np.ndarray:
         out = self._infer(batch)
+        lost = self._skip_lost(batch, out)
         if self._shift_check is not None:
             # with a detector only frames that show interference come here
             known = self._detector is not None
-            invented = ~self._shift_check.holds(batch, out, self._infer, disturbed=known)
+            invented = ~(lost | self._shift_check.holds(batch, out, self._infer, disturbed=known))
             self.unconfirmed_frames += int(invented.sum())
             out[invented] = 0
         return out
+
+    def _skip_lost(self, batch: np.ndarray, out: np.ndarray) -> np.ndarray:
+        """Put frames (n, N) in white noise of which the network left no clear return into its output; which, (n,)."""
+        lost = np.zeros(len(batch), dtype=bool)
+        if self._doubt is not None:
+            lost = self._doubt.residual_db(out) > _LOST_DB
+            if lost.any():
+                lost[lost] = self._doubt.white(batch[lost])
+                self.skipped_frames += int(np.count_nonzero(lost))
+                out[lost] = batch[lost]
+        return lost
 
     def _infer(self, batch: np.ndarray) -> np.ndarray:
         if batch.shape[1] == self._samples:
