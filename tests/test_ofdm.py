@@ -475,6 +475,16 @@ def test_a_channel_is_found_to_stand_still(case, fewest, most, monkeypatch):
     assert len(moving) == 16 and fewest <= sum(moving) <= most
 
 
+@pytest.mark.parametrize("sir_db", [-7.0, -7.5, -8.0])
+def test_noise_beside_the_band_of_a_burst_is_not_what_it_sends(sir_db):
+    """Where the emitter is silent there, noise over a channel that is noise as well is near some point."""
+    altitude_m, frames = returns(40, 40)
+    jam = heard(NrEmitter(channel_bandwidth_hz=5e6, cell_id=321, frame_count=2, seed=99), 40, sir_db, 41, 0.3)
+    cleaned = single(frames + jam)
+    assert right(frames + jam, altitude_m) == 1
+    assert right(cleaned, altitude_m) == 1
+
+
 def test_a_silent_symbol_of_another_signal_is_not_read_as_silence():
     _, frames = returns(4, 32)
     jam = continuing(4, -40.0, 33)

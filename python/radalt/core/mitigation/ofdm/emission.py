@@ -90,8 +90,7 @@ def emission(
     """
     trusted = (clear & grid.used).astype(np.float32)
     misread = received.misread
-    # between bursts there is nothing to take away, and a return that is strong would be read as data
-    sent = _over_symbols(power(received.points), trusted) > _SILENT * trusted.sum(axis=1)
+    sent = _sent(received, trusted)
     own = power(received.symbols)
     loud = own.sum(axis=1)
     # a symbol may be weak because its channel fades, and is read all the same
@@ -156,6 +155,16 @@ def emission(
     skirts = Skirts(fine, empty, noise)
     busy = np.count_nonzero(sending) / sending.size
     return Emission(elements, readable, busy, sir_db, held, skirts, received.mean_misread)
+
+
+def _sent(received: Received, trusted: np.ndarray) -> np.ndarray:
+    """(L,) bool: symbols that hold more than silence, by the ``trusted`` (L, K, float32) elements.
+
+    Between bursts there is nothing to take away, and a return that is strong would be read as data. Elements count by
+    the channel's power: beside the band noise over noise is always near some point.
+    """
+    weight = trusted * power(received.channel)
+    return _over_symbols(power(received.points), weight) > _SILENT * weight.sum(axis=1)
 
 
 def _beside(capped: np.ndarray, own: np.ndarray, told: np.ndarray) -> np.ndarray:
