@@ -56,7 +56,7 @@ _TINY = float(np.finfo(np.float32).tiny)
 _STILL = 0.004  # samples of timing that need no new phases
 _DRIFTS = 0.3  # of what a frame tells of the clock's drift
 _ASKED_AGAIN = 4  # one such frame in four is asked whether a return larger than a cell has changed
-_READ_ON = 31  # frames that are read with what one told of them, before all is judged anew
+_READ_ON = 63  # frames that are read with what one told of them, before all is judged anew
 
 
 @dataclass

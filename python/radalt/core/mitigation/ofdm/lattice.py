@@ -231,6 +231,7 @@ def decide(
     kinds: np.ndarray | None = None,
     likely: tuple[int, np.ndarray] | None = None,
     guess: bool = False,
+    heard: np.ndarray | None = None,
 ) -> Decisions:
     """Points of (L, K) elements; their alphabets are judged from the ``trusted`` (L, K) ones.
 
@@ -239,7 +240,7 @@ def decide(
     its neighbours, over the symbols of the same half slot ``halves`` (L,), are the smallest part of a cell away.
     ``kinds`` given is not judged again. ``likely`` is one of `DENSE` that may explain the whole
     frame, and the subcarriers (K,) bool that are asked; others are tried in the blocks that it does not explain. With
-    ``guess`` it is sought.
+    ``guess`` it is sought. ``heard`` as in `turn_to_axes`.
     """
     level = power(values)
     scanty, scanty_error, few = few_points(values, level)
@@ -257,7 +258,7 @@ def decide(
     np.copyto(error, scanty_error, where=few)
     capped = at_most_one(error)
     decisions = Decisions(chosen, error, capped, few, kinds)
-    turn_to_axes(values, level, decisions)
+    turn_to_axes(values, level, decisions, heard)
     return decisions
 
 
@@ -271,9 +272,19 @@ def few_points(values: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.nd
     return points, error, few
 
 
-def turn_to_axes(values: np.ndarray, level: np.ndarray, found: Decisions) -> None:
-    """Decide elements that stand on the axes, as the primary synchronisation signal does; ``found`` is set."""
-    odd = np.flatnonzero(found.capped.sum(axis=1) > _DOUBTFUL * found.capped.shape[1])
+def turn_to_axes(
+    values: np.ndarray, level: np.ndarray, found: Decisions, heard: np.ndarray | None = None
+) -> None:
+    """Decide elements that stand on the axes, as the primary synchronisation signal does; ``found`` is set.
+
+    Symbols are asked of which much was misread, or much of the elements ``heard`` (L, K) float32: a return that is
+    known makes errors in the others.
+    """
+    if heard is None:
+        wrong, count = found.capped.sum(axis=1), found.capped.shape[1]
+    else:
+        wrong, count = np.einsum("lk,lk->l", found.capped, heard), heard.sum(axis=1)
+    odd = np.flatnonzero(wrong > _DOUBTFUL * count)
     if not odd.size:
         return
     turned = sparse_on_axes(values[odd], level[odd])

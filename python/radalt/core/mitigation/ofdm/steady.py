@@ -298,7 +298,7 @@ def _decided(
     """Decisions, with kinds (L, K), and the symbols' mean errors (L,)."""
     if known.kind is None:
         halves = numerology.halves(grid.starts, grid.first_long)
-        found = decide(values, known.trusted > 0, halves)
+        found = decide(values, known.trusted > 0, halves, heard=known.trusted)
         found.kinds = found.kinds[halves]
         return found, (found.capped * known.trusted) @ known.level / known.told
     points, error = rounded(values, known.kind)
