@@ -35,7 +35,7 @@ from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
 PROGRAM = "evaluate"
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 31_415_926  # no training configuration uses it
-FIRST_DRAW = 22_600  # frames of draws below this have been looked at while methods were made
+FIRST_DRAW = 22_700  # frames of draws below this have been looked at while methods were made
 SNR_DB = 10.0
 GIVEN_UP_PD = 0.3  # a method leaves a case after two SIRs with less
 SIRS_DB = tuple(float(sir) for sir in np.arange(0.0, -62.6, -2.5))
