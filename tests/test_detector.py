@@ -72,6 +72,17 @@ def test_frames_without_signal_or_not_finite_are_not_let_pass():
     assert InterferenceDetector(W).present(frames).all()
 
 
+def test_one_sample_in_seven_of_a_networks_output_tells_what_is_beside_its_return():
+    rng = np.random.default_rng(15)
+    beats = clean(rng, -8.0)  # of the beat band and its images alone, as a network leaves them
+    beats = np.fft.fft((beats * W.reference.conj()).reshape(-1, W.samples_per_half))
+    beats[:, np.abs(np.fft.fftfreq(W.samples_per_half, 1 / W.rate_hz)) > 300e3] = 0
+    frames = (np.fft.ifft(beats).reshape(-1, W.samples_per_frame) * W.reference).astype(np.complex64)
+    detector = InterferenceDetector(W)
+    difference_db = detector.residual_db(frames, 7) - detector.residual_db(frames)
+    assert abs(np.median(difference_db)) < 0.3 and np.abs(difference_db).max() < 1.5
+
+
 def test_a_threshold_out_of_range_is_named():
     with pytest.raises(ValueError, match="within -15..10"):
         InterferenceDetector(W, threshold_db=20.0)

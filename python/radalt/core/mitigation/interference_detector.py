@@ -61,14 +61,17 @@ class InterferenceDetector:
         self._half = waveform.samples_per_half
         self._table = np.conj(waveform.reference).astype(np.complex64).reshape(1, 2, self._half)
 
-    def residual_db(self, frames: np.ndarray) -> np.ndarray:
-        """(n,) residual over return in dB of (n, N) complex64 frames; +inf for zeros, NaN where not finite."""
+    def residual_db(self, frames: np.ndarray, every: int = 1) -> np.ndarray:
+        """(n,) residual over return in dB of (n, N) complex64 frames; +inf for zeros, NaN where not finite.
+
+        One sample in ``every`` few tells nearly as much: beats beyond what they can hold are folded, not lost.
+        """
         frames = np.asarray(frames, dtype=np.complex64)
         n = self.waveform.samples_per_frame
         if frames.ndim != 2 or frames.shape[1] != n:
             raise ValueError(f"frames have shape {frames.shape}; expected (n, {n})")
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            _, power, cells = self._spectra(frames)
+            _, power, cells = self._spectra(frames, every)
             tone = np.take_along_axis(power, cells, axis=-1).sum(axis=-1, dtype=np.float64)
             rest = power.sum(axis=-1, dtype=np.float64) - tone
             tone, rest = tone.sum(axis=-1), rest.sum(axis=-1)
@@ -78,12 +81,13 @@ class InterferenceDetector:
             )
             return 10.0 * np.log10(ratio)
 
-    def _spectra(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _spectra(self, frames: np.ndarray, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(n, 2, N/2) dechirped spectra, their powers, and (n, 2, k) the cells of each half's tone."""
-        spectrum = fft.fft(frames.reshape(-1, 2, self._half) * self._table, axis=-1)
+        beats = frames.reshape(-1, 2, self._half)[..., ::every] * self._table[..., ::every]
+        spectrum = fft.fft(beats, self._half if every == 1 else fft.next_fast_len(beats.shape[-1]), axis=-1)
         power = spectrum.real**2 + spectrum.imag**2
         peak = np.argmax(power, axis=-1)
-        return spectrum, power, (peak[..., None] + np.arange(-_REACH, _REACH + 1)) % self._half
+        return spectrum, power, (peak[..., None] + np.arange(-_REACH, _REACH + 1)) % power.shape[-1]
 
     def white(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool: whether all that (n, N) complex64 finite frames hold beside a point return is white noise.

@@ -41,6 +41,7 @@ _APART = 2500  # samples between the three whose modulus is compared first
 _LOUD = 1e15  # scale from which a network's output may leave float32
 # what is no return over what is, in an output, above which the altimeter alone reads more of the frames in white noise
 _LOST_DB = -1.0
+_EVERY = 7  # one sample of an output in so many tells that within 0.3 dB; its filterbank has a period of 30
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
@@ -271,7 +272,7 @@ class Tcae(Mitigation):
         """Put frames (n, N) in white noise of which the network left no clear return into its output; which, (n,)."""
         lost = np.zeros(len(batch), dtype=bool)
         if self._doubt is not None:
-            lost = self._doubt.residual_db(out) > _LOST_DB
+            lost = self._doubt.residual_db(out, _EVERY) > _LOST_DB
             if lost.any():
                 lost[lost] = self._doubt.white(batch[lost])
                 self.skipped_frames += int(np.count_nonzero(lost))
