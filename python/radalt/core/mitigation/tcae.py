@@ -111,8 +111,8 @@ class Tcae(Mitigation):
         sweep. 5G wider than the sweep looks white, too.
 
     skip_lost : bool or None
-        Only those of them pass unchanged of which the network leaves nearly as much beside the return as the return's
-        power: there the altimeter alone reads more. None: on for the shipped default.
+        A frame in white noise passes unchanged only where the network leaves nearly as much beside the return as the
+        return's power: the altimeter alone reads more of these. None: on for the shipped default.
 
     Notes
     -----
