@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from alike import assert_same_but_for_rounding
 from scipy import signal
 
 from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
@@ -509,7 +508,7 @@ def test_a_stream_cut_anywhere_gives_the_same_frames():
     whole = create("ofdm_cancel", W).process(frames)
     method = create("ofdm_cancel", W)
     parts = np.concatenate([method.process(part) for part in (frames[:1], frames[1:4], frames[4:])])
-    assert_same_but_for_rounding(parts, whole)
+    np.testing.assert_array_equal(parts, whole)
 
 
 def test_what_cannot_be_read_is_looked_for_less_often_and_found_when_it_can():
@@ -755,7 +754,7 @@ def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
         method = create("hybrid", W, other=other, max_altitude_m=1500.0)
         cleaned = method.process(frames)
         cancelled = create("ofdm_cancel", W, span_m=1500.0).process(frames[:2])
-        assert_same_but_for_rounding(cleaned[:2], cancelled)
+        np.testing.assert_array_equal(cleaned[:2], cancelled)
         expected = [create(other, W).process(frame) for frame in frames[2:]]
         np.testing.assert_array_equal(cleaned[2:], expected)
         assert method.status()["cancelled"] == 2
@@ -797,7 +796,10 @@ def test_what_no_pulse_explains_has_the_networks_output_beside_it(received):
         out = network.process(frame[None])[0]
         both = out + 2 * np.linalg.norm(out) / np.linalg.norm(alone) * alone
         hybrid.reset()
-        assert_same_but_for_rounding(hybrid.process(frame[None])[0], alone if received else both)
+        wanted = alone if received else both
+        np.testing.assert_allclose(
+            hybrid.process(frame[None])[0], wanted, rtol=0, atol=1e-6 * np.abs(both).max()
+        )
 
 
 @pytest.mark.parametrize(("busy", "misread"), [(0.6, 0.01), (1.0, 0.2)])
@@ -886,7 +888,8 @@ def test_a_live_path_runs_the_network_on_one_frame_in_eight_where_it_is_at_its_e
             np.concatenate([method.process(part) for part in np.split(frames, np.cumsum(sizes)[:-1])])
         )
         assert sum(count) <= 18  # 9 of them tell, and at first it may not be at its end
-    assert_same_but_for_rounding(*cleaned)
+    # the network's last bits depend on the batch
+    np.testing.assert_allclose(*cleaned, rtol=0, atol=1e-5 * np.abs(cleaned[0]).max())
 
 
 @pytest.mark.parametrize("altitude_m", [30.0, 750.0, 1470.0])
