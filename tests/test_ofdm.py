@@ -253,6 +253,14 @@ def test_a_return_about_as_large_as_a_cell_needs_no_frame_read_anew(monkeypatch)
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
 
 
+def test_a_frame_with_one_symbol_of_a_half_slot_needs_not_be_read_anew(monkeypatch):
+    """Its elements are too few to tell the users' alphabets, and judged anew they are read no better."""
+    frames, altitude_m = received(CASES["nr10_mixed_stream"], -28.0, 84, np.random.default_rng([6840032, 8]))
+    cleaned, count = read_on(frames, monkeypatch, 63)
+    assert count > 75
+    assert right(cleaned, altitude_m) == 1
+
+
 @pytest.mark.parametrize("case", ["nr10_burst", "nr10_idle"])
 def test_a_short_burst_that_cannot_be_read_is_blanked(case):
     frames, altitude_m = received(CASES[case], -40.0, 24, np.random.default_rng([77, 13]))

@@ -9,7 +9,7 @@ import numpy as np
 from .acquisition import Grid
 from .channel_fit import fit
 from .demodulator import FINER, SURE, again
-from .emission import MAJORITY, PARTLY, Emission
+from .emission import MAJORITY, PARTLY, READABLE, Emission
 from .lattice import (
     Decisions,
     at_most_one,
@@ -41,6 +41,7 @@ __all__ = ["Reading", "Steady", "read_on", "steady"]
 
 _DOUBTFUL = 0.1  # mean error of a symbol in cells, each at most 1, from which all is judged anew
 _WORSE, _LEAST = 1.5, 0.01  # the same of the median symbol, over that of the frame in which all was judged
+_LEAST_VARYING = 0.03  # the same where users change, and with them how dense the points are
 _FEW = 0.003  # the same of a symbol that may have blocks of few points, read as others
 _BY_MISTAKE = 60  # elements of few points in a symbol
 _SENDS = 0.05  # of a symbol's usual weight; beside a synchronisation block little is in use
@@ -213,7 +214,11 @@ def read_on(known: Steady, grid: Grid, numerology: Numerology, *, ask: bool = Tr
     symbols, channel = grid.symbols, grid.channel
     found, misread = _decided(known, grid, symbols * (1 / channel), numerology)
     points, error, capped = found.points, found.error, found.capped
-    if not (misread.max() < _DOUBTFUL and middle(misread) < _WORSE * known.misread + _LEAST):
+    # the frame may cut one symbol, or hold no other of its half slot: judged anew, it is read no better
+    beside, most = np.partition(misread, -2)[-2:]
+    least = _LEAST if known.kind is not None else _LEAST_VARYING
+    usual = _WORSE * known.misread + least
+    if not (beside < _DOUBTFUL and most < READABLE and middle(misread) < usual):
         return None
     sure = (error < SURE) * known.trusted
     model = channel * points
