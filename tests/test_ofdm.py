@@ -253,7 +253,7 @@ def test_a_return_about_as_large_as_a_cell_needs_no_frame_read_anew(monkeypatch)
     assert np.sqrt(np.mean((result["altitude_m"] - altitude_m) ** 2)) < 3 * 0.032
 
 
-def test_a_frame_with_one_symbol_of_a_half_slot_needs_not_be_read_anew(monkeypatch):
+def test_a_frame_with_one_symbol_of_a_half_slot_is_not_read_anew(monkeypatch):
     """Its elements are too few to tell the users' alphabets, and judged anew they are read no better."""
     frames, altitude_m = received(CASES["nr10_mixed_stream"], -28.0, 84, np.random.default_rng([6840032, 8]))
     cleaned, count = read_on(frames, monkeypatch, 63)

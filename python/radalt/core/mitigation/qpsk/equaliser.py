@@ -112,7 +112,7 @@ class Equaliser:
         Each output's own phase is its target, again and again (B. G. Agee, "The least-squares CMA", ICASSP 1986), so
         neither carrier nor pulse has to be known.
         """
-        # a copy: NumPy rounds a column's modulus one way or another, by what lies behind the array in memory
+        # a copy: how NumPy rounds the modulus of a strided column depends on where its result lies in memory
         outputs = self._some[:, TAPS // 2 + late * self._half].copy()
         for _ in range(_ROUNDS):
             weights = self._fitted(outputs / np.maximum(np.abs(outputs), np.float32(1e-30)))
