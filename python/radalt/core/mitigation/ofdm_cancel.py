@@ -111,6 +111,17 @@ class OfdmCancel(Mitigation):
     misread : float
         Mean error of that frame's symbols in cells, each at most 1; noise has 0.75.
 
+    outcome : Outcome
+        Of the last frame that `cancel` was given.
+    outcomes : list of Outcome
+        One per finite frame of the last call of `process`.
+    tracking : bool
+        Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it.
+
+    What `Hybrid` uses: ``cancel(frame, search=...)`` gives the cancelled frame, or None where the frame passes as it
+    came (``outcome.state`` is then "passed" or "visible"); ``search=False`` tracks only, which is cheap. Nothing else
+    of this class is meant for other methods.
+
     Notes
     -----
     What is used of the emitter: the frame structure of TS 38.211 clause 5.3.1 and TS 36.211 clause 6.12, and the
