@@ -1,0 +1,367 @@
+"""Iterative receiver: soft decisions, noise, phase, timing and channel in turns, for one frame.
+
+The walk of a frame::
+
+    sync.acquire -> search: for each channel model
+                        blind_channel -> loop: equalise -> demap -> noise -> phase, timing -> channel -> ...
+                    -> residual CFO -> reconstruction -> return estimate -> loop once more, return-aware
+
+All gates compare with the noise that is measured from the decisions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .arrays import block_sums, median, moving_sum, power, spread
+from .cfo import residual_cfo
+from .channel_estimation import BlindChannel, ChannelEstimator, blind_channel
+from .constellation import QAM, rail_index, rail_tables
+from .equaliser import ElementGrid, equalise
+from .numerology import Numerology
+from .phase_timing import correct_phase, retimed, timing_drift
+from .reconstruction import blanked, modulate, sent_elements
+from .return_estimation import ReturnEstimator
+from .settings import OfdmSettings
+from .soft_demapper import SoftDemapper, SoftSymbols
+
+__all__ = ["IterativeReceiver", "KnownReturn", "Reception"]
+
+_DEMAP, _LOOP, _BLIND, _RETURN = 13.0, 9.0, 14.0, 9.0  # FFTs per 7,500 elements of one such step
+_EIGHTH = np.complex64(np.exp(0.25j * np.pi))
+
+
+@dataclass(frozen=True)
+class KnownReturn:
+    """What is known of the return before decisions.
+
+    Attributes
+    ----------
+    elements : (L, K) complex64
+        Its part of the elements, before timing is corrected.
+    uncertainty : float
+        Error of its power over its power.
+    everywhere : bool
+        Whether it is known so well that masked elements serve as the others do.
+    """
+
+    elements: np.ndarray
+    uncertainty: float
+    everywhere: bool
+
+
+@dataclass(frozen=True)
+class Reception:
+    """A frame as it was demodulated.
+
+    Attributes
+    ----------
+    channel : (1, K) or (L, K) complex64
+    used : (K,) bool
+    phase : (L, 1) complex64
+        Factors that took out the symbols' phases.
+    elements : (L, K) complex64
+        Received, timing and phase corrected, known return included.
+    noise : (L, K) float32
+    soft : SoftSymbols
+    model : str
+        Of the channel.
+    relative_noise : float
+        Noise over the emitter's power.
+    gain : float
+        Nats per element over a Gaussian of the same power in each subcarrier: 0 for noise.
+    score : float
+        ``gain`` less a penalty for noise that is uneven over the frame, by which channel models are compared.
+    ramp : (L, K) complex64
+        Timing correction that belongs to it.
+    error : float
+        Squared error of the elements over their noise, that of an even frame 1.
+    return_power : float
+        Of the return in its elements, if it is unknown.
+    """
+
+    channel: np.ndarray
+    used: np.ndarray
+    phase: np.ndarray
+    elements: np.ndarray
+    noise: np.ndarray
+    soft: SoftSymbols
+    model: str
+    relative_noise: float
+    gain: float
+    score: float
+    ramp: np.ndarray
+    error: float
+    return_power: float
+
+
+class IterativeReceiver:
+    """Receiver for one numerology.
+
+    Attributes
+    ----------
+    ffts : float
+        Cost of the frame so far in FFTs of 7,500 points, by a fixed price of each step.
+    """
+
+    def __init__(self, numerology: Numerology, returns: ReturnEstimator, settings: OfdmSettings) -> None:
+        self._num, self._returns, self._s = numerology, returns, settings
+        self._demapper = SoftDemapper(numerology, settings)
+        self.ffts = 0.0
+
+    def search(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, only: str | None = None) -> Reception | None:
+        """Best reception of a frame among the channel models (or with ``only`` one), None without emitter."""
+        s = self._s
+        best, best_blind = None, None
+        ramp = grid.ramp
+        for model in (only,) if only else ("static", "moving", "tile"):
+            if best is not None:
+                fits = self._model_errors(grid, free, best) if model == "moving" else fits
+                uneven = best.error > s.even and best_blind.coherence < s.constant
+                if best.gain < s.readable or not (uneven or fits[model] < s.better_fit):
+                    continue
+            most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
+            if best is not None and self.ffts + self._price(_BLIND + most * (_DEMAP + _LOOP)) > s.most_ffts - self._price(90):
+                continue
+            grid.ramp = ramp
+            estimator = ChannelEstimator(s)
+            blind = blind_channel(grid, free, model, estimator, s)
+            self.ffts += self._price(_BLIND)
+            found = self.loop(grid, free, blind.gain, blind.used, None, most, model, estimator, phase=blind.phase, known=known, acquiring=True)
+            if best is None or found.score > best.score + s.better_score:
+                best, best_blind = found, best_blind or blind
+        grid.ramp = best.ramp
+        return best if best.gain >= s.evidence else None
+
+    def _price(self, ffts: float) -> float:
+        return ffts
+
+    def _model_errors(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> dict[str, float]:
+        """Squared errors of the other two channel models over the static one's, from its decisions."""
+        w = (free & found.used) / found.noise
+        mean = found.soft.mean
+        agreement = found.elements * mean.conj() * w
+        weight = found.soft.second * w
+        errors = {}
+        for model in ("static", "moving", "tile"):
+            h = ChannelEstimator(self._s).estimate(agreement, weight, grid, model)
+            doubt = power(h) * np.maximum(found.soft.second - power(mean), 0)
+            errors[model] = float((np.minimum((power(found.elements - h * mean) + doubt) * w, 30)).sum())
+        self.ffts += self._price(_LOOP * 2)
+        return {model: error / max(errors["static"], 1e-9) for model, error in errors.items()}
+
+    def loop(
+        self,
+        grid: ElementGrid,
+        free: np.ndarray,
+        channel: np.ndarray,
+        used: np.ndarray,
+        noise: np.ndarray | None,
+        iterations: int,
+        model: str,
+        estimator: ChannelEstimator,
+        *,
+        phase: np.ndarray,
+        known: KnownReturn | None = None,
+        acquiring: bool = False,
+        memory: float = 0.3,
+    ) -> Reception:
+        """Soft decisions, noise, phases, timing and channel in turns, at most ``iterations`` times.
+
+        Parameters
+        ----------
+        grid : ElementGrid
+        free : (L, K) bool
+            Return-free elements.
+        channel : (1, K) or (L, K) complex64
+            To begin with.
+        used : (K,) bool
+        noise : (L, K) float32 or None
+            To begin with; None tries a few.
+        iterations : int
+        model : str
+            Of the channel.
+        estimator : ChannelEstimator
+        phase : (L, 1) complex64
+            Of the symbols, to begin with.
+        known : KnownReturn or None
+        acquiring : bool
+            Whether the channel is still rough, so that it is averaged widely at first.
+        memory : float
+            Weight of the static channel of the iteration before, in symbols of median noise.
+        """
+        s, num = self._s, self._num
+        start = grid.raw * grid.ramp
+        known_part = None if known is None else known.elements * grid.ramp * phase
+        y = start * phase
+        if known_part is not None:
+            y = y - known_part
+        everywhere = known is not None and known.everywhere
+        trust = np.broadcast_to(used, free.shape) if everywhere else free & used
+        t = trust.astype(np.float32)
+        masked = ~free & used
+        bound = np.abs(channel)
+        h2 = np.maximum(power(channel), np.float32(1e-9))
+        if noise is None:
+            relative, turn = self._first_noise(equalise(y, channel), t, grid.segments)
+            noise = np.broadcast_to(relative * h2, y.shape)
+            y, phase = y * turn, phase * turn
+            known_part = None if known_part is None else known_part * turn
+        return_power = np.float32(0)
+        before = 0.0
+        schedule = {"static": 2, "moving": 9, "tile": 0}[model] if acquiring else 0
+        shortest = {"static": 3, "moving": 9, "tile": 4}[model] if acquiring else 0
+        for iteration in range(iterations + 1):
+            h2 = np.maximum(power(channel), np.float32(1e-9))
+            in_mask = return_power if known is None else np.float32(known.uncertainty + 0.02) * power(known_part)
+            z = equalise(y, channel)
+            soft = self._demapper.demap(z, ((noise + masked * in_mask) / h2).astype(np.float32), t, grid.segments)
+            decided = channel * soft.mean
+            error = power(y - decided) + h2 * np.maximum(soft.second - power(soft.mean), 0)
+            noise = self._noise(error, t, h2)
+            self.ffts += self._price(_DEMAP)
+            if known is None and masked.any() and iteration == min(1, iterations - 1):
+                return_power = self._return_power(z, noise, h2, soft, grid, masked)
+            w = t / noise
+            now = float((noise * t).sum() / (h2 * t).sum())
+            last = iteration >= iterations or (iteration > shortest and now > s.converged * before)
+            if last and acquiring:
+                break
+            before = now
+            agreement = y * decided.conj() * w
+            turn = correct_phase(agreement)
+            y, phase = y * turn, phase * turn
+            if model == "static":
+                factor = retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
+                y = y * factor
+                known_part = None if known_part is None else known_part * factor
+            known_part = None if known_part is None else known_part * turn
+            prior = None
+            if model == "static":
+                prior = channel[len(channel) // 2], np.float32(memory * median(w[w > 0]))
+            channel = estimator.estimate(
+                y * soft.mean.conj() * w, soft.second * w, grid, model, wide=iteration < schedule, prior=prior, bound=bound
+            )
+            self.ffts += self._price(_LOOP)
+            if last:
+                break
+        return self._reception(
+            grid, start * phase if known is None else y + known_part, y, channel, used, phase, noise, soft, model, error, h2, t, float(return_power)
+        )
+
+    def _reception(self, grid, elements, y, channel, used, phase, noise, soft, model, error, h2, t, return_power) -> Reception:  # noqa: ANN001
+        total = np.maximum(t.sum(axis=0), 1)
+        own = power(y)
+        level = np.maximum((own * t).sum(axis=0) / total, np.float32(1e-9))
+        mean_h2 = np.maximum((np.broadcast_to(h2, t.shape) * t).sum(axis=0) / total, np.float32(1e-9))
+        gaussian = -np.log(np.pi * level / mean_h2) - own / h2 * (mean_h2 / level)
+        gain = float((np.clip(soft.log_density - gaussian, -4, 8) * t).sum() / max(t.sum(), 1))
+        block = self._num.block
+        around = self._num.blocks(20)
+        inner = t * (h2 > 0.05 * median(np.broadcast_to(h2, t.shape)[t > 0]) if t.any() else t)
+        regions = moving_sum(block_sums(error * inner, block), around)
+        powers = moving_sum(block_sums(h2 * inner, block), around)
+        there = powers > 0
+        usual = median(regions[there] / powers[there]) if there.any() else 1.0
+        even = float((error * inner).sum() / max((h2 * inner).sum() * usual, 1e-30))
+        relative = float((noise * t).sum() / max((h2 * t).sum(), 1e-30))
+        score = gain - 0.05 * np.log(max(even, 1.0))
+        return Reception(channel, used, phase, elements, noise, soft, model, relative, gain, score, grid.ramp, even, return_power)
+
+    def _first_noise(self, z: np.ndarray, t: np.ndarray, segments: np.ndarray) -> tuple[np.float32, np.ndarray]:
+        """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
+
+        One block in five is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
+        """
+        block = self._num.block
+        some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::5]).reshape(len(z), -1)
+        known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::5]).reshape(len(t), -1)
+
+        def nats(values: np.ndarray, noise: np.float32) -> np.ndarray:
+            return (self._demapper.evidence(values, np.full(values.shape, noise, np.float32), known, segments) * known).sum(axis=1)
+
+        tried = [np.float32(10 ** (db / 10)) for db in self._s.noise_grid_db]
+        upright = [nats(some, noise) for noise in tried]
+        best = int(np.argmax([each.sum() for each in upright]))
+        turned = nats(some * _EIGHTH, tried[best])
+        self.ffts += self._price(_DEMAP)
+        return tried[best], np.where(turned > upright[best] + 5, _EIGHTH, np.complex64(1))[:, None]
+
+    def _return_power(self, z, noise, h2, soft, grid, masked) -> np.float32:  # noqa: ANN001
+        """Power of the return in masked elements, of greatest likelihood on a grid, constellations as judged beside."""
+        row, column = np.nonzero(masked)
+        z, noise = z[row, column], noise[row, column]
+        size = np.broadcast_to(h2, masked.shape)[row, column]
+        control = soft.control[row, column]
+        order = soft.order[:, grid.segment[row], column // self._num.block] * (1 - control)
+        grid_db = np.append(-99, np.arange(-42, -13.9, self._s.return_step_db))
+        powers = (median(size) * 10 ** (grid_db / 10)).astype(np.float32)
+        places = rail_index(np.broadcast_to(z, (powers.size, z.size)), noise / size + powers[:, None] / size)
+        densities = rail_tables()[0]
+        p = [densities[n].take(places, mode="clip").prod(axis=0) for n in range(QAM[-1] + 1)]
+        likely = control * (0.25 * p[0] + 0.5 * p[1] + 0.25 * p[2])
+        for n, share in zip(QAM, order, strict=True):
+            likely += share * p[n]
+        return powers[int(np.log(likely + 1e-4).mean(axis=1).argmax())]
+
+    def _noise(self, error: np.ndarray, t: np.ndarray, h2: np.ndarray) -> np.ndarray:
+        """(L, K) float32 noise: of a subcarrier over time, raised where a region of a symbol has more."""
+        block, s = self._num.block, self._s
+        known = block_sums(t, block)
+        sums = block_sums(error * t, block)
+        near = self._num.blocks(9)
+        total = moving_sum(known.sum(axis=0), near)
+        sub = moving_sum(sums.sum(axis=0), near) / np.maximum(total, np.float32(0.1))
+        sub = np.where(total > 0, sub, median(sub[total > 0]) if (total > 0).any() else np.float32(1e-6))
+        excess = np.minimum(sums / np.maximum(sub, 1e-20), 50 * known)
+        around = self._num.blocks(21)
+        many = moving_sum(known, around)
+        region = moving_sum(excess, around) / np.maximum(many, np.float32(0.02))
+        few = many < 0.15 * around * block
+        if few.any():
+            wide = self._num.blocks(161)
+            region = np.where(few, moving_sum(excess, wide) / np.maximum(moving_sum(known, wide), np.float32(0.02)), region)
+        noise = sub * np.where(region > s.uneven_region, region, 1)
+        return np.maximum(spread(noise.astype(np.float32), block), np.float32(1e-7) * median(h2))
+
+    def cancel(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> np.ndarray:
+        """(N,) complex64 the frame without the emitter, its CFO still removed."""
+        elements = sent_elements(
+            found.elements, found.channel * found.soft.mean, found.noise, free, found.used, self._s.outlier_return
+        )
+        self.ffts += self._price(6.0)
+        return grid.samples - modulate(elements * found.phase.conj(), grid)
+
+    def finish(self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool) -> tuple[np.ndarray, Reception, ElementGrid]:
+        """Frame without the emitter, CFO put back; with the residual CFO removed and a return-aware pass if either matters.
+
+        Returns the (N,) frame, the reception that was subtracted, and the elements it belongs to.
+        """
+        s, num = self._s, self._num
+        if tune:
+            sent = modulate(found.channel * found.soft.mean * found.phase.conj(), grid)
+            off = residual_cfo(grid, sent)
+            self.ffts += self._price(8.0)
+            # within a symbol it leaves (pi off)^2 / 3 of the power
+            if (np.pi * off) ** 2 / 3 > 0.05 * found.relative_noise:
+                back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype(np.complex64)
+                tuned = ElementGrid(grid.samples * grid.carrier.conj(), num, grid.cfo + off, grid.starts, np.zeros(len(grid)), grid.segment)
+                tuned.ramp, grid = grid.ramp, tuned
+                found = self._again(grid, free, found, known, phase=found.phase * back[:, None])
+        out = self.cancel(grid, free, found)
+        if found.return_power > s.return_relevant * median(found.noise) or known is not None or tune:
+            back = self._returns.estimate(out * grid.carrier.conj())
+            self.ffts += self._price(_RETURN)
+            if back.ratio >= s.found_ratio:
+                elements = grid.transform(back.samples * grid.carrier)
+                known = KnownReturn(elements, s.return_uncertainty / back.ratio, True)
+                found = self._again(grid, free, found, known, phase=found.phase)
+                out = self.cancel(grid, free, found)
+        self.ffts += self._price(3.0)
+        return blanked(out * grid.carrier.conj(), grid, s), found, grid
+
+    def _again(self, grid, free, found: Reception, known, phase) -> Reception:  # noqa: ANN001
+        again = self.loop(grid, free, found.channel, found.used, found.noise, 0, found.model, ChannelEstimator(self._s), phase=phase, known=known)
+        return replace(again, return_power=found.return_power)

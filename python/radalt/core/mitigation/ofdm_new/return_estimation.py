@@ -1,0 +1,96 @@
+"""Radar return: is it visible, where is its tone, and is what is left consistent with one return and white noise?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from ...waveform import C_M_PER_S, Waveform
+from .arrays import exp_ramp, median, power
+from .settings import OfdmSettings
+
+__all__ = ["ReturnEstimate", "ReturnEstimator"]
+
+
+@dataclass(frozen=True)
+class ReturnEstimate:
+    """A return as one tone per half sweep.
+
+    Attributes
+    ----------
+    samples : (N,) complex64
+    ratio : float
+        The weaker half's peak over the mean power in the altitude band; noise alone has some ``ln(cells)``.
+    """
+
+    samples: np.ndarray
+    ratio: float
+
+
+class ReturnEstimator:
+    """Return of a frame, seen dechirped: ``beat = frame conj(reference)`` has one tone per half sweep.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    span_m : float
+        Highest altitude, above 0.
+    settings : OfdmSettings
+    """
+
+    def __init__(self, waveform: Waveform, span_m: float, settings: OfdmSettings) -> None:
+        self._s, self._half = settings, waveform.samples_per_half
+        self._reference = waveform.reference.astype(np.complex64)
+        self._table = self._reference.conj().reshape(2, -1)
+        cell_hz = waveform.rate_hz / self._half
+        top = int(np.ceil(waveform.slope_hz_per_s * 2 * span_m / C_M_PER_S / cell_hz))
+        # beats of the first half are negative with this reference, of the second positive
+        cells = np.arange(-3, top + 4)
+        self._cells = np.stack([-cells, cells]) % self._half
+        fine = np.arange(2 * cells[0], 2 * cells[-1] + 1)
+        self._fine = np.stack([-fine, fine]) % (2 * self._half)
+        n = np.arange(self._half)
+        self._window = (0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / self._half)).astype(np.float32)
+
+    def _dechirped(self, frame: np.ndarray) -> np.ndarray:
+        return frame.reshape(2, -1) * self._table
+
+    def visibility(self, frame: np.ndarray) -> float:
+        """The weaker half sweep's beat peak over the mean power of an (N,) frame; 0 if the two are not at one beat.
+
+        White interference alone stays below some ``ln(cells)``, 7 for 300 cells.
+        """
+        level = power(fft.fft(self._dechirped(frame), axis=1))
+        band = np.take_along_axis(level, self._cells, axis=1)
+        peak = band.argmax(axis=1)
+        if abs(int(peak[0]) - int(peak[1])) > self._s.visible_cells:
+            return 0.0
+        return float((band.max(axis=1) / np.maximum(level.mean(axis=1), 1e-30)).min())
+
+    def estimate(self, frame: np.ndarray) -> ReturnEstimate:
+        """Strongest tone of each half sweep in the altitude band of an (N,) frame, where samples of 0 are missing.
+
+        Frequency by a parabola through three bins of the twice zero-padded amplitude spectrum, amplitude and phase by
+        the mean over the samples that are there.
+        """
+        beat = self._dechirped(frame)
+        spectrum = fft.fft(beat, 2 * self._half, axis=1)
+        band = np.take_along_axis(spectrum, self._fine, axis=1)
+        level = power(band)
+        best = np.clip(level.argmax(axis=1), 1, level.shape[1] - 2)
+        ratio = np.inf
+        steps = np.empty(2)
+        for row in range(2):
+            ratio = min(ratio, float(level[row, best[row]] / max(median(level[row]) / np.log(2), 1e-30)))
+            low, mid, high = np.abs(band[row, best[row] - 1 : best[row] + 2])
+            bend = low - 2 * mid + high
+            off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+            sign = 1 if row else -1
+            steps[row] = sign * (best[row] + off - 6) / (2 * self._half)
+        tone = exp_ramp(steps, self._half)
+        there = np.maximum((beat != 0).sum(axis=1), 1)
+        gain = (beat * tone.conj()).sum(axis=1) / there
+        out = (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
+        return ReturnEstimate(out, ratio)

@@ -1,0 +1,67 @@
+"""Every number of the OFDM canceller that could have been another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["SETTINGS", "OfdmSettings"]
+
+
+@dataclass(frozen=True)
+class OfdmSettings:
+    """Settings of `OfdmCancel`: unit, meaning, and source.
+
+    A gate is a ratio to something that is measured in the same frame. [S] is from a standard, [F] follows from a
+    formula, [M] was measured: ``tools/ofdm_settings.py`` repeats the measurement with each value 0.7 and 1.3 times as
+    large.
+    """
+
+    # sync
+    spacings_hz: tuple[float, ...] = (15e3, 30e3)  # Hz; subcarrier spacings searched [S: TS 38.211 table 4.2-1, FR1]
+    prefix_contrast: float = 4.5  # ratio; prefix correlation peak over its scatter; noise stays below 4.2 [M]
+    certain_contrast: float = 8.0  # ratio; from here on no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
+    window_slack: float = 1 / 3  # prefix; how far a window at a frame's end may leave the middle of its prefix [F]
+    occupied: float = 0.35  # of the strongest block; less is silence between two users [M]
+    in_use: float = 1e-3  # of the median subcarrier power; below is the filter's skirt [M]
+    # return
+    visible_ratio: float = 16.0  # beat peak over mean power, each half: chance 1e-4 a frame with 1,000 cells [F: exp]
+    visible_cells: float = 2.0  # range cells by which the two halves' beats may differ, for one return [F: 10 m/s]
+    mask_margin: int = 3  # subcarriers added on either side of the return's: sweep within a symbol, Doppler [F]
+    raw_ratio: float = 8.0  # tone over mean, in the received frame: from here on it is removed before decisions [M]
+    found_ratio: float = 12.0  # tone over mean, in the cancelled frame: from here on a return-aware pass [F: exp]
+    return_uncertainty: float = 2.0  # error of a fitted tone's power, over its ratio [F: Cramer-Rao, amplitude, phase]
+    return_step_db: float = 4.0  # dB; grid of return powers whose likelihood is compared [M]
+    return_relevant: float = 0.3  # of the noise; a weaker return changes no decision, and needs no second pass [M]
+    # demapper
+    prior_empty: float = 0.25  # probability of silence among control elements [M]
+    prior_qpsk: float = 0.45  # of QPSK (TS 38.211 clauses 7.3, 7.4) [M]
+    prior_boosted: float = 0.2  # of QPSK 3 dB up: DM-RS of two CDM groups without data [S: TS 38.214 table 4.1-1]
+    prior_axes: float = 0.1  # of points on the axes: primary synchronisation signal [S: TS 38.211 clause 7.4.2.2]
+    outlier: float = 1e-3  # probability of an element that is none of these [M]
+    log_limit: float = 12.0  # nats; what one element may say for or against control [M]
+    # loop
+    noise_grid_db: tuple[float, ...] = (-30.0, -24.0, -19.0, -14.0)  # dB; noise that is tried first [M]
+    iterations: int = 4  # at most, with a static channel
+    iterations_moving: int = 11  # at most, with a channel that moves
+    iterations_tile: int = 7  # at most, with precoding
+    converged: float = 0.95  # of the noise of the iteration before: no further one [M]
+    evidence: float = 0.04  # nats per element over a Gaussian of the same power: less is not demodulated [M]
+    readable: float = 0.4  # nats; with less in a static channel no other one is tried [M]
+    constant: float = 0.8  # coherence of fourth powers over half slots; less is another channel in each [M]
+    better_fit: float = 0.88  # of the static channel's error; another channel model is tried [M]
+    even: float = 1.6  # squared error over that of an even frame; up to there the static channel is right [M]
+    better_score: float = 0.02  # nats by which another channel model has to win [M]
+    uneven_region: float = 2.0  # times a subcarrier's noise; a region of a symbol with more has its own [M]
+    # subtraction
+    outlier_return: float = 3.0  # times the 0.8 quantile of what is left in the return mask [M]
+    blank_ratio: float = 6.0  # times the median output power: blanked; a return and noise have e^-6 of it [F: exp]
+    boundary_ratio: float = 1.3  # the same, mean over all symbol boundaries [M]
+    boundary_reach: int = 40  # samples on either side of a symbol boundary that are looked at [F: the prefix]
+    # tracking
+    track_noise: float = 2.0  # times the noise of the frames before; more is acquired anew [M]
+    channel_memory: float = 3.0  # frames whose channel estimates are averaged [M]
+    # cost
+    most_ffts: float = 560.0  # FFTs of 7,500 points; no further stage begins that could exceed it
+
+
+SETTINGS = OfdmSettings()

@@ -1,0 +1,159 @@
+"""Tracking: what one frame says of an emitter serves the next, which needs no search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import power
+from .cfo import phase_course
+from .channel_estimation import ChannelEstimator, fourth_powers
+from .equaliser import ElementGrid, timing_ramp
+from .iterative_receiver import IterativeReceiver, KnownReturn, Reception
+from .numerology import Numerology
+from .phase_timing import axes_phases
+from .return_mask import ReturnMask
+from .settings import OfdmSettings
+
+__all__ = ["TrackingState", "next_state", "tracked"]
+
+_BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
+_DELAY = 0.5  # samples of drift after which the FFT windows follow
+
+
+@dataclass
+class TrackingState:
+    """An emitter as the frame before left it; times in samples of the next frame.
+
+    Attributes
+    ----------
+    numerology : Numerology
+    first_long : float
+        Middle of a long prefix.
+    cfo : float
+        In subcarriers.
+    channel : (1, K) complex64
+    used : (K,) bool
+    noise : (1, K) float32
+        Median over the symbols.
+    model : str
+    relative_noise : float
+        Of the receptions before, averaged.
+    course : (float, float) or None
+        Phase at the frame's first sample and its rate; see `phase_course`.
+    delay : float
+        Mean delay of the channel in samples, as acquired.
+    score : float
+        Of the reception that acquired it.
+    tones : bool
+        Whether tones were removed before.
+    age : int
+        Frames since it was acquired.
+    """
+
+    numerology: Numerology
+    first_long: float
+    cfo: float
+    channel: np.ndarray
+    used: np.ndarray
+    noise: np.ndarray
+    model: str
+    relative_noise: float
+    course: tuple[float, float] | None
+    delay: float
+    score: float
+    level: float = 1.0
+    tones: bool = False
+    age: int = 0
+
+    def skipped(self, samples: int) -> None:
+        """A frame passed that was not demodulated."""
+        self.first_long = (self.first_long - samples) % self.numerology.cycle
+        if self.course is not None:
+            self.course = self.course[0] + self.course[1] * samples, self.course[1]
+
+
+def grid_of(frame: np.ndarray, state: TrackingState) -> ElementGrid:
+    """Elements of an (N,) frame at the times that the state predicts."""
+    times, cycle = state.numerology.times(state.first_long, frame.size)
+    held, starts = state.numerology.windows(times, frame.size)
+    return ElementGrid(frame, state.numerology, state.cfo, starts, starts - times[held], cycle[held] - cycle[held[0]])
+
+
+def tracked(
+    grid: ElementGrid,
+    free: np.ndarray,
+    state: TrackingState,
+    receiver: IterativeReceiver,
+    known: KnownReturn | None,
+    settings: OfdmSettings,
+) -> Reception | None:
+    """Reception of a frame with the state's static channel, None where the emitter has changed.
+
+    Fourth powers over the known channel give the symbols' phases up to a quarter turn, which no constellation notices.
+    """
+    fourth = fourth_powers(grid.raw * grid.ramp, power(state.channel), free & state.used)
+    fourth *= (state.channel.conj() / np.maximum(np.abs(state.channel), np.float32(1e-9))) ** 4
+    edge = np.arange(0, fourth.shape[1], _BLOCK)
+    angle = axes_phases(-np.add.reduceat(fourth, edge, axis=1)) / 4
+    if state.course is not None:
+        predicted = state.course[0] + state.course[1] * (grid.starts + grid.numerology.useful / 2)
+        angle = np.where(np.cos(4 * (angle - predicted)) < 0, angle + np.pi / 4, angle)
+    phase = np.exp(-1j * angle).astype(np.complex64)[:, None]
+    receiver.ffts += 4.0
+    noise = np.broadcast_to(state.noise, grid.raw.shape)
+    found = receiver.loop(
+        grid,
+        free,
+        state.channel,
+        state.used,
+        noise,
+        0,
+        "static",
+        ChannelEstimator(settings),
+        phase=phase,
+        known=known,
+        memory=settings.channel_memory * len(grid),
+    )
+    if found.relative_noise > settings.track_noise * state.relative_noise + 1e-6 or found.gain < settings.evidence:
+        return None
+    return found
+
+
+def next_state(
+    found: Reception, grid: ElementGrid, first_long: float, samples: int, before: TrackingState | None
+) -> TrackingState:
+    """State after a frame of so many samples."""
+    num = grid.numerology
+    channel = found.channel if len(found.channel) == 1 else found.channel.mean(axis=0)[None]
+    slope = np.angle((channel[0, 1:] * channel[0, :-1].conj()).sum())
+    delay = -float(slope) * num.useful / (2 * np.pi)
+    origin = before.delay if before else delay
+    if abs(delay - origin) > _DELAY:
+        channel = channel * timing_ramp(np.array([delay - origin]), num)
+        first_long += delay - origin
+    phases = -np.angle(found.phase[:, 0])
+    middles = grid.starts + num.useful / 2
+    course = phase_course(phases, middles, num.spacing)
+    if course is not None:
+        course = course[0] + course[1] * samples, course[1]
+    relative = found.relative_noise
+    if before is not None:
+        relative = 0.8 * before.relative_noise + 0.2 * relative
+    return TrackingState(
+        num,
+        (first_long - samples) % num.cycle,
+        grid.cfo,
+        channel,
+        found.used,
+        np.median(found.noise, axis=0)[None],
+        found.model,
+        relative,
+        course,
+        origin,
+        found.score if before is None else before.score,
+        before.level if before else 1.0,
+        before.tones if before else False,
+        before.age + 1 if before else 0,
+    )
