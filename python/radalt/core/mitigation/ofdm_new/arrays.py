@@ -39,9 +39,13 @@ def block_sums(values: np.ndarray, block: int) -> np.ndarray:
 
 
 def segment_sums(values: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """(L, ...) summed from each row in ``segments`` to the next: (len(segments), ...)."""
+    """(L, K) float32 or complex64 summed from each row in ``segments`` to the next: (len(segments), K)."""
+    rows = np.arange(len(values))
     ends = np.append(segments[1:], len(values))
-    return np.stack([values[a:b].sum(axis=0) for a, b in zip(segments, ends, strict=True)])
+    which = ((rows >= segments[:, None]) & (rows < ends[:, None])).astype(np.float32)
+    if values.dtype == np.complex64:
+        return (which @ np.ascontiguousarray(values).view(np.float32)).view(np.complex64)
+    return which @ values
 
 
 def spread(values: np.ndarray, block: int) -> np.ndarray:

@@ -32,16 +32,24 @@ def residual_cfo(grid: ElementGrid, sent: np.ndarray) -> float:
     return float((product.imag * place).sum() / spread / (2 * np.pi))
 
 
-def phase_course(phases: np.ndarray, starts: np.ndarray, spacing: float) -> tuple[float, float] | None:
-    """Straight line (radians, radians per sample) through symbol phases (L,) known modulo a quarter turn, or None.
+def phase_course(phases: np.ndarray, times: np.ndarray, spacing: float) -> tuple[float, float] | None:
+    """Straight line (radians at time 0, radians per sample) through symbol phases (L,) known modulo a quarter turn.
 
-    The rate is searched within an eighth of a turn per symbol. The line predicts phases of symbols whose points on the
-    axes leave an eighth of a turn open.
+    None where the phases have no such line. The rate is searched within an eighth of a turn per symbol ``spacing``, then
+    refined by least squares over the symbols that agree.
     """
     fourth = np.exp(4j * phases)
-    rates = np.arange(-200, 201) * (np.pi / 4 / 200 / spacing)
-    fit = (fourth[:, None] * np.exp(-4j * np.outer(starts, rates))).sum(axis=0)
+    rates = np.arange(-60, 61) * (np.pi / 4 / 60 / spacing)
+    fit = (fourth[:, None] * np.exp(-4j * np.outer(times, rates))).sum(axis=0)
     best = int(np.abs(fit).argmax())
     if np.abs(fit[best]) <= 0.8 * len(fourth):
         return None
-    return float(np.angle(fit[best]) / 4), float(rates[best])
+    start, rate = float(np.angle(fit[best]) / 4), float(rates[best])
+    off = np.angle(fourth * np.exp(-4j * (start + rate * times))) / 4
+    near = np.abs(off) < np.pi / 16
+    if near.sum() > 2:
+        at, off = times[near], off[near]
+        middle, step = at.mean(), off.mean()
+        slope = float(((at - middle) * off).sum() / ((at - middle) ** 2).sum())
+        start, rate = start + float(step) - slope * float(middle), rate + slope
+    return start, rate

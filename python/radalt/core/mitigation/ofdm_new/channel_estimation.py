@@ -49,7 +49,8 @@ def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) ->
     size = power(z)
     z *= z
     z *= z
-    z *= (trust & (size > 0.1)) / (size + np.float32(0.05))
+    # of a tone or a DC offset no more counts than of the outermost points
+    z *= (trust & (size > 0.1)) / np.maximum(size + np.float32(0.05), size * size * np.float32(0.4))
     return z
 
 

@@ -59,13 +59,12 @@ def rail_index(values: np.ndarray, noise: np.ndarray) -> np.ndarray:
     row -= np.float32(NOISE_DB[0] / (NOISE_DB[1] - NOISE_DB[0]) - 0.5)
     np.maximum(row, 0, out=row)
     np.minimum(row, NOISE_DB.size - 1, out=row)
-    index = np.empty((2, *values.shape), np.intp)
+    np.floor(row, out=row)
+    row *= np.float32(_TOP)
     rails = np.empty((2, *values.shape), np.float32)
     np.abs(values.real, out=rails[0])
     np.abs(values.imag, out=rails[1])
     rails *= np.float32(_STEPS)
     np.minimum(rails, np.float32(_TOP - 1), out=rails)
-    place = row.astype(np.int32)
-    place *= np.int32(_TOP)
-    np.add(rails.astype(np.int32), place, out=index)
-    return index
+    rails += row
+    return rails.astype(np.intp)

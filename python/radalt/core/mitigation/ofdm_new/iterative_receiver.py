@@ -211,8 +211,8 @@ class IterativeReceiver:
             known_part = None if known_part is None else known_part * turn
         return_power = np.float32(0)
         before = 0.0
-        schedule = {"static": 2, "moving": 9, "tile": 0}[model] if acquiring else 0
-        shortest = {"static": 3, "moving": 9, "tile": 4}[model] if acquiring else 0
+        schedule = {"static": 1, "moving": 9, "tile": 0}[model] if acquiring else 0
+        shortest = {"static": 1, "moving": 9, "tile": 4}[model] if acquiring else 0
         for iteration in range(iterations + 1):
             h2 = np.maximum(power(channel), np.float32(1e-9))
             in_mask = return_power if known is None else np.float32(known.uncertainty + 0.02) * power(known_part)
@@ -240,7 +240,7 @@ class IterativeReceiver:
             known_part = None if known_part is None else known_part * turn
             prior = None
             if model == "static":
-                prior = channel[len(channel) // 2], np.float32(memory * median(w[w > 0]))
+                prior = channel[len(channel) // 2], np.float32(memory / median(noise[:, :: num.block]))
             channel = estimator.estimate(
                 y * soft.mean.conj() * w, soft.second * w, grid, model, wide=iteration < schedule, prior=prior, bound=bound
             )
@@ -248,25 +248,27 @@ class IterativeReceiver:
             if last:
                 break
         return self._reception(
-            grid, start * phase if known is None else y + known_part, y, channel, used, phase, noise, soft, model, error, h2, t, float(return_power)
+            grid, start * phase if known is None else y + known_part, y, channel, used, phase, noise, soft, model, error, h2, t, float(return_power), acquiring
         )
 
-    def _reception(self, grid, elements, y, channel, used, phase, noise, soft, model, error, h2, t, return_power) -> Reception:  # noqa: ANN001
+    def _reception(self, grid, elements, y, channel, used, phase, noise, soft, model, error, h2, t, return_power, acquiring) -> Reception:  # noqa: ANN001
         total = np.maximum(t.sum(axis=0), 1)
         own = power(y)
         level = np.maximum((own * t).sum(axis=0) / total, np.float32(1e-9))
         mean_h2 = np.maximum((np.broadcast_to(h2, t.shape) * t).sum(axis=0) / total, np.float32(1e-9))
         gaussian = -np.log(np.pi * level / mean_h2) - own / h2 * (mean_h2 / level)
         gain = float((np.clip(soft.log_density - gaussian, -4, 8) * t).sum() / max(t.sum(), 1))
+        relative = float((noise * t).sum() / max((h2 * t).sum(), 1e-30))
+        if not acquiring:
+            return Reception(channel, used, phase, elements, noise, soft, model, relative, gain, gain, grid.ramp, 1.0, return_power)
         block = self._num.block
         around = self._num.blocks(20)
-        inner = t * (h2 > 0.05 * median(np.broadcast_to(h2, t.shape)[t > 0]) if t.any() else t)
+        inner = t * (h2 > 0.05 * median(h2))
         regions = moving_sum(block_sums(error * inner, block), around)
         powers = moving_sum(block_sums(h2 * inner, block), around)
         there = powers > 0
         usual = median(regions[there] / powers[there]) if there.any() else 1.0
         even = float((error * inner).sum() / max((h2 * inner).sum() * usual, 1e-30))
-        relative = float((noise * t).sum() / max((h2 * t).sum(), 1e-30))
         score = gain - 0.05 * np.log(max(even, 1.0))
         return Reception(channel, used, phase, elements, noise, soft, model, relative, gain, score, grid.ramp, even, return_power)
 

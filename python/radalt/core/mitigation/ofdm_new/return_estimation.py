@@ -48,9 +48,9 @@ class ReturnEstimator:
         top = int(np.ceil(waveform.slope_hz_per_s * 2 * span_m / C_M_PER_S / cell_hz))
         # beats of the first half are negative with this reference, of the second positive
         cells = np.arange(-3, top + 4)
-        self._cells = np.stack([-cells, cells]) % self._half
+        self._cells = np.stack([-cells % self._half, cells % self._half + self._half])
         fine = np.arange(2 * cells[0], 2 * cells[-1] + 1)
-        self._fine = np.stack([-fine, fine]) % (2 * self._half)
+        self._fine = np.stack([-fine % (2 * self._half), fine % (2 * self._half) + 2 * self._half])
         n = np.arange(self._half)
         self._window = (0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / self._half)).astype(np.float32)
 
@@ -63,7 +63,7 @@ class ReturnEstimator:
         White interference alone stays below some ``ln(cells)``, 7 for 300 cells.
         """
         level = power(fft.fft(self._dechirped(frame), axis=1))
-        band = np.take_along_axis(level, self._cells, axis=1)
+        band = level.take(self._cells)
         peak = band.argmax(axis=1)
         if abs(int(peak[0]) - int(peak[1])) > self._s.visible_cells:
             return 0.0
@@ -77,7 +77,7 @@ class ReturnEstimator:
         """
         beat = self._dechirped(frame)
         spectrum = fft.fft(beat, 2 * self._half, axis=1)
-        band = np.take_along_axis(spectrum, self._fine, axis=1)
+        band = spectrum.take(self._fine)
         level = power(band)
         best = np.clip(level.argmax(axis=1), 1, level.shape[1] - 2)
         ratio = np.inf

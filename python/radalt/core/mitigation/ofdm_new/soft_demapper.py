@@ -20,6 +20,7 @@ from .settings import OfdmSettings
 
 __all__ = ["SoftSymbols", "SoftDemapper"]
 
+_AREA = 4 * np.pi  # in which an element that is none of the points may lie: |z| < 2, points have unit power
 _NEIGHBOUR = np.float32(0.5)  # weight of the two blocks beside one, when its QAM order is judged
 
 
@@ -63,7 +64,6 @@ class _Mixture:
     data: np.ndarray
     order: np.ndarray
     probability: np.ndarray
-    nats: np.ndarray
 
 
 class SoftDemapper:
@@ -77,13 +77,18 @@ class SoftDemapper:
             BOOSTED: np.float32(settings.prior_boosted),
         }
         self._axes = np.float32(settings.prior_axes / 2)
-        self._floor = np.float32(settings.outlier / np.pi)
+        self._floor = np.float32(settings.outlier / _AREA)
         self._resource_block = numerology.blocks(12)
-        self._control_reach = numerology.blocks(120)
 
     def evidence(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> np.ndarray:
         """(L, K) float32 log density of the elements, in nats; arguments as in `demap`."""
-        return self._mixture(z, noise, trust, segments).nats
+        return self._nats(self._mixture(z, noise, trust, segments))
+
+    def _nats(self, m: _Mixture) -> np.ndarray:
+        both = m.probability * (m.control - m.data)
+        both += m.data
+        both += self._floor
+        return np.log(both)
 
     def _mixture(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> _Mixture:
         places = rail_index(z, noise)
@@ -105,10 +110,7 @@ class SoftDemapper:
         control += axes
         control += qpsk
         control += strong
-        one = 1 + noise
-        floor = np.exp(np.maximum(power(z) / -one, np.float32(-60)))
-        floor *= self._floor / one
-        floor += np.float32(1e-20)
+        floor = self._floor
         qam = []
         low = np.float32(0.05) * control
         low += floor
@@ -140,22 +142,17 @@ class SoftDemapper:
         led_by = block_sums(lead * trust, self._block)
         led = moving_sum(led_by, self._resource_block)
         many = (led > 0) * known
-        wide = moving_sum(np.stack([many, known]), self._control_reach)
-        whole = moving_sum(np.stack([many.sum(axis=0), known.sum(axis=0)]), self._resource_block)
-        share = (wide[0] + whole[0] + np.float32(0.5)) / (wide[1] + whole[1] + 1)
+        # its symbol and its resource block say how often control elements occur
+        of_symbol, of_block = known.sum(axis=1, keepdims=True), moving_sum(known.sum(axis=0), self._resource_block)
+        share = many.sum(axis=1, keepdims=True) + moving_sum(many.sum(axis=0), self._resource_block) + np.float32(0.5)
+        share /= of_symbol + of_block + 1
         # elements under the return say half as much
         half = block_sums(lead, self._block)
         half += led_by
         ratio = moving_sum(half, self._resource_block) * np.float32(0.5)
         odds = np.exp(np.clip(-ratio, -30, 30))
         probability = spread(share / (share + (1 - share) * odds + np.float32(1e-9)), self._block)
-        both = probability * (control - data)
-        both += data
-        both += floor
-        nats = np.log(both)
-        return _Mixture(
-            places, silent, boosted, qpsk, strong, axes, control, qam, data, order, probability, nats
-        )
+        return _Mixture(places, silent, boosted, qpsk, strong, axes, control, qam, data, order, probability)
 
     def demap(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> SoftSymbols:
         """Posterior of the symbols.
@@ -203,4 +200,4 @@ class SoftDemapper:
         out = np.empty(z.shape, np.complex64)
         np.copysign(mean[0], z.real, out=out.real)
         np.copysign(mean[1], z.imag, out=out.imag)
-        return SoftSymbols(out, second, m.nats, m.order, m.probability)
+        return SoftSymbols(out, second, self._nats(m), m.order, m.probability)

@@ -36,7 +36,7 @@ class TrackingState:
     channel : (1, K) complex64
     used : (K,) bool
     noise : (1, K) float32
-        Median over the symbols.
+        Least over the symbols: that of a subcarrier, without regions that have more.
     model : str
     relative_noise : float
         Of the receptions before, averaged.
@@ -71,7 +71,12 @@ class TrackingState:
         """A frame passed that was not demodulated."""
         self.first_long = (self.first_long - samples) % self.numerology.cycle
         if self.course is not None:
-            self.course = self.course[0] + self.course[1] * samples, self.course[1]
+            self.course = advanced(self.course, self.cfo, samples, self.numerology)
+
+
+def advanced(course: tuple[float, float], cfo: float, samples: int, numerology: Numerology) -> tuple[float, float]:
+    """Course of the phases in the next frame: removing the CFO begins anew there, with phase 0."""
+    return course[0] + course[1] * samples + 2 * np.pi * cfo * samples / numerology.useful, course[1]
 
 
 def grid_of(frame: np.ndarray, state: TrackingState) -> ElementGrid:
@@ -97,9 +102,13 @@ def tracked(
     fourth *= (state.channel.conj() / np.maximum(np.abs(state.channel), np.float32(1e-9))) ** 4
     edge = np.arange(0, fourth.shape[1], _BLOCK)
     angle = axes_phases(-np.add.reduceat(fourth, edge, axis=1)) / 4
+    middles = grid.starts + grid.numerology.useful / 2
     if state.course is not None:
-        predicted = state.course[0] + state.course[1] * (grid.starts + grid.numerology.useful / 2)
+        predicted = state.course[0] + state.course[1] * middles
         angle = np.where(np.cos(4 * (angle - predicted)) < 0, angle + np.pi / 4, angle)
+        line = phase_course(angle, middles, grid.numerology.spacing)
+        if line is not None:  # a straight line has less noise than each phase
+            angle = line[0] + line[1] * middles
     phase = np.exp(-1j * angle).astype(np.complex64)[:, None]
     receiver.ffts += 4.0
     noise = np.broadcast_to(state.noise, grid.raw.shape)
@@ -137,7 +146,7 @@ def next_state(
     middles = grid.starts + num.useful / 2
     course = phase_course(phases, middles, num.spacing)
     if course is not None:
-        course = course[0] + course[1] * samples, course[1]
+        course = advanced(course, grid.cfo, samples, num)
     relative = found.relative_noise
     if before is not None:
         relative = 0.8 * before.relative_noise + 0.2 * relative
@@ -147,7 +156,7 @@ def next_state(
         grid.cfo,
         channel,
         found.used,
-        np.median(found.noise, axis=0)[None],
+        found.noise.min(axis=0)[None],
         found.model,
         relative,
         course,
