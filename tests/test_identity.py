@@ -1,4 +1,4 @@
-"""`radalt` and `gnuradio.radalt` are one package, in the source tree; tests/test_install.py asks the same of an installation."""
+"""`radalt` and `gnuradio.radalt` are one package in the source tree; test_install.py asks it of an installation."""
 
 import subprocess
 import sys

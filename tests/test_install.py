@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from test_identity import ONE_PACKAGE
 
 from radalt.evaluation.programs import PROGRAMS
