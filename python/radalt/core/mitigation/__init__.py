@@ -105,6 +105,9 @@ def create(
         For an unknown name or parameter; names what is allowed.
     """
     method = method_class(name)
+    gone = next((option for option in parameters if option in method.removed), None)
+    if gone is not None:
+        raise MitigationError(f"{name}.{gone} is gone: {method.removed[gone]}")
     if max_altitude_m is not None and "span_m" in inspect.signature(method).parameters:
         parameters = {"span_m": max_altitude_m, **parameters}
     if not isinstance(own_process, bool):
