@@ -39,7 +39,7 @@ def phase_course(phases: np.ndarray, times: np.ndarray, spacing: float) -> tuple
     refined by least squares over the symbols that agree.
     """
     fourth = np.exp(4j * phases)
-    rates = np.arange(-60, 61) * (np.pi / 4 / 60 / spacing)
+    rates = np.arange(-20, 21) * (np.pi / 4 / 20 / spacing)
     fit = (fourth[:, None] * np.exp(-4j * np.outer(times, rates))).sum(axis=0)
     best = int(np.abs(fit).argmax())
     if np.abs(fit[best]) <= 0.8 * len(fourth):

@@ -81,7 +81,7 @@ def blind_channel(
     """First channel of a frame for one of the three models, from fourth powers."""
     num = grid.numerology
     y = grid.raw * grid.ramp
-    level, used = level_in_use(y, free, num, settings)
+    level, used = grid.level or level_in_use(y, free, num, settings)
     fourth = fourth_powers(y, level, free & used)
     pairs = (fourth[1:] * fourth[:-1].conj()).sum(axis=1)
     turn = np.append(0, np.cumsum(np.angle(pairs)))

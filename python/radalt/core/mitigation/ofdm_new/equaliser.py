@@ -58,6 +58,7 @@ class ElementGrid:
         self.samples = samples * self.carrier
         self.raw = self.transform(self.samples)
         self.ramp = timing_ramp(-delay, numerology)
+        self.level: tuple[np.ndarray, np.ndarray] | None = None  # of `level_in_use`, where that is known
         self._cyclic: tuple[slice, np.ndarray] | None = None
 
     def __len__(self) -> int:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arrays import block_sums, median, moving_sum, power, spread
+from .arrays import block_sums, median, moving_sum, power, segment_sums, spread
 from .cfo import residual_cfo
 from .channel_estimation import BlindChannel, ChannelEstimator, blind_channel
 from .constellation import QAM, rail_index, rail_tables
@@ -114,29 +114,49 @@ class IterativeReceiver:
     def search(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, only: str | None = None) -> Reception | None:
         """Best reception of a frame among the channel models (or with ``only`` one), None without emitter."""
         s = self._s
-        best, best_blind = None, None
         ramp = grid.ramp
-        for model in (only,) if only else ("static", "moving", "tile"):
-            if best is not None:
-                fits = self._model_errors(grid, free, best) if model == "moving" else fits
-                uneven = best.error > s.even and best_blind.coherence < s.constant
-                if best.gain < s.readable or not (uneven or fits[model] < s.better_fit):
-                    continue
-            most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
-            if best is not None and self.ffts + self._price(_BLIND + most * (_DEMAP + _LOOP)) > s.most_ffts - self._price(90):
-                continue
+        best, coherence = self._receive(grid, free, known, only or "static")
+        if not only and best.gain >= s.readable and self.channel_error(grid, free, best) > s.channel_error:
+            errors = self._model_errors(grid, free, best)
             grid.ramp = ramp
-            estimator = ChannelEstimator(s)
-            blind = blind_channel(grid, free, model, estimator, s)
-            self.ffts += self._price(_BLIND)
-            found = self.loop(grid, free, blind.gain, blind.used, None, most, model, estimator, phase=blind.phase, known=known, acquiring=True)
-            if best is None or found.score > best.score + s.better_score:
-                best, best_blind = found, best_blind or blind
+            model = "tile" if errors["tile"] < s.tile_better * errors["moving"] else "moving"
+            other, _ = self._receive(grid, free, known, model)
+            if other.score > best.score + s.better_score:
+                best = other
         grid.ramp = best.ramp
         return best if best.gain >= s.evidence else None
 
+    def _receive(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, model: str) -> tuple[Reception, float]:
+        """Reception with one channel model, nothing known before; and the coherence of the blind channel."""
+        s = self._s
+        most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
+        estimator = ChannelEstimator(s)
+        blind = blind_channel(grid, free, model, estimator, s)
+        self.ffts += self._price(_BLIND)
+        found = self.loop(
+            grid, free, blind.gain, blind.used, None, most, model, estimator, phase=blind.phase, known=known, acquiring=True
+        )
+        return found, blind.coherence
+
     def _price(self, ffts: float) -> float:
         return ffts
+
+    def channel_error(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> float:
+        """How coherent the residual still is with the model: 1 for noise, more where the channel is not as modelled.
+
+        ``mean |sum w r conj(m)|^2 / sum w |m|^2`` over half slots and 12 subcarriers, r the residual, m the model, w the
+        inverse noise.
+        """
+        t = (free & found.used).astype(np.float32)
+        model = found.channel * found.soft.mean
+        w = t / found.noise
+        block, around = self._num.block, self._num.blocks(12)
+        agreement = segment_sums(((found.elements - model) * model.conj() * w).astype(np.complex64), grid.segments)
+        norm = moving_sum(block_sums(segment_sums(power(model) * w, grid.segments), block), around)
+        sums = moving_sum(block_sums(agreement, block), around)
+        there = norm > 0
+        self.ffts += self._price(5.0)
+        return float((power(sums[there]) / norm[there]).mean()) if there.any() else 1.0
 
     def _model_errors(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> dict[str, float]:
         """Squared errors of the other two channel models over the static one's, from its decisions."""
@@ -150,7 +170,7 @@ class IterativeReceiver:
             doubt = power(h) * np.maximum(found.soft.second - power(mean), 0)
             errors[model] = float((np.minimum((power(found.elements - h * mean) + doubt) * w, 30)).sum())
         self.ffts += self._price(_LOOP * 2)
-        return {model: error / max(errors["static"], 1e-9) for model, error in errors.items()}
+        return {model: errors[model] / max(errors["static"], 1e-9) for model in ("moving", "tile")}
 
     def loop(
         self,
@@ -211,8 +231,8 @@ class IterativeReceiver:
             known_part = None if known_part is None else known_part * turn
         return_power = np.float32(0)
         before = 0.0
-        schedule = {"static": 1, "moving": 9, "tile": 0}[model] if acquiring else 0
-        shortest = {"static": 1, "moving": 9, "tile": 4}[model] if acquiring else 0
+        schedule = {"static": 1, "moving": s.iterations_moving - 2, "tile": 0}[model] if acquiring else 0
+        shortest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
         for iteration in range(iterations + 1):
             h2 = np.maximum(power(channel), np.float32(1e-9))
             in_mask = return_power if known is None else np.float32(known.uncertainty + 0.02) * power(known_part)
@@ -233,7 +253,7 @@ class IterativeReceiver:
             agreement = y * decided.conj() * w
             turn = correct_phase(agreement)
             y, phase = y * turn, phase * turn
-            if model == "static":
+            if model == "static" and iteration < 2:
                 factor = retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
                 y = y * factor
                 known_part = None if known_part is None else known_part * factor
@@ -281,15 +301,20 @@ class IterativeReceiver:
         some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::5]).reshape(len(z), -1)
         known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::5]).reshape(len(t), -1)
 
-        def nats(values: np.ndarray, noise: np.float32) -> np.ndarray:
-            return (self._demapper.evidence(values, np.full(values.shape, noise, np.float32), known, segments) * known).sum(axis=1)
-
-        tried = [np.float32(10 ** (db / 10)) for db in self._s.noise_grid_db]
-        upright = [nats(some, noise) for noise in tried]
-        best = int(np.argmax([each.sum() for each in upright]))
-        turned = nats(some * _EIGHTH, tried[best])
+        tried = 10 ** (np.array(self._s.noise_grid_db, dtype=np.float32) / 10)
+        upright = self._nats(some, known, tried, segments)
+        best = int(upright.sum(axis=1).argmax())
+        turned = self._nats(some * _EIGHTH, known, tried[best : best + 1], segments)[0]
         self.ffts += self._price(_DEMAP)
         return tried[best], np.where(turned > upright[best] + 5, _EIGHTH, np.complex64(1))[:, None]
+
+    def _nats(self, z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray) -> np.ndarray:
+        """(noises, L) log density of the symbols for each noise, all at once as so many symbols."""
+        count, length = len(noises), len(z)
+        many = (np.arange(count)[:, None] * length + segments).ravel()
+        noise = np.repeat(noises, length)[:, None] * np.ones(z.shape[1], np.float32)
+        nats = self._demapper.evidence(np.tile(z, (count, 1)), noise, np.tile(t, (count, 1)), many)
+        return (nats.reshape(count, length, -1) * t).sum(axis=2)
 
     def _return_power(self, z, noise, h2, soft, grid, masked) -> np.float32:  # noqa: ANN001
         """Power of the return in masked elements, of greatest likelihood on a grid, constellations as judged beside."""
@@ -321,10 +346,9 @@ class IterativeReceiver:
         around = self._num.blocks(21)
         many = moving_sum(known, around)
         region = moving_sum(excess, around) / np.maximum(many, np.float32(0.02))
-        few = many < 0.15 * around * block
-        if few.any():
-            wide = self._num.blocks(161)
-            region = np.where(few, moving_sum(excess, wide) / np.maximum(moving_sum(known, wide), np.float32(0.02)), region)
+        few = many < 0.15 * around * block  # there the whole symbol counts
+        of_symbol = excess.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), np.float32(0.02))
+        region = np.where(few, of_symbol, region)
         noise = sub * np.where(region > s.uneven_region, region, 1)
         return np.maximum(spread(noise.astype(np.float32), block), np.float32(1e-7) * median(h2))
 

@@ -22,28 +22,31 @@ class ReturnMask:
     def __init__(self, waveform: Waveform, numerology: Numerology, span_m: float, settings: OfdmSettings) -> None:
         reference = waveform.reference.astype(np.complex128)
         cycles = np.angle(reference[1:] * reference[:-1].conj()) / (2 * np.pi)
-        self._cycles = np.append(cycles, cycles[-1])
-        self._numerology, self._margin = numerology, settings.mask_margin
-        self._delay = int(np.ceil(2 * span_m / C_M_PER_S * waveform.rate_hz))
-        self._rows: dict[tuple[int, int], np.ndarray] = {}
+        count = numerology.useful
+        self._bins = np.rint(np.append(cycles, cycles[-1]) * count).astype(int) + count // 2
+        self._margin = settings.mask_margin
+        delay = int(np.ceil(2 * span_m / C_M_PER_S * waveform.rate_hz))
+        self._window = np.arange(-delay, count)
+        self._count = count
+        self._last: tuple[bytes, int, np.ndarray] | None = None
 
     def free(self, starts: np.ndarray, cfo: float) -> np.ndarray:
-        """(L, K) bool: return-free elements of the symbols whose FFTs begin at ``starts`` (L,).
+        """(L, K) bool, read-only: return-free elements of the symbols whose FFTs begin at ``starts`` (L,).
 
         ``cfo`` in subcarriers was removed from the samples, so the sweep lies that much lower.
         """
-        return ~np.stack([self._row(int(start), round(cfo)) for start in starts])
-
-    def _row(self, start: int, shift: int) -> np.ndarray:
-        row = self._rows.get((start, shift))
-        if row is None:
-            count = self._numerology.useful
-            at = np.arange(start - self._delay, start + count) % self._cycles.size
-            middle = np.rint(self._cycles[at] * count).astype(int) - shift + count // 2
-            row = np.zeros(count, dtype=bool)
-            for off in range(-self._margin, self._margin + 1):
-                row[(middle + off) % count] = True
-            if len(self._rows) >= 4096:  # rows of 500 bool
-                self._rows.clear()
-            self._rows[start, shift] = row
-        return row
+        shift = round(cfo)
+        key = starts.tobytes(), shift
+        if self._last is None or self._last[:2] != key:
+            places = (starts[:, None] + self._window) % self._bins.size
+            rows = np.arange(len(starts))[:, None]
+            hit = np.zeros((len(starts), self._count), dtype=bool)
+            hit[rows, (self._bins[places] - shift) % self._count] = True
+            mask = hit.copy()
+            for off in range(1, self._margin + 1):
+                mask |= np.roll(hit, off, axis=1)
+                mask |= np.roll(hit, -off, axis=1)
+            free = ~mask
+            free.setflags(write=False)
+            self._last = *key, free
+        return self._last[2]

@@ -30,7 +30,7 @@ class OfdmSettings:
     raw_ratio: float = 8.0  # tone over mean, in the received frame: from here on it is removed before decisions [M]
     found_ratio: float = 12.0  # tone over mean, in the cancelled frame: from here on a return-aware pass [F: exp]
     return_uncertainty: float = 2.0  # error of a fitted tone's power, over its ratio [F: Cramer-Rao, amplitude, phase]
-    return_step_db: float = 4.0  # dB; grid of return powers whose likelihood is compared [M]
+    return_step_db: float = 6.0  # dB; grid of return powers whose likelihood is compared [M]
     return_relevant: float = 0.3  # of the noise; a weaker return changes no decision, and needs no second pass [M]
     # demapper
     prior_empty: float = 0.25  # probability of silence among control elements [M]
@@ -42,14 +42,14 @@ class OfdmSettings:
     # loop
     noise_grid_db: tuple[float, ...] = (-30.0, -24.0, -19.0, -14.0)  # dB; noise that is tried first [M]
     iterations: int = 4  # at most, with a static channel
-    iterations_moving: int = 11  # at most, with a channel that moves
-    iterations_tile: int = 7  # at most, with precoding
+    iterations_moving: int = 7  # at most, with a channel that moves
+    iterations_tile: int = 5  # at most, with precoding
     converged: float = 0.95  # of the noise of the iteration before: no further one [M]
     evidence: float = 0.04  # nats per element over a Gaussian of the same power: less is not demodulated [M]
     readable: float = 0.4  # nats; with less in a static channel no other one is tried [M]
-    constant: float = 0.8  # coherence of fourth powers over half slots; less is another channel in each [M]
-    better_fit: float = 0.88  # of the static channel's error; another channel model is tried [M]
-    even: float = 1.6  # squared error over that of an even frame; up to there the static channel is right [M]
+    channel_error: float = 3.0  # ratio; coherent power of the residual over that of noise, from which another channel
+    # model is tried [M]
+    tile_better: float = 0.97  # of the moving channel's error, for precoding to be tried in its place [M]
     better_score: float = 0.02  # nats by which another channel model has to win [M]
     uneven_region: float = 2.0  # times a subcarrier's noise; a region of a symbol with more has its own [M]
     # subtraction
@@ -59,7 +59,7 @@ class OfdmSettings:
     boundary_reach: int = 40  # samples on either side of a symbol boundary that are looked at [F: the prefix]
     # tracking
     track_noise: float = 2.0  # times the noise of the frames before; more is acquired anew [M]
-    channel_memory: float = 3.0  # frames whose channel estimates are averaged [M]
+    channel_memory: float = 1.0  # frames whose channel estimates are averaged [M]
     # cost
     most_ffts: float = 560.0  # FFTs of 7,500 points; no further stage begins that could exceed it
 

@@ -70,7 +70,7 @@ def acquire(
     delay = starts - starts[0] - index * step
     grid = ElementGrid(frame, numerology, prefix.cfo, starts, delay, np.zeros(len(starts), dtype=int))
     free = mask.free(starts, prefix.cfo)
-    level, used = level_in_use(grid.raw, free, numerology, settings)
+    level, used = grid.level = level_in_use(grid.raw, free, numerology, settings)
     fourth = fourth_powers(grid.raw * grid.ramp, level, free & used)
     most = -(-len(starts) // per_cycle) + 1
     longer = timing_ramp(4 * numerology.longer * np.arange(most), numerology)

@@ -19,7 +19,6 @@ from .settings import OfdmSettings
 __all__ = ["TrackingState", "next_state", "tracked"]
 
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
-_DELAY = 0.5  # samples of drift after which the FFT windows follow
 
 
 @dataclass
@@ -42,8 +41,6 @@ class TrackingState:
         Of the receptions before, averaged.
     course : (float, float) or None
         Phase at the frame's first sample and its rate; see `phase_course`.
-    delay : float
-        Mean delay of the channel in samples, as acquired.
     score : float
         Of the reception that acquired it.
     tones : bool
@@ -61,7 +58,6 @@ class TrackingState:
     model: str
     relative_noise: float
     course: tuple[float, float] | None
-    delay: float
     score: float
     level: float = 1.0
     tones: bool = False
@@ -101,7 +97,8 @@ def tracked(
     fourth = fourth_powers(grid.raw * grid.ramp, power(state.channel), free & state.used)
     fourth *= (state.channel.conj() / np.maximum(np.abs(state.channel), np.float32(1e-9))) ** 4
     edge = np.arange(0, fourth.shape[1], _BLOCK)
-    angle = axes_phases(-np.add.reduceat(fourth, edge, axis=1)) / 4
+    blocks = -np.add.reduceat(fourth, edge, axis=1)
+    angle = axes_phases(blocks) / 4
     middles = grid.starts + grid.numerology.useful / 2
     if state.course is not None:
         predicted = state.course[0] + state.course[1] * middles
@@ -110,6 +107,12 @@ def tracked(
         if line is not None:  # a straight line has less noise than each phase
             angle = line[0] + line[1] * middles
     phase = np.exp(-1j * angle).astype(np.complex64)[:, None]
+    # timing against the channel: what is left of the fourth powers' phase over frequency
+    c = blocks * np.exp(-4j * angle)[:, None]
+    c = (c * np.sign(c.real)).sum(axis=0)
+    delay = block_delay(c, edge, grid.numerology)
+    grid.ramp = grid.ramp * timing_ramp(np.full(1, delay), grid.numerology)
+    state.first_long += delay
     receiver.ffts += 4.0
     noise = np.broadcast_to(state.noise, grid.raw.shape)
     found = receiver.loop(
@@ -130,18 +133,21 @@ def tracked(
     return found
 
 
+def block_delay(coherence: np.ndarray, edge: np.ndarray, numerology: Numerology) -> float:
+    """Delay in samples from the sums (blocks,) of fourth powers, phases taken out, of blocks that begin at ``edge``."""
+    size = np.abs(coherence)
+    angle = np.angle(coherence) / 4
+    at = edge - (edge * size).sum() / max(size.sum(), 1e-9)
+    slope = (size * at * angle).sum() / max((size * at * at).sum(), 1e-9)
+    return float(-slope * numerology.useful / (2 * np.pi))
+
+
 def next_state(
     found: Reception, grid: ElementGrid, first_long: float, samples: int, before: TrackingState | None
 ) -> TrackingState:
     """State after a frame of so many samples."""
     num = grid.numerology
     channel = found.channel if len(found.channel) == 1 else found.channel.mean(axis=0)[None]
-    slope = np.angle((channel[0, 1:] * channel[0, :-1].conj()).sum())
-    delay = -float(slope) * num.useful / (2 * np.pi)
-    origin = before.delay if before else delay
-    if abs(delay - origin) > _DELAY:
-        channel = channel * timing_ramp(np.array([delay - origin]), num)
-        first_long += delay - origin
     phases = -np.angle(found.phase[:, 0])
     middles = grid.starts + num.useful / 2
     course = phase_course(phases, middles, num.spacing)
@@ -160,7 +166,6 @@ def next_state(
         found.model,
         relative,
         course,
-        origin,
         found.score if before is None else before.score,
         before.level if before else 1.0,
         before.tones if before else False,
