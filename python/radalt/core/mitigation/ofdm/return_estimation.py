@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 
 from ...waveform import C_M_PER_S, Waveform
 from .arrays import exp_ramp, median, power
@@ -94,3 +94,35 @@ class ReturnEstimator:
         gain = (beat * tone.conj()).sum(axis=1) / there
         out = (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
         return ReturnEstimate(out, ratio)
+
+    def is_consistent(self, frame: np.ndarray) -> bool:
+        """Integrity: whether an (N,) cancelled frame is consistent with one return and white noise.
+
+        Beat spectra of the two half sweeps (Hann window, over their noise) are added for all pairs of beats that one
+        return at an allowed speed can have. The best pair has to exceed what noise gives, and every other pair. A return
+        has one power in both halves: where they differ, the weaker one has to stand out by itself. An emitter that was
+        demodulated wrongly leaves one half, or several beats, and an altitude beside the return's.
+        """
+        s = self._s
+        level = power(fft.fft(self._dechirped(frame) * self._window, 2 * self._half, axis=1)).take(self._fine)
+        noise = np.maximum(np.median(level, axis=1) / np.log(2), 1e-30)
+        up, down = (level / noise[:, None]).astype(np.float32)
+        reach, lobe = s.speed_cells, s.lobe_cells
+
+        def sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+            return first + ndimage.maximum_filter1d(second, 2 * reach + 1, mode="constant")
+
+        pair = sums(up, down)
+        at_up = int(pair.argmax())
+        low = max(at_up - reach, 0)
+        at_down = low + int(down[low : at_up + reach + 1].argmax())
+        weaker = min(up[at_up], down[at_down])
+        if pair[at_up] < s.pair_ratio or weaker < s.half_ratio:
+            return False
+        balance_db = 10 * abs(np.log10(level[0, at_up] / level[1, at_down]))
+        if balance_db > s.balance_db and weaker < s.half_alone_ratio:
+            return False
+        rest_up, rest_down = up.copy(), down.copy()
+        rest_up[max(at_up - lobe, 0) : at_up + lobe + 1] = 0
+        rest_down[max(at_down - lobe, 0) : at_down + lobe + 1] = 0
+        return bool(pair[at_up] > s.pair_margin * sums(rest_up, rest_down).max())

@@ -43,6 +43,8 @@ class TrackingState:
         Phase at the frame's first sample and its rate; see `phase_course`.
     score : float
         Of the reception that acquired it.
+    level : float
+        Amplitude by which frames are divided, so that the channel's scale stays.
     tones : bool
         Whether tones were removed before.
     age : int

@@ -32,6 +32,14 @@ class OfdmSettings:
     return_uncertainty: float = 2.0  # error of a fitted tone's power, over its ratio [F: Cramer-Rao, amplitude, phase]
     return_step_db: float = 6.0  # dB; grid of return powers whose likelihood is compared [M]
     return_relevant: float = 0.3  # of the noise; a weaker return changes no decision, and needs no second pass [M]
+    # integrity, on beat spectra with two cells per range cell, normalised by their noise
+    speed_cells: int = 9  # cells by which the halves' beats of one return may differ [F: 150 m/s are 8.6]
+    lobe_cells: int = 4  # cells on either side of a peak that are its main lobe [F: Hann window]
+    pair_ratio: float = 14.0  # sum of a pair of beats; of 3,000 pairs of noise one in 80 frames has more [F: Erlang]
+    pair_margin: float = 1.2  # ratio of the best pair to any other [M]
+    half_ratio: float = 3.5  # of the weaker half's beat [M]
+    balance_db: float = 6.0  # dB; powers of the two halves' beats may differ by so much: noise, and what was masked [M]
+    half_alone_ratio: float = 8.0  # of the weaker half's beat where they do; of 19 cells of noise 3e-3 have more [F: exp]
     # demapper
     prior_empty: float = 0.25  # probability of silence among control elements [M]
     prior_qpsk: float = 0.45  # of QPSK (TS 38.211 clauses 7.3, 7.4) [M]
@@ -60,6 +68,13 @@ class OfdmSettings:
     # tracking
     track_noise: float = 2.0  # times the noise of the frames before; more is acquired anew [M]
     channel_memory: float = 1.0  # frames whose channel estimates are averaged [M]
+    cfo_interval: int = 16  # frames; the residual CFO is measured in one of them [F: 0.1 ppm per s of drift is less]
+    patience: int = 8  # searches in vain, one after the other; then one frame in as many is searched [M]
+    # bursts
+    burst_longest: float = 0.36  # of a frame; a longer one is demodulated [M]
+    burst_power: float = 0.9  # of a frame's power, at least [F: the rest of the frame is the return and noise]
+    burst_loud: float = 6.0  # times the median power; noise has e^-4 of it [F: exp]
+    burst_gap: int = 64  # samples; a burst may be quiet for so long by chance [F: OFDM's envelope is Rayleigh]
     # cost
     most_ffts: float = 560.0  # FFTs of 7,500 points; no further stage begins that could exceed it
 
