@@ -19,14 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from radalt.core.interference.emitters.nr import FFT_LENGTHS, SUBCARRIER_SPACING_HZ, frame_samples
+from radalt.core.interference.emitters.nr import frame_samples
 from radalt.core.interference.multipath import FadingChannel
 from radalt.core.interference.nr_grid import NrConfig
 from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
 
 FRAMES = 5  # of 10 ms
 BANDWIDTH_HZ = 10e6
-RATE_HZ = FFT_LENGTHS[BANDWIDTH_HZ] * SUBCARRIER_SPACING_HZ
+RATE_HZ = NrConfig(channel_bandwidth_hz=BANDWIDTH_HZ).sample_rate_hz
 SECOND_DB = -6.0  # the second antenna's data against the first's
 CREST = 5.0  # full scale over the root mean square
 

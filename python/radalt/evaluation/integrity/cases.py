@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.emitters.nr import NrEmitter
-from ...core.interference.multipath import unfaded
+from ...core.interference.effects import parts as parts_of
 from ...core.interference.stream import Continued
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.landing import LandingSpec
@@ -325,7 +325,7 @@ def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer]
             span = emitter.span_hz or WAVEFORM.rate_hz
             tones = rng.uniform(-0.5, 0.5, emitter.count) * span
             emitter = dataclasses.replace(emitter, frequencies_hz=tuple(tones))
-        name = unfaded(emitter)[0].scene_name
+        name = parts_of(emitter)[0].scene_name
         if name != _ANEW:
             periodic = name == _PERIODIC
             length = 1 if periodic else BLOCK
