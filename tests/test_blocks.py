@@ -14,14 +14,14 @@ import pytest
 from gnuradio import blocks, gr, radalt
 from waiting import wait_for
 
-from gnuradio.radalt.blocks._guard import guarded, in_turns, raise_stored
-from gnuradio.radalt.core.channel.simulated import SimulatedChannel
-from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.mitigation import Mitigation, create
-from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
-from gnuradio.radalt.core.receiver.frame import Frame
-from gnuradio.radalt.core.receiver.segmenter import FrameSegmenter
-from gnuradio.radalt.core.scene import parse_scene
+from radalt.blocks._guard import guarded, in_turns, raise_stored
+from radalt.core.channel.simulated import SimulatedChannel
+from radalt.core.interference.stream import JammerStream
+from radalt.core.mitigation import Mitigation, create
+from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
+from radalt.core.receiver.frame import Frame
+from radalt.core.receiver.segmenter import FrameSegmenter
+from radalt.core.scene import parse_scene
 
 N = 7500
 CHUNKS = [977, 7501, 100_000]  # largest number of items a call may produce
@@ -574,7 +574,7 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
 
 
 def test_range_profile_shows_every_so_many_frames_in_any_chunks():
-    from gnuradio.radalt.core.scene.live import RangeProfile
+    from radalt.core.scene.live import RangeProfile
 
     scene = scene_of()
     frames, tags, _ = frames_with_tags(40)

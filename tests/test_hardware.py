@@ -12,23 +12,23 @@ import pytest
 import uhd_double
 from gnuradio import radalt
 
-from gnuradio.radalt.core.radio.calibration import (
+from radalt.core.radio.calibration import (
     CalibrationError,
     CalibrationKey,
     load_latency_samples,
     store_latency_samples,
 )
-from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
-from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm
-from gnuradio.radalt.core.radio.transmit_gate import TransmitGate
-from gnuradio.radalt.core.scene import SceneError, parse_scene
-from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
-from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
-from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
-from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
-from gnuradio.radalt.evaluation.radios.setup import describe, plan
+from radalt.core.radio.interlock import InterlockError, require_enclosure
+from radalt.core.radio.levels import drive, rx_level_dbm
+from radalt.core.radio.transmit_gate import TransmitGate
+from radalt.core.scene import SceneError, parse_scene
+from radalt.evaluation.flowgraph import FlowgraphError
+from radalt.evaluation.flowgraph.generate import Prepared, generate
+from radalt.evaluation.flowgraph.rewrite import load_grc
+from radalt.evaluation.flowgraph.run import load_class, write_scene
+from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.radios.hardware import calibrate, run_hardware
+from radalt.evaluation.radios.setup import describe, plan
 
 pytestmark = pytest.mark.timeout(150)
 

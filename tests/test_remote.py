@@ -16,10 +16,10 @@ import zmq
 from gnuradio import radalt
 from waiting import wait_for
 
-from gnuradio.radalt.core.radio.control import RequestError, check_endpoint, parse_request
-from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
-from gnuradio.radalt.evaluation.radios.remote import drive_remotely
+from radalt.core.radio.control import RequestError, check_endpoint, parse_request
+from radalt.core.scene import parse_scene
+from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
+from radalt.evaluation.radios.remote import drive_remotely
 
 pytestmark = pytest.mark.timeout(150)
 

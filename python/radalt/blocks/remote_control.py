@@ -39,7 +39,7 @@ class remote_control:
 
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
-    `gnuradio.radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
+    `radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
     ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works
     before the first sample, too. Errors in the thread are counted in ``errors`` and do not end it.
 

@@ -310,7 +310,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ...core.returns.terrain import TerrainError, TrajectoryError
     from ...core.scene import SceneError
     from ..flowgraph import FlowgraphError
-    from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
     from .precision import PrecisionError
@@ -328,7 +327,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
         *own,
         TrajectoryError,
         FlowgraphError,
-        StudyError,
         FolderError,
         WorkerError,
         PrecisionError,
