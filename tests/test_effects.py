@@ -47,7 +47,11 @@ BEFORE = {
     "faded": (-177.798185045 + 29.442745762j, -44.464082136 - 49.527180554j, -121.070479184 + 98.498089614j),
     "qpsk": (-62.253069736 - 17.275382237j, 32.502683213 + 39.133057947j, 178.797673534 + 257.331083954j),
     "rrc": (249.87459345 - 150.591116315j, -148.841862919 + 458.542207234j, -58.876860968 - 408.425410626j),
-    "received": (30.810034646 + 234.817466611j, -241.722567692 + 28.537836852j, -102.688423027 + 93.160241044j),
+    "received": (
+        30.810034646 + 234.817466611j,
+        -241.722567692 + 28.537836852j,
+        -102.688423027 + 93.160241044j,
+    ),
     "tones": (-4.322751959 + 1.73178518j, -8.040351155 - 1.631594559j, -2.387950392 + 1.943534004j),
 }
 SCENES = {
@@ -107,7 +111,10 @@ def test_scene_with_effects_survives_the_round_trip():
         ({"amplifier": {"gain": 1}}, "unknown key 'interference.nr.amplifier.gain'"),
         ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61.0; it has to be within 0..60"),
         ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0.0"),
-        ({"oscillator": {"clock_ppm": 101.0}}, "oscillator.clock_ppm is 101.0; it has to be within -100..100"),
+        (
+            {"oscillator": {"clock_ppm": 101.0}},
+            "oscillator.clock_ppm is 101.0; it has to be within -100..100",
+        ),
         ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000.0"),
         ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
         ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),
@@ -167,7 +174,9 @@ def test_shaped_qpsk_behind_its_matched_filter_has_the_evm_asked_for(evm):
     from radalt.core.interference.emitters.qpsk import rrc_taps
 
     wanted = 0.175 / 2 if evm == "typical" else evm
-    emitter = QpskEmitter(bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm)  # 4 samples a symbol
+    emitter = QpskEmitter(
+        bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm
+    )  # 4 samples a symbol
     samples = emitter.samples(80_000, RATE_HZ, np.random.default_rng(5))
     matched = np.convolve(samples, rrc_taps(0.5, 4, 48), mode="valid")
     best = min(measured_evm(matched[timing::4]) for timing in range(4))
@@ -265,14 +274,18 @@ def test_amplified_5g_demodulates_with_the_evm_of_the_series():
     inner = np.abs(np.fft.fftfreq(spectra.shape[1])) < width / 9.36 * 3.0
     power = orders(amplifier)
     expected = power[1:] @ spectra[1:, inner].sum(axis=1) / (power[0] * spectra[0, inner].sum())
-    assert np.sqrt(evm2) == pytest.approx(np.sqrt(expected), rel=0.06)  # not quite Gaussian: 624 subcarriers of 64QAM
+    assert np.sqrt(evm2) == pytest.approx(
+        np.sqrt(expected), rel=0.06
+    )  # not quite Gaussian: 624 subcarriers of 64QAM
     assert emitter.period(RATE_HZ, amplifier)[0] is received  # once, whatever the number of frames
 
 
 def test_any_emitter_is_amplified_wide_and_then_received():
     """Two tones give third-order products beside them: IM3 of a Rapp amplifier, by its Fourier series."""
     tones = ToneEmitter(frequencies_hz=(0.9e6, 1.1e6))
-    samples = impaired(tones, amplifier=Amplifier(backoff_db=4.0)).samples(N, RATE_HZ, np.random.default_rng(1))
+    samples = impaired(tones, amplifier=Amplifier(backoff_db=4.0)).samples(
+        N, RATE_HZ, np.random.default_rng(1)
+    )
     lines = np.abs(np.fft.fft(samples)) ** 2
     envelope = np.sqrt(2.0) * np.cos(np.pi * (np.arange(4096) + 0.5) / 2048)  # of two tones, over one beat
     bent = envelope / (1 + (envelope**2 / 10**0.4) ** 2) ** 0.25

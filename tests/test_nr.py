@@ -282,7 +282,12 @@ def test_every_resource_element_comes_back_at_the_native_rate(bandwidth_hz):
 
 @pytest.mark.parametrize(
     ("spacing_hz", "bandwidth_hz", "blocks", "rate_hz"),
-    [(15e3, 20e6, 106, 30.72e6), (30e3, 10e6, 24, 15.36e6), (30e3, 20e6, 51, 30.72e6), (30e3, 100e6, 273, 122.88e6)],
+    [
+        (15e3, 20e6, 106, 30.72e6),
+        (30e3, 10e6, 24, 15.36e6),
+        (30e3, 20e6, 51, 30.72e6),
+        (30e3, 100e6, 273, 122.88e6),
+    ],
 )
 def test_wider_carriers_and_30_khz_come_back_element_by_element(spacing_hz, bandwidth_hz, blocks, rate_hz):
     """TS 38.101-1 Table 5.3.2-1; 28 symbols, which hold every kind of cyclic prefix."""
@@ -303,7 +308,10 @@ def test_wider_carriers_and_30_khz_come_back_element_by_element(spacing_hz, band
 )
 def test_what_the_filter_passes_of_a_wide_carrier_comes_back(spacing_hz, bandwidth_hz, carrier_hz):
     emitter = nr.NrEmitter(
-        channel_bandwidth_hz=bandwidth_hz, subcarrier_spacing_hz=spacing_hz, carrier_hz=carrier_hz, ssb_indices=()
+        channel_bandwidth_hz=bandwidth_hz,
+        subcarrier_spacing_hz=spacing_hz,
+        carrier_hz=carrier_hz,
+        ssb_indices=(),
     )
     sent = nr.resource_grid(emitter, np.random.default_rng(emitter.seed)).values
     received, _ = emitter.period(RATE_HZ)
@@ -323,7 +331,9 @@ def test_a_textbook_demodulator_measures_the_evm_asked_for(modulation, evm):
     limit = {"qpsk": 0.175, "16qam": 0.125, "64qam": 0.08, "256qam": 0.035}[modulation]  # TS 38.104
     wanted = limit / 2 if evm == "typical" else evm
     grid = nr.resource_grid(config, np.random.default_rng(config.seed))
-    assert np.array_equal(grid.values, nr.resource_grid(nr.NrConfig(modulation=modulation), np.random.default_rng(0)).values)
+    assert np.array_equal(
+        grid.values, nr.resource_grid(nr.NrConfig(modulation=modulation), np.random.default_rng(0)).values
+    )
     data = grid.where(Element.PDSCH)
     got = demodulate(nr.frame_samples(config), config.sample_rate_hz, config.subcarriers, 140)
     error = got - grid.values
@@ -344,7 +354,9 @@ def test_mixed_users_have_the_typical_evm_of_their_own_alphabet_and_frames_diffe
     rng = np.random.default_rng(config.seed)
     grids = [nr.resource_grid(config, rng) for _ in range(2)]
     samples = nr.frame_samples(config).reshape(2, -1)
-    errors = [demodulate(s, config.sample_rate_hz, 300, 140) - g.values for s, g in zip(samples, grids, strict=True)]
+    errors = [
+        demodulate(s, config.sample_rate_hz, 300, 140) - g.values for s, g in zip(samples, grids, strict=True)
+    ]
     assert abs(np.vdot(*errors)) < 0.02 * np.linalg.norm(errors[0]) * np.linalg.norm(errors[1])
     grid, error = grids[0], errors[0]
     seen = {}
@@ -400,7 +412,9 @@ def test_second_layer_has_its_power_and_the_other_port_of_the_dmrs():
     assert power == pytest.approx(1 + 10**-0.6, rel=0.03)
     for slot in (0, 7):
         pilots = np.array(lfsr_qpsk((2**17 * (14 * slot + 3)) % 2**31, 150)) * 10 ** (3 / 20)
-        seen = (both.values[::2, 14 * slot + 2] / pilots)[:144].reshape(-1, 12, 2)  # covers + + and + - of 1000 and 1001
+        seen = (both.values[::2, 14 * slot + 2] / pilots)[:144].reshape(
+            -1, 12, 2
+        )  # covers + + and + - of 1000 and 1001
         np.testing.assert_allclose(seen.mean(axis=2), 1.0, atol=1e-9)
         other = (seen[..., 0] - seen[..., 1]) / 2
         np.testing.assert_allclose(np.abs(other), 10**-0.3, atol=1e-9)
@@ -409,11 +423,15 @@ def test_second_layer_has_its_power_and_the_other_port_of_the_dmrs():
 
 
 def test_tdd_sends_in_downlink_slots_and_ten_symbols_of_special_ones():
-    config = nr.NrConfig(channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, tdd="DDDSU", dmrs_additional_positions=2)
+    config = nr.NrConfig(
+        channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, tdd="DDDSU", dmrs_additional_positions=2
+    )
     grid = nr.resource_grid(config, np.random.default_rng(1))
     used = grid.elements.any(axis=0).reshape(20, 14)
     for slot, kind in enumerate("DDDSU" * 4):
-        assert used[slot].tolist() == {"D": [True] * 14, "S": [True] * 10 + [False] * 4, "U": [False] * 14}[kind]
+        assert (
+            used[slot].tolist() == {"D": [True] * 14, "S": [True] * 10 + [False] * 4, "U": [False] * 14}[kind]
+        )
     pilots = (grid.elements == Element.PDSCH_DMRS).any(axis=0).reshape(20, 14)
     assert np.flatnonzero(pilots[5]).tolist() == [2, 7, 11]
     assert np.flatnonzero(pilots[8]).tolist() == [2, 6, 9]  # Table 7.4.1.1.2-3, ten symbols

@@ -24,11 +24,15 @@ from .placement import Emitter
 
 __all__ = ["ImpairedEmitter", "Impairments", "Oscillator", "PhaseNoise", "Running", "impaired", "parts"]
 
-_GUARD = 128  # samples on either side of a block, for the tails of fractional delays; the outer half is tapered
+_GUARD = (
+    128  # samples on either side of a block, for the tails of fractional delays; the outer half is tapered
+)
 _TAPER = np.hanning(_GUARD + 2)[1 : _GUARD // 2 + 1]
 _BLOCK = 1 << 14  # samples filtered at once, at most
 _INTERPOLATION = 3e-4  # amplitude error of the interpolation in time, -70 dB
-_STEP_RAD = 0.06  # bandwidth times 2 pi times the step at which phase noise is drawn: 1 % less rms between steps
+_STEP_RAD = (
+    0.06  # bandwidth times 2 pi times the step at which phase noise is drawn: 1 % less rms between steps
+)
 _WINDOW_FRAMES = 40  # of an emitter that does not repeat, in a stream
 
 
@@ -207,9 +211,7 @@ class Running:
             np.multiply(part, np.sqrt(mean_power), out=span, casting="same_kind")
         return self.steady
 
-    def _block(
-        self, at: int, count: int, whole: int, rate_hz: float, rng: np.random.Generator
-    ) -> np.ndarray:
+    def _block(self, at: int, count: int, whole: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """``count`` of a call's ``whole`` samples from number ``at`` on."""
         moving, first = self._filter, self._first + at
         start, before, after = moving.span(first, count)
@@ -235,7 +237,9 @@ class Running:
             total = drawn[:-1] if total is None else total + drawn[:-1]
         return total
 
-    def _sent(self, start: int, count: int, needed: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    def _sent(
+        self, start: int, count: int, needed: int, rate_hz: float, rng: np.random.Generator
+    ) -> np.ndarray:
         """``count`` samples of what the emitter sends, from number ``start`` on; ``needed`` of them in this call."""
         if not self._held.size:
             self._held_from = start

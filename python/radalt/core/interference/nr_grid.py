@@ -174,14 +174,18 @@ class NrConfig:
     def _check_transmitter(self) -> None:
         check_evm("nr", self.evm)
         if self.second_layer_db is not None and not -40.0 <= self.second_layer_db <= 20.0:
-            raise ValueError(f"second_layer_db {self.second_layer_db:g} is outside -40..20; leave it out for one layer")
+            raise ValueError(
+                f"second_layer_db {self.second_layer_db:g} is outside -40..20; leave it out for one layer"
+            )
         if self.tdd and (set(self.tdd) - set(DOWNLINK_SYMBOLS) or self.slots_per_frame % len(self.tdd)):
             raise ValueError(
                 f"tdd {self.tdd!r} has to be slots D, S and U, as many as divide the {self.slots_per_frame} of a radio "
                 "frame, such as DDDSU"
             )
         if self.csi_rs and not self.trs_slots:
-            raise ValueError("csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices")
+            raise ValueError(
+                "csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices"
+            )
 
     def _check_control(self) -> None:
         allowed = {
@@ -267,7 +271,9 @@ class NrConfig:
     @property
     def group_blocks(self) -> int:
         """Resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1."""
-        return next(size for most, size in ((36, 2), (72, 4), (144, 8), (275, 16)) if self.resource_blocks <= most)
+        return next(
+            size for most, size in ((36, 2), (72, 4), (144, 8), (275, 16)) if self.resource_blocks <= most
+        )
 
     @property
     def sample_rate_hz(self) -> float:
@@ -471,7 +477,9 @@ def _place_trs(config: NrConfig, grid: ResourceGrid) -> None:
     for slot in config.trs_slots:
         for symbol in TRS_SYMBOLS:
             column = SYMBOLS_PER_SLOT * slot + symbol
-            grid.values[::TRS_STEP, column] = seq.csi_rs(config.cell_id, slot, symbol, 3 * config.resource_blocks)
+            grid.values[::TRS_STEP, column] = seq.csi_rs(
+                config.cell_id, slot, symbol, 3 * config.resource_blocks
+            )
             grid.elements[::TRS_STEP, column] = Element.CSI_RS
 
 
@@ -503,7 +511,9 @@ def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
     """
     shape = (config.subcarriers, config.slots_per_frame * SYMBOLS_PER_SLOT)
     evm = None
-    if config.evm:  # what is not a user's own has the value of the carrier's alphabet, of the highest where users mix
+    if (
+        config.evm
+    ):  # what is not a user's own has the value of the carrier's alphabet, of the highest where users mix
         rest = evm_fraction(config.evm, "256qam" if config.modulation == MIXED else config.modulation)
         evm = np.full(shape, rest)
     grid = ResourceGrid(np.zeros(shape, dtype=np.complex128), np.zeros(shape, dtype=np.uint8), evm)

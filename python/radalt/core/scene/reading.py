@@ -10,9 +10,9 @@ import typing
 from pathlib import Path
 from typing import Any
 
-from ..interference.emitters import emitter_class, emitter_names
 from ..interference.effects import KEYS as EFFECTS
 from ..interference.effects import impaired, parts
+from ..interference.emitters import emitter_class, emitter_names
 from ..interference.placement import Interferer
 from ..parsing import InputError, build, convert, load_yaml, plain, shown
 from ..paths import scene_path

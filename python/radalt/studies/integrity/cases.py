@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.effects import parts as parts_of
+from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.stream import Continued
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.landing import LandingSpec

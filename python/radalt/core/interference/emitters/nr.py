@@ -128,7 +128,9 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     """
     rng = np.random.default_rng(config.seed)
     length = config.fft_length if fft_length is None else fft_length
-    errors = np.random.default_rng([config.seed, 0xE7])  # of their own: the payload is that of the ideal carrier
+    errors = np.random.default_rng(
+        [config.seed, 0xE7]
+    )  # of their own: the payload is that of the ideal carrier
     frames = [
         ofdm_modulate(
             transmitted(resource_grid(config, rng), errors),
