@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Write a SigMF recording for the scenes that play one: a synthetic 5G downlink, or one of GNU Radio's own transmitters.
+"""Write a SigMF recording for scenes: a synthetic 5G downlink, or one of GNU Radio's own transmitters.
 
-The downlink, for scenes/recorded.yaml, is what an antenna hears: idle resource blocks, two transmit antennas with data of
-their own on the same subcarriers, multipath from each, and the noise of the receiver. ``--from`` runs a transmitter of
-GNU Radio instead, for the scene of the same name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM packets. No samples were on the air.
+The downlink, for scenes/recorded.yaml, is what an antenna hears: idle resource blocks, two transmit antennas with data
+of their own on the same subcarriers, multipath from each, and the noise of the receiver. ``--from`` runs a transmitter
+of GNU Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM packets. No samples of either were
+on the air.
 
 .venv/bin/python flowgraphs/make_recording.py
 .venv/bin/python flowgraphs/ota_eval.py --sim --scene recorded

@@ -206,8 +206,8 @@ def measured_evm(symbols):
 def orders(amplifier, count=12):
     """Powers of a Gaussian signal's parts of order 1, 3, 5 and so on behind the amplifier, on Laguerre polynomials.
 
-    y = sum_n b_n x L_n^(1)(|x|^2) / sqrt(n + 1), b_n = E[y x* L_n^(1)(|x|^2)] / sqrt(n + 1): the autocorrelation is then
-    sum_n b_n^2 rho |rho|^(2n) of the input's rho.
+    y = sum_n b_n x L_n^(1)(|x|^2) / sqrt(n + 1), b_n = E[y x* L_n^(1)(|x|^2)] / sqrt(n + 1): the autocorrelation is
+    then sum_n b_n^2 rho |rho|^(2n) of the input's rho.
     """
     a = np.linspace(0.0, 6.0, 60_001)
     saturation = 10 ** (amplifier.backoff_db / 20)

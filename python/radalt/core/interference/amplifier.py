@@ -18,9 +18,9 @@ _OVERSAMPLING = 4  # of the radar's rate: products up to the seventh order fold 
 
 @dataclass(frozen=True, kw_only=True)
 class Amplifier:
-    """y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off.
+    """Rapp's solid-state amplifier.
 
-    C. Rapp, "Effects of HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European
+    y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off. C. Rapp, "Effects of HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European
     Conf. on Satellite Communications, 1991. There is no conversion of amplitude to phase.
 
     Parameters

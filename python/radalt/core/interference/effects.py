@@ -98,7 +98,20 @@ class Oscillator:
 
 @dataclass(frozen=True, kw_only=True)
 class Impairments:
-    """Effects of one emitter, in the order of the signal; each None is left out."""
+    """Effects of one emitter, in the order of the signal; each None is left out.
+
+    Parameters
+    ----------
+    amplifier : Amplifier or None
+        of the transmitter, by Rapp's model, without conversion of amplitude to phase
+    fading : FadingChannel or None
+        multipath whose taps go on from frame to frame in a jammer's stream; its SIR holds in the mean over the fading
+        where the emitter is free-running, else in every frame
+    oscillator : Oscillator or None
+        how far the emitter's carrier and sample clock are from the radar's
+    phase_noise : PhaseNoise or None
+        of both oscillators together, Gaussian with a Lorentzian spectrum
+    """
 
     amplifier: Amplifier | None = None
     fading: FadingChannel | None = None

@@ -153,6 +153,7 @@ class NrConfig:
                     f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent"
                 )
         self._check_control()
+        self._check_transmitter()
         self._check_ssb()
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} has to be 0 or above")
@@ -162,10 +163,13 @@ class NrConfig:
             )
         if self.frame_count * self.sample_rate_hz / 100 > _MOST_SAMPLES:
             raise ValueError(
-                f"frame_count {self.frame_count} of {self.channel_bandwidth_hz / 1e6:g} MHz take more than 0.5 GB; use at "
-                f"most {int(_MOST_SAMPLES * 100 / self.sample_rate_hz)}"
+                f"frame_count {self.frame_count} of {self.channel_bandwidth_hz / 1e6:g} MHz take more than 0.5 GB; "
+                f"use at most {int(_MOST_SAMPLES * 100 / self.sample_rate_hz)}"
             )
-        self._check_transmitter()
+        if self.csi_rs and not self.trs_slots:
+            raise ValueError(
+                "csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices"
+            )
         if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
             raise ValueError(
                 f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0"
@@ -181,10 +185,6 @@ class NrConfig:
             raise ValueError(
                 f"tdd {self.tdd!r} has to be slots D, S and U, as many as divide the {self.slots_per_frame} of a radio "
                 "frame, such as DDDSU"
-            )
-        if self.csi_rs and not self.trs_slots:
-            raise ValueError(
-                "csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices"
             )
 
     def _check_control(self) -> None:
@@ -222,8 +222,8 @@ class NrConfig:
                 last = SSB_START_SYMBOLS[index % 2] + 4
                 if DOWNLINK_SYMBOLS.get(self.slot_kinds[index // 2], 14) < last:
                     raise ValueError(
-                        f"ssb_indices {self.ssb_indices} hold {index}, whose symbols tdd {self.tdd!r} does not give to the "
-                        "downlink; drop it"
+                        f"ssb_indices {self.ssb_indices} hold {index}, whose symbols tdd {self.tdd!r} does not "
+                        "give to the downlink; drop it"
                     )
         limit = self.subcarriers - SSB_SUBCARRIERS
         if self.ssb_subcarrier is not None and not 0 <= self.ssb_subcarrier <= limit:
@@ -248,7 +248,7 @@ class NrConfig:
 
     @property
     def fft_length(self) -> int:
-        """Smallest power of two, from 512 on, with as many subcarriers: 512 or 1024 for 5 or 10 MHz of 15 kHz spacing."""
+        """Smallest power of two, from 512 on, with as many subcarriers: 512 or 1024 for 5 or 10 MHz of 15 kHz."""
         return max(512, 1 << (self.subcarriers - 1).bit_length())
 
     @property
@@ -473,7 +473,7 @@ def _precoder(config: NrConfig, rng: np.random.Generator) -> np.ndarray:
 
 
 def _place_trs(config: NrConfig, grid: ResourceGrid) -> None:
-    """Tracking reference signal, a CSI-RS of one port and density 3 over the whole carrier, TS 38.211 clause 7.4.1.5."""
+    """Tracking reference signal, a CSI-RS of one port and density 3 over the carrier, TS 38.211 clause 7.4.1.5."""
     for slot in config.trs_slots:
         for symbol in TRS_SYMBOLS:
             column = SYMBOLS_PER_SLOT * slot + symbol

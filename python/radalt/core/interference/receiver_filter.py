@@ -52,7 +52,7 @@ def around(signal: np.ndarray, start: int, count: int) -> np.ndarray:
 
 
 def random_window(signal: np.ndarray, residual: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count,) samples of an (n,) signal that repeats: random start and phase, shifted by ``residual`` cycles a sample."""
+    """(count,) samples of an (n,) signal that repeats: random start and phase, shifted by ``residual`` cycles each."""
     start = rng.integers(0, signal.size)
     phase = rng.random()
     window = around(signal, start, count)

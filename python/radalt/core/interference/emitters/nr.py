@@ -54,7 +54,7 @@ HALF_SUBFRAME_SYMBOLS = 7  # of 15 kHz; the long cyclic prefix comes every 0.5 m
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
     """Normal cyclic prefix of the symbols of 0.5 ms in samples, clause 5.3.1: (7,) int, or (14,) of 30 kHz.
 
-    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz (length 2048 of 15 kHz).
+    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz.
     Raises ValueError unless `fft_length` is a multiple of 128 (whole samples).
     """
     if fft_length < 128 or fft_length % 128:
@@ -66,7 +66,7 @@ def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACIN
 
 
 def symbol_starts(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
-    """Start in samples of the useful part (after the prefix) of the symbols of a subframe: (14,), or (28,) of 30 kHz."""
+    """Start in samples of the useful part (after the prefix) of a subframe's symbols: (14,), or (28,) of 30 kHz."""
     prefix = np.tile(cyclic_prefix_lengths(fft_length, spacing_hz), 2)
     return np.cumsum(prefix + fft_length) - fft_length
 

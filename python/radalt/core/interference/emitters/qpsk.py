@@ -136,8 +136,8 @@ class QpskEmitter(NamedEmitter):
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Samples of that mean power into ``span``, complex64 or complex128, where this takes less than `samples`.
 
-        True if written: ideal rectangular pulses without a carrier have one modulus, so their symbols are scaled before they
-        are held. Otherwise nothing is drawn or written.
+        True if written: ideal rectangular pulses without a carrier have one modulus, so their symbols are scaled before
+        they are held. Otherwise nothing is drawn or written.
         """
         rate = self.symbol_rate_hz / rate_hz
         if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:
