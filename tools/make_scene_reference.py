@@ -225,8 +225,8 @@ def page() -> str:
     out += [TOP, *rows(Interferer, ("interference", "qpsk"), frozenset({"emitter", "channel", "multipath"}))]
     out += [
         "",
-        "`multipath: {profile, delay_spread_s, doppler_hz}` as in [Interference](interference.md), drawn anew for every",
-        "frame, and these effects, off where a scene does not name them:",
+        "`multipath: {profile, delay_spread_s, doppler_hz}` as in [Interference](interference.md), drawn anew for",
+        "every frame, and these effects, off where a scene does not name them:",
         "",
         TOP,
         *rows(Impairments, ("interference", "tones")),

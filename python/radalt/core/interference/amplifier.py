@@ -20,8 +20,9 @@ _OVERSAMPLING = 4  # of the radar's rate: products up to the seventh order fold 
 class Amplifier:
     """Rapp's solid-state amplifier.
 
-    y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off. C. Rapp, "Effects of HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European
-    Conf. on Satellite Communications, 1991. There is no conversion of amplitude to phase.
+    y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off (C. Rapp, "Effects of
+    HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European Conf. on Satellite
+    Communications, 1991). There is no conversion of amplitude to phase.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from enum import IntEnum
 import numpy as np
 
 from . import nr_sequences as seq
-from .evm import TYPICAL_EVM, check_evm, evm_fraction
+from .evm import TYPICAL, TYPICAL_EVM, check_evm, evm_fraction
 
 SUBCARRIER_SPACING_HZ = 15e3  # numerology 0
 # TS 38.101-1 Table 5.3.2-1. 5 MHz at 30 kHz, 11 blocks, is left out: an SS/PBCH block needs 20.
@@ -456,7 +456,7 @@ def _layers(
         if config.precoding or layer:
             one *= _precoder(config, rng)[:, None]
         total += one if not layer else 10.0 ** (config.second_layer_db / 20.0) * one
-    if grid.evm is not None and user is not None and config.evm == "typical":
+    if grid.evm is not None and user is not None and config.evm == TYPICAL:
         own = np.array([TYPICAL_EVM[name] for name in seq.BITS_PER_SYMBOL])[user][:, None]
         here = grid.evm[:, SYMBOLS_PER_SLOT * slot : SYMBOLS_PER_SLOT * (slot + 1)]
         here[:] = np.where(data | comb, own, here)
