@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 
 from ..parsing import build, plain
-from ..waveform import exp_cycles, sum_of_waves
+from ..waveform import exp_cycles
 from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
@@ -69,7 +69,8 @@ class PhaseNoise:
         from scipy import signal  # see core/fir.py
 
         nodes = signal.lfilter([1.0], [1.0, -kept], drawn)
-        return np.interp(np.arange(count + 1), np.linspace(0.0, count, steps + 1), nodes)
+        before, part = _between(count, steps)
+        return nodes[before] + part * np.diff(nodes)[before]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,13 +319,12 @@ class _MovingFilter:
             product = np.tile(spectrum, (at.size, 1))
         if self._slip:
             ahead = (first + at) * (1.0 + self._slip) - (start + before) - at
-            response = sum_of_waves(np.ones((at.size, 1)), (ahead / size)[:, None], size // 2 + 1)
-            response = response.astype(np.complex64)
+            response = _shifts(ahead / size, size // 2 + 1)
             product[:, : size // 2 + 1] *= response
             product[:, size // 2 + 1 :] *= response[:, (size - 1) // 2 : 0 : -1].conj()
         filtered = fft.ifft(product, axis=1, overwrite_x=True)[:, before : before + count]
         filtered *= weights
-        return filtered.sum(axis=0, dtype=np.complex128)
+        return filtered.sum(axis=0).astype(np.complex128)
 
 
 def _order(swing_rad: float) -> int:
@@ -346,6 +346,22 @@ def _nodes(order: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     scale = np.where(degree == 0, 1.0, 2.0) / order
     weights = np.cos(degree * np.arccos(x)).T @ (scale * np.cos(degree * np.arccos(n)))
     return (x + 1.0) * (max(count - 1, 1) / 2.0), weights.astype(np.float32)
+
+
+@lru_cache(maxsize=32)
+def _between(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count + 1,) node before each sample and the samples' place between nodes, of ``steps`` even steps."""
+    at = np.arange(count + 1) * (steps / count)
+    before = np.minimum(at.astype(np.intp), steps - 1)
+    return before, at - before
+
+
+def _shifts(cycles: np.ndarray, count: int) -> np.ndarray:
+    """(k, count) complex64 exp(j 2 pi cycles_k n): products of coarse and fine steps, as in `sum_of_waves`."""
+    block = int(np.ceil(np.sqrt(count)))
+    fine = exp_cycles(cycles[:, None] * np.arange(block))
+    coarse = exp_cycles(cycles[:, None] * (block * np.arange(-(-count // block))))
+    return (coarse[:, :, None] * fine[:, None, :]).reshape(cycles.size, -1)[:, :count]
 
 
 @lru_cache(maxsize=8)
