@@ -3,6 +3,8 @@
 import contextlib
 import json
 import socket
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -286,6 +288,30 @@ def test_the_address_of_ipv6_is_bound():
         radalt.remote_control(SimpleNamespace(), parse_scene({}), "", "tcp://[::1]:*")
     ) as it:
         assert it._replier.listener.address.startswith("tcp://[::1]:")
+
+
+def test_the_client_outlives_the_telemetry_of_another_program(tmp_path, root):
+    with zmq.Context.instance().socket(zmq.PUB) as other, zmq.Context.instance().socket(zmq.REP) as replier:
+        other.bind(f"ipc://{tmp_path}/t")
+        replier.bind(f"ipc://{tmp_path}/c")
+        ends = ["--telemetry", f"ipc://{tmp_path}/t", "--control", f"ipc://{tmp_path}/c"]
+        command = [sys.executable, str(root / "flowgraphs/control_client.py"), *ends]
+        descent = subprocess.Popen(
+            [*command, "descend", "--altitudes", "9"], stderr=subprocess.PIPE, text=True
+        )
+        replier.recv()
+        replier.send(b'{"ok": true, "state": {}}')
+        while descent.poll() is None:
+            for message in (b'{"weather": "fine"}', b'{"type": "result", "truth_m": 9, "altitude_m": "x"}'):
+                other.send(message)
+            time.sleep(0.05)
+        assert (descent.returncode, descent.stderr.read()) == (0, "")
+        words = " ".join([*command, "watch", "--count", "1000"])
+        watch = subprocess.Popen(["sh", "-c", f"{words} | head -n 1"], stderr=subprocess.PIPE, text=True)
+        while watch.poll() is None:
+            other.send(b"{}")
+            time.sleep(0.001)
+        assert watch.stderr.read() == ""
 
 
 def test_a_subscriber_that_never_reads_slows_nothing(loop):
