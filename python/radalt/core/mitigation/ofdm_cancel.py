@@ -23,8 +23,9 @@ from .outcome import PASSED, Outcome
 
 __all__ = ["OfdmCancel"]
 
+_PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
-_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = 2.0, 5.0, 20.0, 12.0  # prices, see `IterativeReceiver`
+_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = 3.0, 7.0, 25.0, 15.0  # prices, see `IterativeReceiver`
 
 
 class OfdmCancel(Mitigation):
@@ -151,6 +152,7 @@ class OfdmCancel(Mitigation):
         if out is None and search and self._may_search():
             out = self._search(frame, level, visibility)
         spent = self._ffts + sum(receiver.ffts for receiver in self._receivers.values())
+        spent *= frame.size / _PRICED
         if out is None:
             self.outcome = Outcome("passed", ffts=spent)
         else:
@@ -197,7 +199,7 @@ class OfdmCancel(Mitigation):
         receiver, mask = self._receivers[kind], self._masks[kind]
         grid, first_long = acquire(x, prefix, kind, mask, s)
         free = mask.free(grid.starts, prefix.cfo)
-        known = self._known_return(x, visibility, grid)
+        known = self._known_return(receiver, x, visibility, grid)
         found = receiver.search(grid, free, known)
         if found is None:
             return None
@@ -224,7 +226,7 @@ class OfdmCancel(Mitigation):
         receiver, mask = self._receivers[state.numerology], self._masks[state.numerology]
         grid = grid_of(x, state)
         free = mask.free(grid.starts, state.cfo)
-        known = self._known_return(x, visibility, grid)
+        known = self._known_return(receiver, x, visibility, grid)
         if state.model == "static":
             found = tracked(grid, free, state, receiver, known, self.settings)
         else:
@@ -244,13 +246,9 @@ class OfdmCancel(Mitigation):
         self.outcome = Outcome(state, evm=float(np.sqrt(found.relative_noise)))
         return out * np.float32(self._state.level)
 
-    def _known_return(self, x: np.ndarray, visibility: float, grid: ElementGrid) -> KnownReturn | None:
+    def _known_return(
+        self, receiver: IterativeReceiver, x: np.ndarray, visibility: float, grid: ElementGrid
+    ) -> KnownReturn | None:
         """Return that shows in the frame as received, for decisions without it; None if it does not."""
         least = self.settings.raw_ratio
-        if visibility < least:
-            return None
-        found = self._returns.estimate(x)
-        if found.ratio < least:
-            return None
-        uncertainty = self.settings.return_uncertainty / found.ratio
-        return KnownReturn(grid.transform(found.samples * grid.carrier), uncertainty, False)
+        return receiver.known_return(x, grid, least) if visibility > least else None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import ndimage
 
-__all__ = ["block_sums", "exp_ramp", "median", "moving_average", "moving_sum", "power", "segment_sums", "spread"]
+__all__ = ["block_sums", "exp_ramp", "median", "moving_average", "moving_sum", "power", "segment_spread", "segment_sums", "spread"]
 
 
 def power(x: np.ndarray) -> np.ndarray:
@@ -38,14 +40,27 @@ def block_sums(values: np.ndarray, block: int) -> np.ndarray:
     return out
 
 
+@lru_cache(maxsize=64)
+def _members(segments: tuple[int, ...], count: int) -> np.ndarray:
+    rows = np.arange(count)
+    starts = np.array(segments)[:, None]
+    ends = np.array((*segments[1:], count))[:, None]
+    which = ((rows >= starts) & (rows < ends)).astype(np.float32)
+    which.setflags(write=False)
+    return which
+
+
 def segment_sums(values: np.ndarray, segments: np.ndarray) -> np.ndarray:
     """(L, K) float32 or complex64 summed from each row in ``segments`` to the next: (len(segments), K)."""
-    rows = np.arange(len(values))
-    ends = np.append(segments[1:], len(values))
-    which = ((rows >= segments[:, None]) & (rows < ends[:, None])).astype(np.float32)
+    which = _members(tuple(segments.tolist()), len(values))
     if values.dtype == np.complex64:
         return (which @ np.ascontiguousarray(values).view(np.float32)).view(np.complex64)
     return which @ values
+
+
+def segment_spread(values: np.ndarray, segments: np.ndarray, count: int) -> np.ndarray:
+    """(len(segments), K) float32 values of segments, repeated for each of their rows: (count, K)."""
+    return _members(tuple(segments.tolist()), count).T @ values
 
 
 def spread(values: np.ndarray, block: int) -> np.ndarray:

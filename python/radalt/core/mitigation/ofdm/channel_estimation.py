@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import ndimage
 
-from .arrays import block_sums, median, moving_average, moving_sum, power, segment_sums
+from .arrays import block_sums, median, moving_average, moving_sum, power
 from .equaliser import ElementGrid
 from .numerology import Numerology
 from .phase_timing import axes_phases
@@ -65,14 +65,11 @@ class BlindChannel:
         Subcarriers in use.
     phase : (L, 1) complex64
         Factors that bring all symbols to one phase.
-    coherence : float
-        Of fourth powers between half slots, 0..1; a static channel has nearly 1.
     """
 
     gain: np.ndarray
     used: np.ndarray
     phase: np.ndarray
-    coherence: float
 
 
 def blind_channel(
@@ -89,14 +86,6 @@ def blind_channel(
     slope = float(np.angle((fourth[:, 1:] * fourth[:, :-1].conj()).sum()))
     # the phases of unit steps: one short exponential
     flat = fourth * np.exp(-1j * slope * np.arange(num.useful)).astype(np.complex64)
-    edge = np.arange(0, num.useful - _BLOCK + 1, _BLOCK)
-    parts = np.add.reduceat(segment_sums(flat, grid.segments), edge, axis=1)
-    many = np.flatnonzero(np.diff(np.append(grid.segments, len(flat))) >= 3)
-    coherence = 1.0
-    for n, i in enumerate(many):
-        for j in many[:n]:
-            c = parts[i] * parts[j].conj()
-            coherence = min(coherence, float(np.abs(c.sum()) / max(np.abs(c).sum(), 1e-9)))
     if model == "static":
         mean = flat.sum(axis=0)
         edge = np.arange(0, num.useful, _AXES_BLOCK)
@@ -123,7 +112,7 @@ def blind_channel(
                 angle[row] = angle[row - step] + np.angle(mean[row] * mean[row - step].conj())
     angle = (angle + slope * np.arange(num.useful) - np.pi) / 4
     gain = (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
-    return BlindChannel(gain, used, np.exp(-0.25j * turn).astype(np.complex64)[:, None], coherence)
+    return BlindChannel(gain, used, np.exp(-0.25j * turn).astype(np.complex64)[:, None])
 
 
 def _widest(mean: np.ndarray) -> np.ndarray:

@@ -59,7 +59,6 @@ class ElementGrid:
         self.raw = self.transform(self.samples)
         self.ramp = timing_ramp(-delay, numerology)
         self.level: tuple[np.ndarray, np.ndarray] | None = None  # of `level_in_use`, where that is known
-        self._cyclic: tuple[slice, np.ndarray] | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -78,13 +77,16 @@ class ElementGrid:
 
     def cyclic(self) -> tuple[slice, np.ndarray]:
         """The samples that symbols cover, and for each its place (row K + sample) in the (L, K) useful parts."""
-        if self._cyclic is None:
+        key = self.starts.tobytes(), self.samples.size
+        cache = self.numerology.cyclic
+        if key not in cache:
             edges = np.clip(self.edges(), 0, self.samples.size)
             row = np.repeat(np.arange(len(self)), np.diff(edges))
             n = np.arange(edges[0], edges[-1])
             useful = self.numerology.useful
-            self._cyclic = slice(edges[0], edges[-1]), row * useful + (n - self.starts[row]) % useful
-        return self._cyclic
+            cache.clear()
+            cache[key] = slice(edges[0], edges[-1]), row * useful + (n - self.starts[row]) % useful
+        return cache[key]
 
 
 def timing_ramp(delay: np.ndarray, numerology: Numerology) -> np.ndarray:

@@ -29,7 +29,11 @@ from .soft_demapper import SoftDemapper, SoftSymbols
 
 __all__ = ["IterativeReceiver", "KnownReturn", "Reception"]
 
-_DEMAP, _LOOP, _BLIND, _RETURN = 13.0, 9.0, 14.0, 9.0  # FFTs per 7,500 elements of one such step
+# prices of the steps in FFTs of 7,500 points, of a frame of so many samples; tools/ofdm_settings.py compares them with
+# what is measured
+_DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN = 18.0, 13.0, 20.0, 30.0, 10.0, 12.0, 12.0
+_FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
+_SAMPLED = 7
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
@@ -41,14 +45,14 @@ class KnownReturn:
     ----------
     elements : (L, K) complex64
         Its part of the elements, before timing is corrected.
-    uncertainty : float
-        Error of its power over its power.
+    uncertainty : (L, 1) float32
+        Error of its power over its power, in each symbol.
     everywhere : bool
         Whether it is known so well that masked elements serve as the others do.
     """
 
     elements: np.ndarray
-    uncertainty: float
+    uncertainty: np.ndarray
     everywhere: bool
 
 
@@ -115,31 +119,34 @@ class IterativeReceiver:
         """Best reception of a frame among the channel models (or with ``only`` one), None without emitter."""
         s = self._s
         ramp = grid.ramp
-        best, coherence = self._receive(grid, free, known, only or "static")
-        if not only and best.gain >= s.readable and self.channel_error(grid, free, best) > s.channel_error:
-            errors = self._model_errors(grid, free, best)
-            grid.ramp = ramp
-            model = "tile" if errors["tile"] < s.tile_better * errors["moving"] else "moving"
-            other, _ = self._receive(grid, free, known, model)
-            if other.score > best.score + s.better_score:
-                best = other
+        best = self._receive(grid, free, known, only or "static")
+        if not only and best.gain >= s.readable and self._affords_another():
+            if self.channel_error(grid, free, best) > s.channel_error:
+                errors = self._model_errors(grid, free, best)
+                model = "tile" if errors["tile"] < s.tile_better * errors["moving"] else "moving"
+                grid.ramp = ramp
+                other = self._receive(grid, free, known, model)
+                if other.score > best.score + s.better_score:
+                    best = other
         grid.ramp = best.ramp
         return best if best.gain >= s.evidence else None
 
-    def _receive(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, model: str) -> tuple[Reception, float]:
-        """Reception with one channel model, nothing known before; and the coherence of the blind channel."""
+    def _receive(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, model: str) -> Reception:
+        """Reception with one channel model, nothing known before."""
         s = self._s
         most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
         estimator = ChannelEstimator(s)
         blind = blind_channel(grid, free, model, estimator, s)
-        self.ffts += self._price(_BLIND)
-        found = self.loop(
+        self.ffts += _BLIND
+        return self.loop(
             grid, free, blind.gain, blind.used, None, most, model, estimator, phase=blind.phase, known=known, acquiring=True
         )
-        return found, blind.coherence
 
-    def _price(self, ffts: float) -> float:
-        return ffts
+    def _affords_another(self) -> bool:
+        """Whether another channel model may be tried and the frame still be finished, at most at the price allowed."""
+        iterations = max(self._s.iterations_moving, self._s.iterations_tile)
+        price = _ERRORS + _BLIND + (iterations + 2) * _DEMAP + iterations * _LOOP
+        return self.ffts + price + _FINISH <= self._s.most_ffts
 
     def channel_error(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> float:
         """How coherent the residual still is with the model: 1 for noise, more where the channel is not as modelled.
@@ -155,7 +162,7 @@ class IterativeReceiver:
         norm = moving_sum(block_sums(segment_sums(power(model) * w, grid.segments), block), around)
         sums = moving_sum(block_sums(agreement, block), around)
         there = norm > 0
-        self.ffts += self._price(5.0)
+        self.ffts += 7.0
         return float((power(sums[there]) / norm[there]).mean()) if there.any() else 1.0
 
     def _model_errors(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> dict[str, float]:
@@ -169,7 +176,7 @@ class IterativeReceiver:
             h = ChannelEstimator(self._s).estimate(agreement, weight, grid, model)
             doubt = power(h) * np.maximum(found.soft.second - power(mean), 0)
             errors[model] = float((np.minimum((power(found.elements - h * mean) + doubt) * w, 30)).sum())
-        self.ffts += self._price(_LOOP * 2)
+        self.ffts += _ERRORS
         return {model: errors[model] / max(errors["static"], 1e-9) for model in ("moving", "tile")}
 
     def loop(
@@ -235,13 +242,13 @@ class IterativeReceiver:
         shortest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
         for iteration in range(iterations + 1):
             h2 = np.maximum(power(channel), np.float32(1e-9))
-            in_mask = return_power if known is None else np.float32(known.uncertainty + 0.02) * power(known_part)
+            in_mask = return_power if known is None else (known.uncertainty + np.float32(0.02)) * power(known_part)
             z = equalise(y, channel)
             soft = self._demapper.demap(z, ((noise + masked * in_mask) / h2).astype(np.float32), t, grid.segments)
             decided = channel * soft.mean
             error = power(y - decided) + h2 * np.maximum(soft.second - power(soft.mean), 0)
             noise = self._noise(error, t, h2)
-            self.ffts += self._price(_DEMAP)
+            self.ffts += _DEMAP
             if known is None and masked.any() and iteration == min(1, iterations - 1):
                 return_power = self._return_power(z, noise, h2, soft, grid, masked)
             w = t / noise
@@ -253,7 +260,7 @@ class IterativeReceiver:
             agreement = y * decided.conj() * w
             turn = correct_phase(agreement)
             y, phase = y * turn, phase * turn
-            if model == "static" and iteration < 2:
+            if model == "static" and acquiring and iteration < 2:
                 factor = retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
                 y = y * factor
                 known_part = None if known_part is None else known_part * factor
@@ -264,7 +271,7 @@ class IterativeReceiver:
             channel = estimator.estimate(
                 y * soft.mean.conj() * w, soft.second * w, grid, model, wide=iteration < schedule, prior=prior, bound=bound
             )
-            self.ffts += self._price(_LOOP)
+            self.ffts += _LOOP
             if last:
                 break
         return self._reception(
@@ -295,17 +302,17 @@ class IterativeReceiver:
     def _first_noise(self, z: np.ndarray, t: np.ndarray, segments: np.ndarray) -> tuple[np.float32, np.ndarray]:
         """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
 
-        One block in five is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
+        One block in `_SAMPLED` is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
         """
         block = self._num.block
-        some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::5]).reshape(len(z), -1)
-        known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::5]).reshape(len(t), -1)
+        some = np.ascontiguousarray(z.reshape(len(z), -1, block)[:, ::_SAMPLED]).reshape(len(z), -1)
+        known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::_SAMPLED]).reshape(len(t), -1)
 
         tried = 10 ** (np.array(self._s.noise_grid_db, dtype=np.float32) / 10)
         upright = self._nats(some, known, tried, segments)
         best = int(upright.sum(axis=1).argmax())
         turned = self._nats(some * _EIGHTH, known, tried[best : best + 1], segments)[0]
-        self.ffts += self._price(_DEMAP)
+        self.ffts += _DEMAP
         return tried[best], np.where(turned > upright[best] + 5, _EIGHTH, np.complex64(1))[:, None]
 
     def _nats(self, z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray) -> np.ndarray:
@@ -357,7 +364,7 @@ class IterativeReceiver:
         elements = sent_elements(
             found.elements, found.channel * found.soft.mean, found.noise, free, found.used, self._s.outlier_return
         )
-        self.ffts += self._price(6.0)
+        self.ffts += _SUBTRACT
         return grid.samples - modulate(elements * found.phase.conj(), grid)
 
     def finish(self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool) -> tuple[np.ndarray, Reception, ElementGrid]:
@@ -369,7 +376,7 @@ class IterativeReceiver:
         if tune:
             sent = modulate(found.channel * found.soft.mean * found.phase.conj(), grid)
             off = residual_cfo(grid, sent)
-            self.ffts += self._price(8.0)
+            self.ffts += _CFO
             # within a symbol it leaves (pi off)^2 / 3 of the power
             if (np.pi * off) ** 2 / 3 > 0.05 * found.relative_noise:
                 back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype(np.complex64)
@@ -378,15 +385,26 @@ class IterativeReceiver:
                 found = self._again(grid, free, found, known, phase=found.phase * back[:, None])
         out = self.cancel(grid, free, found)
         if found.return_power > s.return_relevant * median(found.noise) or known is not None or tune:
-            back = self._returns.estimate(out * grid.carrier.conj())
-            self.ffts += self._price(_RETURN)
-            if back.ratio >= s.found_ratio:
-                elements = grid.transform(back.samples * grid.carrier)
-                known = KnownReturn(elements, s.return_uncertainty / back.ratio, True)
-                found = self._again(grid, free, found, known, phase=found.phase)
+            shown = self.known_return(out * grid.carrier.conj(), grid, s.found_ratio, everywhere=True)
+            if shown is not None:
+                found = self._again(grid, free, found, shown, phase=found.phase)
                 out = self.cancel(grid, free, found)
-        self.ffts += self._price(3.0)
+        self.ffts += 5.0
         return blanked(out * grid.carrier.conj(), grid, s), found, grid
+
+    def known_return(
+        self, frame: np.ndarray, grid: ElementGrid, least: float, *, everywhere: bool = False
+    ) -> KnownReturn | None:
+        """Return of an (N,) frame whose pair of tones has at least so large a ratio in the mean, or None."""
+        found = self._returns.estimate(frame)
+        self.ffts += _RETURN
+        if found.ratios.mean() < least:
+            return None
+        half = frame.size // 2
+        middle = grid.starts + self._num.useful // 2
+        uncertainty = np.minimum(self._s.return_uncertainty / found.ratios, 1)[(middle >= half).astype(int)]
+        elements = grid.transform(found.samples * grid.carrier)
+        return KnownReturn(elements, uncertainty.astype(np.float32)[:, None], everywhere)
 
     def _again(self, grid, free, found: Reception, known, phase) -> Reception:  # noqa: ANN001
         again = self.loop(grid, free, found.channel, found.used, found.noise, 0, found.model, ChannelEstimator(self._s), phase=phase, known=known)

@@ -16,17 +16,27 @@ __all__ = ["ReturnEstimate", "ReturnEstimator"]
 
 @dataclass(frozen=True)
 class ReturnEstimate:
-    """A return as one tone per half sweep.
+    """A return as one tone per half sweep, at beats that one return at an allowed speed can have.
 
     Attributes
     ----------
     samples : (N,) complex64
-    ratio : float
-        The weaker half's peak over the mean power in the altitude band; noise alone has some ``ln(cells)``.
+    ratios : (2,) float32
+        Power of each half's tone over the mean power of noise in a cell there.
     """
 
     samples: np.ndarray
-    ratio: float
+    ratios: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Best pair of beats in the spectra of both halves: their cells (2,) int and ratios (2,), and the spectra."""
+
+    cells: np.ndarray
+    ratios: np.ndarray
+    levels: np.ndarray
+    noise: np.ndarray
 
 
 class ReturnEstimator:
@@ -70,59 +80,64 @@ class ReturnEstimator:
         return float((band.max(axis=1) / np.maximum(level.mean(axis=1), 1e-30)).min())
 
     def estimate(self, frame: np.ndarray) -> ReturnEstimate:
-        """Strongest tone of each half sweep in the altitude band of an (N,) frame, where samples of 0 are missing.
+        """Return of an (N,) frame, where samples of 0 are missing.
 
         Frequency by a parabola through three bins of the twice zero-padded amplitude spectrum, amplitude and phase by
         the mean over the samples that are there.
         """
         beat = self._dechirped(frame)
-        spectrum = fft.fft(beat, 2 * self._half, axis=1)
-        band = spectrum.take(self._fine)
-        level = power(band)
-        best = np.clip(level.argmax(axis=1), 1, level.shape[1] - 2)
-        ratio = np.inf
+        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
+        found = self._pair(power(band))
         steps = np.empty(2)
-        for row in range(2):
-            ratio = min(ratio, float(level[row, best[row]] / max(median(level[row]) / np.log(2), 1e-30)))
-            low, mid, high = np.abs(band[row, best[row] - 1 : best[row] + 2])
+        for row, cell in enumerate(np.clip(found.cells, 1, band.shape[1] - 2)):
+            low, mid, high = np.abs(band[row, cell - 1 : cell + 2])
             bend = low - 2 * mid + high
             off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 else 0.0
-            sign = 1 if row else -1
-            steps[row] = sign * (best[row] + off - 6) / (2 * self._half)
+            steps[row] = (1 if row else -1) * (cell + off - 6) / (2 * self._half)
         tone = exp_ramp(steps, self._half)
         there = np.maximum((beat != 0).sum(axis=1), 1)
         gain = (beat * tone.conj()).sum(axis=1) / there
         out = (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
-        return ReturnEstimate(out, ratio)
+        return ReturnEstimate(out, found.ratios)
+
+    def _pair(self, levels: np.ndarray) -> _Pair:
+        """Pair of beats with the largest sum of ratios, of those that differ by no more than the speed allows."""
+        noise = np.maximum(np.median(levels, axis=1) / np.log(2), 1e-30)
+        up, down = levels / noise[:, None]
+        reach = self._s.speed_cells
+        first = int(_pair_sums(up, down, reach).argmax())
+        low = max(first - reach, 0)
+        second = low + int(down[low : first + reach + 1].argmax())
+        return _Pair(np.array([first, second]), np.array([up[first], down[second]]), levels, noise)
 
     def is_consistent(self, frame: np.ndarray) -> bool:
         """Integrity: whether an (N,) cancelled frame is consistent with one return and white noise.
 
         Beat spectra of the two half sweeps (Hann window, over their noise) are added for all pairs of beats that one
-        return at an allowed speed can have. The best pair has to exceed what noise gives, and every other pair. A return
-        has one power in both halves: where they differ, the weaker one has to stand out by itself. An emitter that was
-        demodulated wrongly leaves one half, or several beats, and an altitude beside the return's.
+        return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance with
+        probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
+        and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
+        unlikely by chance, too. An emitter that was demodulated wrongly leaves one half, or several beats, and an altitude
+        beside the return's.
         """
         s = self._s
-        level = power(fft.fft(self._dechirped(frame) * self._window, 2 * self._half, axis=1)).take(self._fine)
-        noise = np.maximum(np.median(level, axis=1) / np.log(2), 1e-30)
-        up, down = (level / noise[:, None]).astype(np.float32)
-        reach, lobe = s.speed_cells, s.lobe_cells
-
-        def sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-            return first + ndimage.maximum_filter1d(second, 2 * reach + 1, mode="constant")
-
-        pair = sums(up, down)
-        at_up = int(pair.argmax())
-        low = max(at_up - reach, 0)
-        at_down = low + int(down[low : at_up + reach + 1].argmax())
-        weaker = min(up[at_up], down[at_down])
-        if pair[at_up] < s.pair_ratio or weaker < s.half_ratio:
+        beat = self._dechirped(frame) * self._window
+        found = self._pair(power(fft.fft(beat, 2 * self._half, axis=1).take(self._fine)))
+        best, weaker = float(found.ratios.sum()), float(found.ratios.min())
+        # pairs of cells that are as close to each other
+        apart = 2 * abs(int(found.cells[0]) - int(found.cells[1])) + 1
+        if self._cells.shape[1] * apart * (1 + best) * np.exp(-best) > s.chance:
             return False
-        balance_db = 10 * abs(np.log10(level[0, at_up] / level[1, at_down]))
-        if balance_db > s.balance_db and weaker < s.half_alone_ratio:
+        powers = found.ratios * found.noise
+        unequal = 10 * abs(np.log10(powers[0] / powers[1])) > s.balance_db
+        if unequal and apart * np.exp(-weaker) > s.chance:
             return False
-        rest_up, rest_down = up.copy(), down.copy()
-        rest_up[max(at_up - lobe, 0) : at_up + lobe + 1] = 0
-        rest_down[max(at_down - lobe, 0) : at_down + lobe + 1] = 0
-        return bool(pair[at_up] > s.pair_margin * sums(rest_up, rest_down).max())
+        rest = found.levels / found.noise[:, None]
+        for row, cell in zip(rest, found.cells, strict=True):
+            row[max(cell - s.lobe_cells, 0) : cell + s.lobe_cells + 1] = 0
+        return bool(best > s.pair_margin * _pair_sums(*rest, s.speed_cells).max())
+
+
+def _pair_sums(up: np.ndarray, down: np.ndarray, reach: int) -> np.ndarray:
+    """(cells,) ratios of the first half, each with the largest of the second within ``reach`` cells."""
+    return up + ndimage.maximum_filter1d(down, 2 * reach + 1, mode="constant")

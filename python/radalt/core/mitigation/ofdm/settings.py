@@ -28,18 +28,16 @@ class OfdmSettings:
     visible_cells: float = 2.0  # range cells by which the two halves' beats may differ, for one return [F: 10 m/s]
     mask_margin: int = 3  # subcarriers added on either side of the return's: sweep within a symbol, Doppler [F]
     raw_ratio: float = 8.0  # tone over mean, in the received frame: from here on it is removed before decisions [M]
-    found_ratio: float = 12.0  # tone over mean, in the cancelled frame: from here on a return-aware pass [F: exp]
+    found_ratio: float = 8.0  # mean of both tones over noise, in the cancelled frame: from here on a return-aware pass [F: exp]
     return_uncertainty: float = 2.0  # error of a fitted tone's power, over its ratio [F: Cramer-Rao, amplitude, phase]
     return_step_db: float = 6.0  # dB; grid of return powers whose likelihood is compared [M]
     return_relevant: float = 0.3  # of the noise; a weaker return changes no decision, and needs no second pass [M]
     # integrity, on beat spectra with two cells per range cell, normalised by their noise
     speed_cells: int = 9  # cells by which the halves' beats of one return may differ [F: 150 m/s are 8.6]
     lobe_cells: int = 4  # cells on either side of a peak that are its main lobe [F: Hann window]
-    pair_ratio: float = 14.0  # sum of a pair of beats; of 3,000 pairs of noise one in 80 frames has more [F: Erlang]
+    chance: float = 0.01  # probability that noise gives a pair of beats, or its weaker half, so near to each other [M]
     pair_margin: float = 1.2  # ratio of the best pair to any other [M]
-    half_ratio: float = 3.5  # of the weaker half's beat [M]
     balance_db: float = 6.0  # dB; powers of the two halves' beats may differ by so much: noise, and what was masked [M]
-    half_alone_ratio: float = 8.0  # of the weaker half's beat where they do; of 19 cells of noise 3e-3 have more [F: exp]
     # demapper
     prior_empty: float = 0.25  # probability of silence among control elements [M]
     prior_qpsk: float = 0.45  # of QPSK (TS 38.211 clauses 7.3, 7.4) [M]
@@ -48,10 +46,10 @@ class OfdmSettings:
     outlier: float = 1e-3  # probability of an element that is none of these [M]
     log_limit: float = 12.0  # nats; what one element may say for or against control [M]
     # loop
-    noise_grid_db: tuple[float, ...] = (-30.0, -24.0, -19.0, -14.0)  # dB; noise that is tried first [M]
+    noise_grid_db: tuple[float, ...] = (-28.0, -21.0, -14.0)  # dB; noise that is tried first [M]
     iterations: int = 4  # at most, with a static channel
-    iterations_moving: int = 7  # at most, with a channel that moves
-    iterations_tile: int = 5  # at most, with precoding
+    iterations_moving: int = 6  # at most, with a channel that moves
+    iterations_tile: int = 4  # at most, with precoding
     converged: float = 0.95  # of the noise of the iteration before: no further one [M]
     evidence: float = 0.04  # nats per element over a Gaussian of the same power: less is not demodulated [M]
     readable: float = 0.4  # nats; with less in a static channel no other one is tried [M]
@@ -76,7 +74,7 @@ class OfdmSettings:
     burst_loud: float = 6.0  # times the median power; noise has e^-4 of it [F: exp]
     burst_gap: int = 64  # samples; a burst may be quiet for so long by chance [F: OFDM's envelope is Rayleigh]
     # cost
-    most_ffts: float = 560.0  # FFTs of 7,500 points; no further stage begins that could exceed it
+    most_ffts: float = 590.0  # FFTs of 7,500 points; no other channel model is tried that could exceed it [M]
 
 
 SETTINGS = OfdmSettings()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import block_sums, moving_sum, power, segment_sums, spread
+from .arrays import block_sums, moving_sum, segment_spread, segment_sums, spread
 from .constellation import BOOSTED, EMPTY, QAM, QPSK, rail_index, rail_tables
 from .numerology import Numerology
 from .settings import OfdmSettings
@@ -128,10 +128,9 @@ class SoftDemapper:
         pooled -= pooled.max(axis=0)
         order = np.exp(pooled)
         order /= order.sum(axis=0)
-        rows = np.repeat(np.arange(len(segments)), np.diff(np.append(segments, len(z))))
         data = None
         for number, density in enumerate(qam):
-            density *= spread(order[number], self._block)[rows]
+            density *= spread(segment_spread(order[number], segments, len(z)), self._block)
             data = density if data is None else data + density
         # control elements: twelve subcarriers of a symbol, with a share of its neighbourhood as prior
         limit = np.float32(self._s.log_limit)

@@ -18,6 +18,7 @@ from .settings import OfdmSettings
 
 __all__ = ["TrackingState", "next_state", "tracked"]
 
+_PRICE = 14.0  # FFTs, see `IterativeReceiver`
 _BLOCK = 50  # subcarriers whose fourth powers are summed before their sign is judged
 
 
@@ -115,7 +116,7 @@ def tracked(
     delay = block_delay(c, edge, grid.numerology)
     grid.ramp = grid.ramp * timing_ramp(np.full(1, delay), grid.numerology)
     state.first_long += delay
-    receiver.ffts += 4.0
+    receiver.ffts += _PRICE
     noise = np.broadcast_to(state.noise, grid.raw.shape)
     found = receiver.loop(
         grid,
