@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Cancellation of OFDM and QPSK: Pd, error and wrong altitudes over modulations, loads, channels and radios.
+"""Cancellation of OFDM and QPSK: Pd, wrong altitudes and costs over EVM, constellations, layers, channels and radios.
 
-.venv/bin/python flowgraphs/cancellation.py                    # some minutes, into results/cancellation
+.venv/bin/python flowgraphs/cancellation.py                    # half an hour, into results/cancellation
 .venv/bin/python flowgraphs/cancellation.py --publish docs     # then docs/cancellation.md
-.venv/bin/python flowgraphs/cancellation.py --cases nr10_256qam --methods none,ofdm_cancel --frames 300
+.venv/bin/python flowgraphs/cancellation.py --cases evm_8 --methods none,cancel,hybrid --frames 300
 .venv/bin/python flowgraphs/cancellation.py --flights-only --methods whitening,tcae --flights 100 --flight-s 2
 """
 
@@ -25,25 +25,29 @@ from radalt.evaluation.engine.options import (
 )
 
 PROGRAM = "cancellation"
-METHODS = "none,whitening,tcae,ofdm_cancel,qpsk_cancel"
+METHODS = "none,cancel"
+FLOWN = "whitening,tcae"
 
 
 def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
-    add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
+    add(
+        "--methods",
+        help=f"methods with commas; cancel is the canceller made for the case (default: {METHODS}; flights: {FLOWN})",
+    )
     add("--cases", default="", help="cases with commas (default: all of studies/cancellation/cases.py)")
     add(
         "--frames",
         type=number(int, 1, 100_000),
-        default=60,
-        help="per case and SIR, three times as many where the limit was asked for (default: %(default)s)",
+        default=100,
+        help="per case and SIR (default: %(default)s)",
     )
     add(
         "--flights",
-        type=number(int, 0, 1000),
+        type=number(int, 1, 1000),
         default=10,
-        help="per kind of interference, behind the tracker; 0 for none (default: %(default)s)",
+        help="per kind of interference, behind the tracker, with --flights-only (default: %(default)s)",
     )
     add("--flights-only", action="store_true", help="no cases: flights alone, behind --methods")
     add("--flight-s", type=number(int, 1, 1000), help="length of a flight with --flights-only (default: 1)")
@@ -65,18 +69,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     from radalt.studies.cancellation.flights import FlightsStudy
     from radalt.studies.cancellation.study import CancellationStudy
 
-    methods = names_of(parser, "--methods", args.methods, KNOWN)
+    given = args.methods or (FLOWN if args.flights_only else METHODS)
+    methods = names_of(parser, "--methods", given, {**KNOWN, **({} if args.flights_only else {"cancel": None})})
     cases = names_of(parser, "--cases", args.cases, CASES) if args.cases else tuple(CASES)
     if not args.flights_only and args.flight_s is not None:
-        parser.error(f"--flight-s {args.flight_s} needs --flights-only; beside the cases a flight lasts 1 s")
-    if args.flights_only and (args.cases or not args.flights):
-        parser.error(
-            "--flights-only measures at least one flight and no case; leave out --cases, and --flights 0"
-        )
+        parser.error(f"--flight-s {args.flight_s} needs --flights-only")
+    if args.flights_only and args.cases:
+        parser.error("--flights-only measures no case; leave out --cases")
     study = (
         FlightsStudy(methods, args.flights, args.flight_s or 1, args.seed)
         if args.flights_only
-        else CancellationStudy(methods, cases, args.frames, args.flights, args.seed)
+        else CancellationStudy(methods, cases, args.frames, args.seed)
     )
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe)
 
@@ -90,9 +93,7 @@ def _describe(rows: Sequence[dict]) -> str:
         where = f"{rows[0]['flight']}, tracked, {rows[-1]['method']}, {rows[-1]['allowed_m_per_s']:g} m/s"
         return f"{where}: available {available:.2f}"
     found = (f"{r['pd']:.2f}" for r in rows if r["method"] == rows[-1]["method"])
-    row = rows[0]
-    name = f"mixture {row['mixture']}" if "mixture" in row else row.get("kind") or row["case"]
-    return f"{name}, {rows[-1]['method']}: Pd {' '.join(found)}"
+    return f"{rows[0]['case']}, {rows[-1]['method']}: Pd {' '.join(found)}"
 
 
 if __name__ == "__main__":

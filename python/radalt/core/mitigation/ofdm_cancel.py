@@ -25,7 +25,12 @@ __all__ = ["OfdmCancel"]
 
 _PRICED = 7500  # samples of the frame for which steps are priced
 _TINY = float(np.finfo(np.float32).tiny)
-_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = 3.0, 7.0, 25.0, 15.0  # prices, see `IterativeReceiver`
+_VISIBLE_FFTS, _PREFIX_FFTS, _ACQUIRE_FFTS, _TONES_FFTS = (
+    3.0,
+    7.0,
+    25.0,
+    15.0,
+)  # prices, see `IterativeReceiver`
 
 
 class OfdmCancel(Mitigation):

@@ -138,7 +138,9 @@ CASES = {
     "noise_10": Case("64QAM, noise 10 dB below it", Noisy(emitter=_nr10(), noise_db=10.0)),
     "noise_5": Case("64QAM, noise 5 dB below it", Noisy(emitter=_nr10(), noise_db=5.0)),
     "stream": Case("stream, 64QAM, EVM 3 %", _nr10(0.03), stream=True),
-    "stream_mixed": Case("stream, all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed"), stream=True),
+    "stream_mixed": Case(
+        "stream, all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed"), stream=True
+    ),
     "stream_radios": Case("stream, two radios, EVM 3 %", _nr10(0.03), stream=True, radio=_TWO_RADIOS),
     "stream_ra4_5": Case("stream, RA4, 5 km/h, EVM 3 %", _faded("RA4", _5_KM_PER_H_HZ), stream=True),
     "stream_ra4_30": Case("stream, RA4, 30 km/h, EVM 3 %", _faded("RA4", _30_KM_PER_H_HZ), stream=True),

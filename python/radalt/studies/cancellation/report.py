@@ -64,7 +64,9 @@ def _table(rows: Sequence[Row], stream: bool) -> str:
             continue
         points = []
         for some in ([r for r in mine if r["method"] == "none"], cancelled):
-            points.append(str(break_point([r["sir_db"] for r in some], [r["pd"] for r in some])) if some else "")
+            points.append(
+                str(break_point([r["sir_db"] for r in some], [r["pd"] for r in some])) if some else ""
+            )
         pd = [next((number(r["pd"]) for r in cancelled if r["sir_db"] == sir_db), "") for sir_db in _SHOWN_DB]
         searched = [r for r in cancelled if r["sir_db"] <= -30.0] or cancelled
         median = number(float(np.median([r["ffts_mean" if stream else "ffts_median"] for r in searched])), 0)
@@ -81,7 +83,9 @@ def draw_pd(rows: Sequence[Row], path: Path) -> None:
     axis = figure.subplots()
     for name, colour, marker in zip(_DRAWN, _COLOURS, _MARKERS, strict=True):
         for method, line in (("ofdm_cancel", "-"), ("none", ":")):
-            mine = sorted((r for r in rows if (r["case"], r["method"]) == (name, method)), key=lambda r: r["sir_db"])
+            mine = sorted(
+                (r for r in rows if (r["case"], r["method"]) == (name, method)), key=lambda r: r["sir_db"]
+            )
             if not mine or (method == "none" and name != "evm_3"):
                 continue
             sir_db = [r["sir_db"] for r in mine]

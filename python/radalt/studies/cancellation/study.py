@@ -26,7 +26,7 @@ __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
 CANCEL = "cancel"  # stands for the canceller that is made for a case
 METHODS = ("none", CANCEL)
-SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -55.0, -60.0)
+SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -60.0)
 _BELOW_PD = 0.3  # a case is left after two SIRs at which its canceller has less
 _FFTS = 3  # FFTs of 7,500 points timed after each frame, so that caches are as the method left them
 _COSTS = ("ffts_median", "ffts_mean", "ffts_most")
@@ -91,7 +91,12 @@ class CancellationStudy(Study):
         for sir_db in SIRS_DB:
             if failures >= 2:
                 break
-            seed = [self.seed, list(CASES).index(point.case), round(-10 * sir_db), *([batch] if batch else [])]
+            seed = [
+                self.seed,
+                list(CASES).index(point.case),
+                round(-10 * sir_db),
+                *([batch] if batch else []),
+            ]
             frames, altitude_m = received(case, sir_db, point.frames, np.random.default_rng(seed))
             for name in self.methods:
                 method = _named(name, point.case)

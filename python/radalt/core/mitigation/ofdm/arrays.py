@@ -7,7 +7,17 @@ from functools import lru_cache
 import numpy as np
 from scipy import ndimage
 
-__all__ = ["block_sums", "exp_ramp", "median", "moving_average", "moving_sum", "power", "segment_spread", "segment_sums", "spread"]
+__all__ = [
+    "block_sums",
+    "exp_ramp",
+    "median",
+    "moving_average",
+    "moving_sum",
+    "power",
+    "segment_spread",
+    "segment_sums",
+    "spread",
+]
 
 
 def power(x: np.ndarray) -> np.ndarray:
@@ -80,7 +90,9 @@ def moving_sum(values: np.ndarray, width: int) -> np.ndarray:
     if reach <= 0:
         return values
     if reach > 3:
-        return ndimage.uniform_filter1d(values, 2 * reach + 1, axis=-1, mode="constant") * np.float32(2 * reach + 1)
+        return ndimage.uniform_filter1d(values, 2 * reach + 1, axis=-1, mode="constant") * np.float32(
+            2 * reach + 1
+        )
     out = values.copy()
     for k in range(1, reach + 1):
         out[..., k:] += values[..., :-k]

@@ -179,7 +179,9 @@ class ChannelEstimator:
             if prior is not None:
                 total = total + prior[1] * prior[0] * flat
                 norm = norm + prior[1]
-            h = (moving_average(total, width) / np.maximum(moving_average(norm, width), np.float32(1e-9)))[None]
+            h = (moving_average(total, width) / np.maximum(moving_average(norm, width), np.float32(1e-9)))[
+                None
+            ]
         elif model == "moving":
             h = self._moving(agreement * flat, weight, grid, 16 if wide else 8)
         else:
@@ -209,7 +211,9 @@ class ChannelEstimator:
         terms = (1 - part) * terms[low] + part * terms[low + 1]
         return powers[:3].T @ terms.T.astype(np.complex64)
 
-    def tiles(self, agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, *, slopes: bool = True) -> np.ndarray:
+    def tiles(
+        self, agreement: np.ndarray, weight: np.ndarray, grid: ElementGrid, *, slopes: bool = True
+    ) -> np.ndarray:
         """(L, K) gain of its own for 12 subcarriers of a part of a half slot, with a slope over frequency.
 
         Where a half slot divides (the slot's data begin after its control symbols), and on which subcarrier resource

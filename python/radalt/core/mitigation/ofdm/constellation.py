@@ -13,10 +13,19 @@ import numpy as np
 
 __all__ = ["BOOSTED", "EMPTY", "NOISE_DB", "QAM", "QPSK", "rail_index", "rail_tables"]
 
-EMPTY, QPSK, BOOSTED, QAM = 0, 1, 2, (3, 4, 5)  # silence, QPSK, QPSK 3 dB up, 16 to 256QAM: rows of the tables
-NOISE_DB = np.arange(-52.0, 7.0, 2.0)  # of the tables; finer noise than a step's width needs no row of its own
+EMPTY, QPSK, BOOSTED, QAM = (
+    0,
+    1,
+    2,
+    (3, 4, 5),
+)  # silence, QPSK, QPSK 3 dB up, 16 to 256QAM: rows of the tables
+NOISE_DB = np.arange(
+    -52.0, 7.0, 2.0
+)  # of the tables; finer noise than a step's width needs no row of its own
 _STEPS = 128  # per unit of amplitude: a fifth of half the distance between points of 256QAM
-_LEAST = 1e-12  # density per unit of amplitude; products of smaller ones are denormal numbers, which cost tenfold
+_LEAST = (
+    1e-12  # density per unit of amplitude; products of smaller ones are denormal numbers, which cost tenfold
+)
 _TOP = 2 * _STEPS  # steps; the outermost point of any constellation is at 1.1 units, QPSK 3 dB up at 1
 _LEVELS = (
     np.zeros(1),

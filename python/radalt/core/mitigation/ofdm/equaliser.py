@@ -10,7 +10,9 @@ from .numerology import Numerology
 
 __all__ = ["ElementGrid", "equalise"]
 
-_LEAST = np.float32(1e-4)  # channel gain below which an element is not divided by it: amplitude of unit mean power
+_LEAST = np.float32(
+    1e-4
+)  # channel gain below which an element is not divided by it: amplitude of unit mean power
 
 
 class ElementGrid:

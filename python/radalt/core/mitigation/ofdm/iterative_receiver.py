@@ -17,7 +17,7 @@ import numpy as np
 
 from .arrays import block_sums, median, moving_sum, power, segment_sums, spread
 from .cfo import residual_cfo
-from .channel_estimation import BlindChannel, ChannelEstimator, blind_channel
+from .channel_estimation import ChannelEstimator, blind_channel
 from .constellation import QAM, rail_index, rail_tables
 from .equaliser import ElementGrid, equalise
 from .numerology import Numerology
@@ -33,7 +33,12 @@ __all__ = ["IterativeReceiver", "KnownReturn", "Reception"]
 # what is measured
 _DEMAP, _LOOP, _BLIND, _ERRORS, _CFO, _SUBTRACT, _RETURN = 18.0, 13.0, 20.0, 30.0, 10.0, 12.0, 12.0
 _FINISH = _CFO + 2 * _SUBTRACT + _RETURN + 2 * (_DEMAP + _LOOP)
-_SAMPLED = 7
+_SAMPLED = 7  # one block of subcarriers in so many is judged when the first noise is sought
+_UNEVEN_PENALTY = (
+    0.05  # nats per neper of unevenness: a wrong reading has regions without any error, and bad ones
+)
+_RESIDUE = np.float32(0.02)  # of a known return's power: it is no exact tone
+_LEAST = np.float32(1e-9)  # of the channel's power, that of a frame being 1: a divisor
 _EIGHTH = np.complex64(np.exp(0.25j * np.pi))
 
 
@@ -80,8 +85,6 @@ class Reception:
         ``gain`` less a penalty for noise that is uneven over the frame, by which channel models are compared.
     ramp : (L, K) complex64
         Timing correction that belongs to it.
-    error : float
-        Squared error of the elements over their noise, that of an even frame 1.
     return_power : float
         Of the return in its elements, if it is unknown.
     """
@@ -94,11 +97,45 @@ class Reception:
     soft: SoftSymbols
     model: str
     relative_noise: float
-    gain: float
-    score: float
-    ramp: np.ndarray
-    error: float
-    return_power: float
+    gain: float = 0.0
+    score: float = 0.0
+    ramp: np.ndarray | None = None
+    return_power: float = 0.0
+
+
+@dataclass
+class _Elements:
+    """Received elements (L, K), the known return's part of them or None, and the phases (L, 1) taken out so far."""
+
+    elements: np.ndarray
+    back: np.ndarray | None
+    phase: np.ndarray
+    uncertainty: np.ndarray | None
+
+    @classmethod
+    def of(cls, grid: ElementGrid, phase: np.ndarray, known: KnownReturn | None) -> _Elements:
+        factor = grid.ramp * phase
+        if known is None:
+            return cls(grid.raw * factor, None, phase, None)
+        return cls(grid.raw * factor, known.elements * factor, phase, known.uncertainty)
+
+    def emitter(self) -> np.ndarray:
+        """(L, K) elements without the known return."""
+        return self.elements if self.back is None else self.elements - self.back
+
+    def doubt(self, return_power: np.float32) -> np.ndarray | np.float32:
+        """Power of the return that is left in masked elements: what is uncertain of it, or all if it is unknown."""
+        return return_power if self.back is None else (self.uncertainty + _RESIDUE) * power(self.back)
+
+    def retime(self, factor: np.ndarray) -> None:
+        """Multiply by (L, K) or (L, 1) factors."""
+        self.elements = self.elements * factor
+        self.back = None if self.back is None else self.back * factor
+
+    def turn(self, factor: np.ndarray) -> None:
+        """Take out phases: multiply by (L, 1) factors, and keep them."""
+        self.retime(factor)
+        self.phase = self.phase * factor
 
 
 class IterativeReceiver:
@@ -115,7 +152,9 @@ class IterativeReceiver:
         self._demapper = SoftDemapper(numerology, settings)
         self.ffts = 0.0
 
-    def search(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, only: str | None = None) -> Reception | None:
+    def search(
+        self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, only: str | None = None
+    ) -> Reception | None:
         """Best reception of a frame among the channel models (or with ``only`` one), None without emitter."""
         s = self._s
         ramp = grid.ramp
@@ -131,7 +170,9 @@ class IterativeReceiver:
         grid.ramp = best.ramp
         return best if best.gain >= s.evidence else None
 
-    def _receive(self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, model: str) -> Reception:
+    def _receive(
+        self, grid: ElementGrid, free: np.ndarray, known: KnownReturn | None, model: str
+    ) -> Reception:
         """Reception with one channel model, nothing known before."""
         s = self._s
         most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
@@ -139,7 +180,17 @@ class IterativeReceiver:
         blind = blind_channel(grid, free, model, estimator, s)
         self.ffts += _BLIND
         return self.loop(
-            grid, free, blind.gain, blind.used, None, most, model, estimator, phase=blind.phase, known=known, acquiring=True
+            grid,
+            free,
+            blind.gain,
+            blind.used,
+            None,
+            most,
+            model,
+            estimator,
+            phase=blind.phase,
+            known=known,
+            acquiring=True,
         )
 
     def _affords_another(self) -> bool:
@@ -158,7 +209,9 @@ class IterativeReceiver:
         model = found.channel * found.soft.mean
         w = t / found.noise
         block, around = self._num.block, self._num.blocks(12)
-        agreement = segment_sums(((found.elements - model) * model.conj() * w).astype(np.complex64), grid.segments)
+        agreement = segment_sums(
+            ((found.elements - model) * model.conj() * w).astype(np.complex64), grid.segments
+        )
         norm = moving_sum(block_sums(segment_sums(power(model) * w, grid.segments), block), around)
         sums = moving_sum(block_sums(agreement, block), around)
         there = norm > 0
@@ -219,32 +272,27 @@ class IterativeReceiver:
         memory : float
             Weight of the static channel of the iteration before, in symbols of median noise.
         """
-        s, num = self._s, self._num
-        start = grid.raw * grid.ramp
-        known_part = None if known is None else known.elements * grid.ramp * phase
-        y = start * phase
-        if known_part is not None:
-            y = y - known_part
+        s = self._s
+        heard = _Elements.of(grid, phase, known)
         everywhere = known is not None and known.everywhere
-        trust = np.broadcast_to(used, free.shape) if everywhere else free & used
-        t = trust.astype(np.float32)
+        t = (np.broadcast_to(used, free.shape) if everywhere else free & used).astype(np.float32)
         masked = ~free & used
         bound = np.abs(channel)
-        h2 = np.maximum(power(channel), np.float32(1e-9))
+        h2 = np.maximum(power(channel), _LEAST)
         if noise is None:
-            relative, turn = self._first_noise(equalise(y, channel), t, grid.segments)
-            noise = np.broadcast_to(relative * h2, y.shape)
-            y, phase = y * turn, phase * turn
-            known_part = None if known_part is None else known_part * turn
-        return_power = np.float32(0)
-        before = 0.0
-        schedule = {"static": 1, "moving": s.iterations_moving - 2, "tile": 0}[model] if acquiring else 0
-        shortest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
+            relative, turn = self._first_noise(equalise(heard.emitter(), channel), t, grid.segments)
+            noise = np.broadcast_to(relative * h2, free.shape)
+            heard.turn(turn)
+        return_power, before = np.float32(0), 0.0
+        wide = {"static": 1, "moving": s.iterations_moving - 2, "tile": 0}[model] if acquiring else 0
+        fewest = {"static": 1, "moving": s.iterations_moving - 2, "tile": 3}[model] if acquiring else 0
         for iteration in range(iterations + 1):
-            h2 = np.maximum(power(channel), np.float32(1e-9))
-            in_mask = return_power if known is None else (known.uncertainty + np.float32(0.02)) * power(known_part)
+            h2 = np.maximum(power(channel), _LEAST)
+            y = heard.emitter()
             z = equalise(y, channel)
-            soft = self._demapper.demap(z, ((noise + masked * in_mask) / h2).astype(np.float32), t, grid.segments)
+            soft = self._demapper.demap(
+                z, (noise + masked * heard.doubt(return_power)) / h2, t, grid.segments
+            )
             decided = channel * soft.mean
             error = power(y - decided) + h2 * np.maximum(soft.second - power(soft.mean), 0)
             noise = self._noise(error, t, h2)
@@ -253,53 +301,74 @@ class IterativeReceiver:
                 return_power = self._return_power(z, noise, h2, soft, grid, masked)
             w = t / noise
             now = float((noise * t).sum() / (h2 * t).sum())
-            last = iteration >= iterations or (iteration > shortest and now > s.converged * before)
+            last = iteration >= iterations or (iteration > fewest and now > s.converged * before)
             if last and acquiring:
                 break
             before = now
             agreement = y * decided.conj() * w
             turn = correct_phase(agreement)
-            y, phase = y * turn, phase * turn
+            heard.turn(turn)
             if model == "static" and acquiring and iteration < 2:
-                factor = retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid)
-                y = y * factor
-                known_part = None if known_part is None else known_part * factor
-            known_part = None if known_part is None else known_part * turn
+                heard.retime(retimed(timing_drift(agreement * turn, h2 * power(soft.mean) * w, grid), grid))
             prior = None
             if model == "static":
-                prior = channel[len(channel) // 2], np.float32(memory / median(noise[:, :: num.block]))
+                prior = channel[0], np.float32(memory / median(noise[:, :: self._num.block]))
             channel = estimator.estimate(
-                y * soft.mean.conj() * w, soft.second * w, grid, model, wide=iteration < schedule, prior=prior, bound=bound
+                heard.emitter() * soft.mean.conj() * w,
+                soft.second * w,
+                grid,
+                model,
+                wide=iteration < wide,
+                prior=prior,
+                bound=bound,
             )
             self.ffts += _LOOP
             if last:
                 break
-        return self._reception(
-            grid, start * phase if known is None else y + known_part, y, channel, used, phase, noise, soft, model, error, h2, t, float(return_power), acquiring
+        found = Reception(
+            channel,
+            used,
+            heard.phase,
+            heard.elements,
+            noise,
+            soft,
+            model,
+            now,
+            ramp=grid.ramp,
+            return_power=float(return_power),
         )
+        return self._judged(found, y, error, h2, t, acquiring)
 
-    def _reception(self, grid, elements, y, channel, used, phase, noise, soft, model, error, h2, t, return_power, acquiring) -> Reception:  # noqa: ANN001
+    def _judged(
+        self,
+        found: Reception,
+        y: np.ndarray,
+        error: np.ndarray,
+        h2: np.ndarray,
+        t: np.ndarray,
+        acquiring: bool,
+    ) -> Reception:
+        """A reception with its gain over a Gaussian; with its score if channel models are to be compared."""
         total = np.maximum(t.sum(axis=0), 1)
         own = power(y)
-        level = np.maximum((own * t).sum(axis=0) / total, np.float32(1e-9))
-        mean_h2 = np.maximum((np.broadcast_to(h2, t.shape) * t).sum(axis=0) / total, np.float32(1e-9))
+        level = np.maximum((own * t).sum(axis=0) / total, _LEAST)
+        mean_h2 = np.maximum((np.broadcast_to(h2, t.shape) * t).sum(axis=0) / total, _LEAST)
         gaussian = -np.log(np.pi * level / mean_h2) - own / h2 * (mean_h2 / level)
-        gain = float((np.clip(soft.log_density - gaussian, -4, 8) * t).sum() / max(t.sum(), 1))
-        relative = float((noise * t).sum() / max((h2 * t).sum(), 1e-30))
+        gain = float((np.clip(found.soft.log_density - gaussian, -4, 8) * t).sum() / max(t.sum(), 1))
         if not acquiring:
-            return Reception(channel, used, phase, elements, noise, soft, model, relative, gain, gain, grid.ramp, 1.0, return_power)
-        block = self._num.block
-        around = self._num.blocks(20)
+            return replace(found, gain=gain, score=gain)
+        block, around = self._num.block, self._num.blocks(20)
         inner = t * (h2 > 0.05 * median(h2))
         regions = moving_sum(block_sums(error * inner, block), around)
         powers = moving_sum(block_sums(h2 * inner, block), around)
         there = powers > 0
         usual = median(regions[there] / powers[there]) if there.any() else 1.0
         even = float((error * inner).sum() / max((h2 * inner).sum() * usual, 1e-30))
-        score = gain - 0.05 * np.log(max(even, 1.0))
-        return Reception(channel, used, phase, elements, noise, soft, model, relative, gain, score, grid.ramp, even, return_power)
+        return replace(found, gain=gain, score=gain - _UNEVEN_PENALTY * float(np.log(max(even, 1.0))))
 
-    def _first_noise(self, z: np.ndarray, t: np.ndarray, segments: np.ndarray) -> tuple[np.float32, np.ndarray]:
+    def _first_noise(
+        self, z: np.ndarray, t: np.ndarray, segments: np.ndarray
+    ) -> tuple[np.float32, np.ndarray]:
         """Noise over channel power of greatest likelihood, and an eighth of a turn for symbols that need it (L, 1).
 
         One block in `_SAMPLED` is judged. A symbol of synchronisation signals and data may be an eighth of a turn off.
@@ -354,7 +423,9 @@ class IterativeReceiver:
         many = moving_sum(known, around)
         region = moving_sum(excess, around) / np.maximum(many, np.float32(0.02))
         few = many < 0.15 * around * block  # there the whole symbol counts
-        of_symbol = excess.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), np.float32(0.02))
+        of_symbol = excess.sum(axis=1, keepdims=True) / np.maximum(
+            known.sum(axis=1, keepdims=True), np.float32(0.02)
+        )
         region = np.where(few, of_symbol, region)
         noise = sub * np.where(region > s.uneven_region, region, 1)
         return np.maximum(spread(noise.astype(np.float32), block), np.float32(1e-7) * median(h2))
@@ -362,12 +433,19 @@ class IterativeReceiver:
     def cancel(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> np.ndarray:
         """(N,) complex64 the frame without the emitter, its CFO still removed."""
         elements = sent_elements(
-            found.elements, found.channel * found.soft.mean, found.noise, free, found.used, self._s.outlier_return
+            found.elements,
+            found.channel * found.soft.mean,
+            found.noise,
+            free,
+            found.used,
+            self._s.outlier_return,
         )
         self.ffts += _SUBTRACT
         return grid.samples - modulate(elements * found.phase.conj(), grid)
 
-    def finish(self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool) -> tuple[np.ndarray, Reception, ElementGrid]:
+    def finish(
+        self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool
+    ) -> tuple[np.ndarray, Reception, ElementGrid]:
         """Frame without the emitter, CFO put back; with the residual CFO removed and a return-aware pass if either matters.
 
         Returns the (N,) frame, the reception that was subtracted, and the elements it belongs to.
@@ -379,8 +457,17 @@ class IterativeReceiver:
             self.ffts += _CFO
             # within a symbol it leaves (pi off)^2 / 3 of the power
             if (np.pi * off) ** 2 / 3 > 0.05 * found.relative_noise:
-                back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype(np.complex64)
-                tuned = ElementGrid(grid.samples * grid.carrier.conj(), num, grid.cfo + off, grid.starts, np.zeros(len(grid)), grid.segment)
+                back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype(
+                    np.complex64
+                )
+                tuned = ElementGrid(
+                    grid.samples * grid.carrier.conj(),
+                    num,
+                    grid.cfo + off,
+                    grid.starts,
+                    np.zeros(len(grid)),
+                    grid.segment,
+                )
                 tuned.ramp, grid = grid.ramp, tuned
                 found = self._again(grid, free, found, known, phase=found.phase * back[:, None])
         out = self.cancel(grid, free, found)
@@ -407,5 +494,16 @@ class IterativeReceiver:
         return KnownReturn(elements, uncertainty.astype(np.float32)[:, None], everywhere)
 
     def _again(self, grid, free, found: Reception, known, phase) -> Reception:  # noqa: ANN001
-        again = self.loop(grid, free, found.channel, found.used, found.noise, 0, found.model, ChannelEstimator(self._s), phase=phase, known=known)
+        again = self.loop(
+            grid,
+            free,
+            found.channel,
+            found.used,
+            found.noise,
+            0,
+            found.model,
+            ChannelEstimator(self._s),
+            phase=phase,
+            known=known,
+        )
         return replace(again, return_power=found.return_power)

@@ -50,7 +50,9 @@ class Numerology:
         self.subcarriers = np.arange(self.useful, dtype=np.float32) - self.useful // 2
         # a block covers as many hertz whatever the spacing, so that it has few users
         self.block = next(n for n in (4, 2, 1) if self.useful % n == 0 and n * spacing_hz <= 4 * _BASE_HZ)
-        self.cyclic: dict[tuple[bytes, int], tuple[slice, np.ndarray]] = {}  # the last of `ElementGrid.cyclic`
+        self.cyclic: dict[
+            tuple[bytes, int], tuple[slice, np.ndarray]
+        ] = {}  # the last of `ElementGrid.cyclic`
         self._slack = int(self.prefix * settings.window_slack)
 
     def blocks(self, subcarriers: int) -> int:

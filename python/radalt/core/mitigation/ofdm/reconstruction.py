@@ -25,7 +25,12 @@ def modulate(elements: np.ndarray, grid: ElementGrid) -> np.ndarray:
 
 
 def sent_elements(
-    received: np.ndarray, model: np.ndarray, noise: np.ndarray, free: np.ndarray, used: np.ndarray, limit: float
+    received: np.ndarray,
+    model: np.ndarray,
+    noise: np.ndarray,
+    free: np.ndarray,
+    used: np.ndarray,
+    limit: float,
 ) -> np.ndarray:
     """(L, K) elements to be subtracted: everything received where no return can be, the model where one can.
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ...waveform import C_M_PER_S, Waveform
-from .arrays import exp_ramp, median, power
+from .arrays import exp_ramp, power
 from .settings import OfdmSettings
 
 __all__ = ["ReturnEstimate", "ReturnEstimator"]
@@ -117,8 +117,8 @@ class ReturnEstimator:
         return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance with
         probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
         and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
-        unlikely by chance, too. An emitter that was demodulated wrongly leaves one half, or several beats, and an altitude
-        beside the return's.
+        unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. An emitter that was
+        demodulated wrongly leaves one half, or several beats, and an altitude beside the return's.
         """
         s = self._s
         beat = self._dechirped(frame) * self._window
@@ -126,6 +126,8 @@ class ReturnEstimator:
         best, weaker = float(found.ratios.sum()), float(found.ratios.min())
         # pairs of cells that are as close to each other
         apart = 2 * abs(int(found.cells[0]) - int(found.cells[1])) + 1
+        if apart > 2 * s.flown_cells + 1:
+            return False
         if self._cells.shape[1] * apart * (1 + best) * np.exp(-best) > s.chance:
             return False
         powers = found.ratios * found.noise

@@ -19,7 +19,9 @@ class ReturnMask:
     elements are return-free whatever the altitude: at 1,500 m five of six.
     """
 
-    def __init__(self, waveform: Waveform, numerology: Numerology, span_m: float, settings: OfdmSettings) -> None:
+    def __init__(
+        self, waveform: Waveform, numerology: Numerology, span_m: float, settings: OfdmSettings
+    ) -> None:
         reference = waveform.reference.astype(np.complex128)
         cycles = np.angle(reference[1:] * reference[:-1].conj()) / (2 * np.pi)
         count = numerology.useful

@@ -54,7 +54,9 @@ class _Mixture:
     """Densities (L, K) by class, and the posteriors that go with them."""
 
     places: np.ndarray
-    silent: np.ndarray  # (2, L, K) rail densities of silence and of QPSK 3 dB up: points on the axes have one of each
+    silent: (
+        np.ndarray
+    )  # (2, L, K) rail densities of silence and of QPSK 3 dB up: points on the axes have one of each
     boosted: np.ndarray
     qpsk: np.ndarray  # weighted by their priors, as are the next two
     strong: np.ndarray
@@ -64,6 +66,16 @@ class _Mixture:
     data: np.ndarray
     order: np.ndarray
     probability: np.ndarray
+
+
+def _orders(pooled: list[np.ndarray]) -> np.ndarray:
+    """(3, half slots, blocks) probabilities of the QAM orders from their log likelihoods, (half slots, blocks) each."""
+    nats = np.stack(pooled)
+    nats += _NEIGHBOUR * (moving_sum(nats, 3) - nats)
+    nats -= nats.max(axis=0)
+    order = np.exp(nats)
+    order /= order.sum(axis=0)
+    return order
 
 
 class SoftDemapper:
@@ -80,7 +92,9 @@ class SoftDemapper:
         self._floor = np.float32(settings.outlier / _AREA)
         self._resource_block = numerology.blocks(12)
 
-    def evidence(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    def evidence(
+        self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray
+    ) -> np.ndarray:
         """(L, K) float32 log density of the elements, in nats; arguments as in `demap`."""
         return self._nats(self._mixture(z, noise, trust, segments))
 
@@ -122,17 +136,17 @@ class SoftDemapper:
             nats = np.log(one_order + low)
             nats *= trust
             pooled.append(block_sums(segment_sums(nats, segments), self._block))
-        # QAM order of each half slot's block
-        pooled = np.stack(pooled)
-        pooled += _NEIGHBOUR * (moving_sum(pooled, 3) - pooled)
-        pooled -= pooled.max(axis=0)
-        order = np.exp(pooled)
-        order /= order.sum(axis=0)
+        order = _orders(pooled)
         data = None
         for number, density in enumerate(qam):
             density *= spread(segment_spread(order[number], segments, len(z)), self._block)
             data = density if data is None else data + density
-        # control elements: twelve subcarriers of a symbol, with a share of its neighbourhood as prior
+        probability = self._control_probability(control, data, trust)
+        return _Mixture(places, silent, boosted, qpsk, strong, axes, control, qam, data, order, probability)
+
+    def _control_probability(self, control: np.ndarray, data: np.ndarray, trust: np.ndarray) -> np.ndarray:
+        """(L, K) probabilities of control elements: twelve subcarriers of a symbol hold either these or data."""
+        floor = self._floor
         limit = np.float32(self._s.log_limit)
         lead = np.log((control + floor) / (data + floor))
         np.maximum(lead, -limit, out=lead)
@@ -142,16 +156,22 @@ class SoftDemapper:
         led = moving_sum(led_by, self._resource_block)
         many = (led > 0) * known
         # its symbol and its resource block say how often control elements occur
-        of_symbol, of_block = known.sum(axis=1, keepdims=True), moving_sum(known.sum(axis=0), self._resource_block)
-        share = many.sum(axis=1, keepdims=True) + moving_sum(many.sum(axis=0), self._resource_block) + np.float32(0.5)
+        of_symbol, of_block = (
+            known.sum(axis=1, keepdims=True),
+            moving_sum(known.sum(axis=0), self._resource_block),
+        )
+        share = (
+            many.sum(axis=1, keepdims=True)
+            + moving_sum(many.sum(axis=0), self._resource_block)
+            + np.float32(0.5)
+        )
         share /= of_symbol + of_block + 1
         # elements under the return say half as much
         half = block_sums(lead, self._block)
         half += led_by
         ratio = moving_sum(half, self._resource_block) * np.float32(0.5)
         odds = np.exp(np.clip(-ratio, -30, 30))
-        probability = spread(share / (share + (1 - share) * odds + np.float32(1e-9)), self._block)
-        return _Mixture(places, silent, boosted, qpsk, strong, axes, control, qam, data, order, probability)
+        return spread(share / (share + (1 - share) * odds + np.float32(1e-9)), self._block)
 
     def demap(self, z: np.ndarray, noise: np.ndarray, trust: np.ndarray, segments: np.ndarray) -> SoftSymbols:
         """Posterior of the symbols.

@@ -13,7 +13,6 @@ from .equaliser import ElementGrid, timing_ramp
 from .iterative_receiver import IterativeReceiver, KnownReturn, Reception
 from .numerology import Numerology
 from .phase_timing import axes_phases
-from .return_mask import ReturnMask
 from .settings import OfdmSettings
 
 __all__ = ["TrackingState", "next_state", "tracked"]
@@ -73,7 +72,9 @@ class TrackingState:
             self.course = advanced(self.course, self.cfo, samples, self.numerology)
 
 
-def advanced(course: tuple[float, float], cfo: float, samples: int, numerology: Numerology) -> tuple[float, float]:
+def advanced(
+    course: tuple[float, float], cfo: float, samples: int, numerology: Numerology
+) -> tuple[float, float]:
     """Course of the phases in the next frame: removing the CFO begins anew there, with phase 0."""
     return course[0] + course[1] * samples + 2 * np.pi * cfo * samples / numerology.useful, course[1]
 
@@ -82,7 +83,9 @@ def grid_of(frame: np.ndarray, state: TrackingState) -> ElementGrid:
     """Elements of an (N,) frame at the times that the state predicts."""
     times, cycle = state.numerology.times(state.first_long, frame.size)
     held, starts = state.numerology.windows(times, frame.size)
-    return ElementGrid(frame, state.numerology, state.cfo, starts, starts - times[held], cycle[held] - cycle[held[0]])
+    return ElementGrid(
+        frame, state.numerology, state.cfo, starts, starts - times[held], cycle[held] - cycle[held[0]]
+    )
 
 
 def tracked(
@@ -131,7 +134,10 @@ def tracked(
         known=known,
         memory=settings.channel_memory * len(grid),
     )
-    if found.relative_noise > settings.track_noise * state.relative_noise + 1e-6 or found.gain < settings.evidence:
+    if (
+        found.relative_noise > settings.track_noise * state.relative_noise + 1e-6
+        or found.gain < settings.evidence
+    ):
         return None
     return found
 
