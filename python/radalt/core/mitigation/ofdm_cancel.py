@@ -9,6 +9,7 @@ import numpy as np
 from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
+from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
 from .ofdm.equaliser import ElementGrid
 from .ofdm.iterative_receiver import IterativeReceiver, KnownReturn, Reception
@@ -39,13 +40,12 @@ class OfdmCancel(Mitigation):
     Card: *decision-directed cancellation.* A frame whose return stands out already passes. The cyclic prefix gives
     subcarrier spacing, symbol timing and CFO; fourth powers of the elements give the long prefix, phases and a first
     channel. Then soft decisions, the noise that they leave, phases, timing and channel are estimated in turns, from
-    elements that no return can be in, five of six. A transmitter's error vectors are noise like any other here: every
-    gate is a ratio to the noise that was measured. The rebuilt emitter is subtracted; the return that shows then is taken
+    elements that no return can be in, five of six. A transmitter's error vectors are noise like any other here: gates
+    are ratios to the noise that was measured. The rebuilt emitter is subtracted. The return that shows then is taken
     out of the elements, and a second pass decides those that it had hidden. What is left has to be consistent with one
     return and white noise, else the frame passes as it came. Once found, an emitter is tracked from frame to frame.
-    Frames without such a signal pass bit for bit. Short loud bursts are blanked, tones on top are fitted and subtracted.
-    What cannot be demodulated stays: noise 10 dB below the signal or more, two layers of equal power, echoes beyond the
-    prefix.
+    Frames without such a signal pass bit for bit. Short loud bursts are blanked; tones on top are fitted and
+    subtracted. What cannot be demodulated stays: noise 10 dB below the signal or more, two layers of equal power.
 
     Parameters
     ----------
@@ -183,6 +183,9 @@ class OfdmCancel(Mitigation):
         if tones:
             level = float(np.sqrt(np.vdot(received, received).real / frame.size))
         x = received * np.float32(1 / max(level, _TINY))
+        sizes = power(x)
+        if np.vdot(sizes, sizes) < s.least_kurtosis * x.size:
+            return None  # a sweep meets itself a symbol later, too
         best = None
         for kind in self._masks:
             prefix = find_prefix(x, kind)

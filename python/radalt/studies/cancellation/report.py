@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.mitigation.ofdm.settings import OfdmSettings
 from ...evaluation.engine.study import Run
 from ...evaluation.results.break_point import break_point
 from ...evaluation.results.figure import new_figure, save_figure
@@ -38,6 +40,8 @@ def write_report(
     cancelled = [r for r in found if r["method"] != "none"]
     report = folder.head | {"run": run.as_dict(), "frames": study.frames}
     tables = {
+        "best": {name: _break(found, name, "ofdm_cancel") for name in ("evm_3", "evm_8")},
+        "settings_count": len(fields(OfdmSettings)),
         "single": _table(found, stream=False),
         "streams": _table(found, stream=True),
         "wrong": _wrong([r for r in cancelled if CASES[r["case"]].method == "ofdm_cancel"]),
@@ -47,6 +51,11 @@ def write_report(
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
     folder.write_report(report | {"rows": list(found)})
     return page
+
+
+def _break(rows: Sequence[Row], case: str, method: str) -> str:
+    some = [r for r in rows if (r["case"], r["method"]) == (case, method)]
+    return str(break_point([r["sir_db"] for r in some], [r["pd"] for r in some])) if some else ""
 
 
 def _wrong(rows: Sequence[Row]) -> str:

@@ -50,12 +50,15 @@ class CancellationStudy(Study):
     frames : int
         Per case and SIR.
     seed : int
+    sirs_db : tuple of float
+        From high to low.
     """
 
     methods: tuple[str, ...] = METHODS
     cases: tuple[str, ...] = tuple(CASES)
     frames: int = 100
     seed: int = 271_828
+    sirs_db: tuple[float, ...] = SIRS_DB
 
     tables: ClassVar[Mapping[str, Columns]] = {
         "rows": Columns(
@@ -75,7 +78,7 @@ class CancellationStudy(Study):
     def head(self) -> dict[str, Any]:
         """See `Study`."""
         names = dict.fromkeys(_named(m, case) for m in self.methods for case in self.cases)
-        return vars(self) | {"sirs_db": SIRS_DB, "chains": {m: Chain(m, m).head(WAVEFORM) for m in names}}
+        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in names}}
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
@@ -88,7 +91,7 @@ class CancellationStudy(Study):
     def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
         """A row per SIR and method, on the same frames."""
         case, rows, failures = CASES[point.case], [], 0
-        for sir_db in SIRS_DB:
+        for sir_db in self.sirs_db:
             if failures >= 2:
                 break
             seed = [
@@ -117,7 +120,7 @@ class CancellationStudy(Study):
         """See `Study`."""
         settings = Chain("none", "none").settings
         each = sum(seconds_per_frame(_named(m, point.case), WAVEFORM, settings) for m in self.methods)
-        return len(SIRS_DB) * point.frames * (each + 0.012)
+        return len(self.sirs_db) * point.frames * (each + 0.012)
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
         """See `Study`."""

@@ -35,7 +35,7 @@ def residual_cfo(grid: ElementGrid, sent: np.ndarray) -> float:
 def phase_course(phases: np.ndarray, times: np.ndarray, spacing: float) -> tuple[float, float] | None:
     """Straight line (radians at time 0, radians per sample) through symbol phases (L,) known modulo a quarter turn.
 
-    None where the phases have no such line. The rate is searched within an eighth of a turn per symbol ``spacing``, then
+    None where the phases have no such line. The rate is searched within an eighth of a turn per ``spacing``, then
     refined by least squares over the symbols that agree.
     """
     fourth = np.exp(4j * phases)

@@ -42,8 +42,8 @@ def level_in_use(
 def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) -> np.ndarray:
     """(L, K) complex64 ``z^4 / (|z|^2 + 0.05)`` of elements over the square root of their level.
 
-    Its phase is four times the channel's plus half a turn: points of QPSK and QAM stand on the diagonals. Weak elements,
-    silence among them, say nothing.
+    Its phase is four times the channel's plus half a turn: points of QPSK and QAM stand on the diagonals. Silence and
+    other weak elements do not count.
     """
     z = elements * (1 / np.sqrt(level))
     size = power(z)

@@ -202,8 +202,8 @@ class IterativeReceiver:
     def channel_error(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> float:
         """How coherent the residual still is with the model: 1 for noise, more where the channel is not as modelled.
 
-        ``mean |sum w r conj(m)|^2 / sum w |m|^2`` over half slots and 12 subcarriers, r the residual, m the model, w the
-        inverse noise.
+        ``mean |sum w r conj(m)|^2 / sum w |m|^2`` over half slots and 12 subcarriers: r is the residual, m the model,
+        w the inverse noise.
         """
         t = (free & found.used).astype(np.float32)
         model = found.channel * found.soft.mean
@@ -446,7 +446,7 @@ class IterativeReceiver:
     def finish(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool
     ) -> tuple[np.ndarray, Reception, ElementGrid]:
-        """Frame without the emitter, CFO put back; with the residual CFO removed and a return-aware pass if either matters.
+        """Frame without the emitter, CFO put back; residual CFO removed and a return-aware pass added where they matter.
 
         Returns the (N,) frame, the reception that was subtracted, and the elements it belongs to.
         """

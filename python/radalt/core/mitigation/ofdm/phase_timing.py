@@ -44,8 +44,8 @@ def retimed(delay: np.ndarray, grid: ElementGrid) -> np.ndarray:
 def axes_phases(coherence: np.ndarray) -> np.ndarray:
     """(L,) angles that blocks' coherences (L, blocks) of fourth powers have in common.
 
-    Blocks of synchronisation signals, whose points are on the axes, have the other sign: squares ignore it, and the sign
-    of the sum decides between the two angles.
+    Blocks of synchronisation signals, whose points are on the axes, have the other sign. Squares ignore it, and the
+    sign of the sum decides between the two angles.
     """
     angle = np.angle((coherence * coherence / (np.abs(coherence) + np.float32(1e-9))).sum(axis=1)) / 2
     root = coherence / np.sqrt(np.abs(coherence) + np.float32(1e-9))

@@ -34,8 +34,8 @@ def sent_elements(
 ) -> np.ndarray:
     """(L, K) elements to be subtracted: everything received where no return can be, the model where one can.
 
-    Return-free elements hold the emitter, its error vector and noise, and nothing of the return. In the mask what differs
-    from the model is the return, unless it is far more than usual there: such an element was decided wrongly and is
+    Return-free elements hold the emitter, its error vector and noise, and nothing of the return. In the mask, what
+    differs from the model is the return. If it is far more than usual there, the element was decided wrongly and is
     subtracted whole. In subcarriers whose noise exceeds the usual, the return's share is kept by Wiener's weight.
 
     Parameters

@@ -117,8 +117,8 @@ class ReturnEstimator:
         return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance with
         probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
         and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
-        unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. An emitter that was
-        demodulated wrongly leaves one half, or several beats, and an altitude beside the return's.
+        unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. Symbols decided
+        wrongly leave one half, or several beats, and an altitude beside the return's.
         """
         s = self._s
         beat = self._dechirped(frame) * self._window

@@ -21,6 +21,9 @@ class OfdmSettings:
         15e3,
         30e3,
     )  # Hz; subcarrier spacings searched [S: TS 38.211 table 4.2-1, FR1]
+    least_kurtosis: float = (
+        1.5  # mean squared power over squared mean: OFDM has 2, a sweep 1 [F: Rayleigh, constant]
+    )
     prefix_contrast: float = 4.5  # ratio; prefix correlation peak over its scatter; noise stays below 4.2 [M]
     certain_contrast: float = (
         8.0  # ratio; from here on no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
