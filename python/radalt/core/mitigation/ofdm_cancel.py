@@ -11,8 +11,7 @@ from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.arrays import power
 from .ofdm.burst_detection import loud_burst
-from .ofdm.equaliser import ElementGrid
-from .ofdm.iterative_receiver import IterativeReceiver, KnownReturn, Reception
+from .ofdm.iterative_receiver import IterativeReceiver, Reception
 from .ofdm.numerology import Numerology
 from .ofdm.return_estimation import ReturnEstimator
 from .ofdm.return_mask import ReturnMask
@@ -207,7 +206,7 @@ class OfdmCancel(Mitigation):
         receiver, mask = self._receivers[kind], self._masks[kind]
         grid, first_long = acquire(x, prefix, kind, mask, s)
         free = mask.free(grid.starts, prefix.cfo)
-        known = self._known_return(receiver, x, visibility, grid)
+        known = receiver.known_return(x, grid, s.raw_ratio) if visibility > s.raw_ratio else None
         found = receiver.search(grid, free, known)
         if found is None:
             return None
@@ -222,7 +221,7 @@ class OfdmCancel(Mitigation):
 
     def _track(self, frame: np.ndarray, visibility: float) -> np.ndarray | None:
         """A frame without the emitter of the frame before; None if there was none, or it has changed."""
-        state = self._state
+        s, state = self.settings, self._state
         if state is None:
             return None
         received = frame
@@ -234,15 +233,15 @@ class OfdmCancel(Mitigation):
         receiver, mask = self._receivers[state.numerology], self._masks[state.numerology]
         grid = grid_of(x, state)
         free = mask.free(grid.starts, state.cfo)
-        known = self._known_return(receiver, x, visibility, grid)
+        known = receiver.known_return(x, grid, s.raw_ratio) if visibility > s.raw_ratio else None
         if state.model == "static":
-            found = tracked(grid, free, state, receiver, known, self.settings)
+            found = tracked(grid, free, state, receiver, known, s)
         else:
             found = receiver.search(grid, free, known, only=state.model)
         self._state = None
         if found is None:
             return None
-        tune = state.age % self.settings.cfo_interval == 0
+        tune = state.age % s.cfo_interval == 0
         out, found, grid = receiver.finish(grid, free, found, known, tune=tune)
         if not self._returns.is_consistent(out):
             return None
@@ -253,10 +252,3 @@ class OfdmCancel(Mitigation):
     def _cancelled(self, out: np.ndarray, state: str, found: Reception) -> np.ndarray:
         self.outcome = Outcome(state, evm=float(np.sqrt(found.relative_noise)))
         return out * np.float32(self._state.level)
-
-    def _known_return(
-        self, receiver: IterativeReceiver, x: np.ndarray, visibility: float, grid: ElementGrid
-    ) -> KnownReturn | None:
-        """Return that shows in the frame as received, for decisions without it; None if it does not."""
-        least = self.settings.raw_ratio
-        return receiver.known_return(x, grid, least) if visibility > least else None

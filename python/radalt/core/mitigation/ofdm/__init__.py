@@ -1,4 +1,1 @@
-"""Blind OFDM receiver: synchronisation, channel estimation, soft decisions, reconstruction. Walk: `iterative_receiver`.
-
-The files are named after the steps of the receiver. `OfdmCancel` calls `sync`, `iterative_receiver` and `tracking`.
-"""
+"""Blind OFDM receiver, a file per step: `iterative_receiver` has the walk of a frame, `OfdmCancel` the front."""

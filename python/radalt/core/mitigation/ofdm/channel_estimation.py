@@ -18,7 +18,7 @@ from .numerology import Numerology
 from .phase_timing import axes_phases
 from .settings import OfdmSettings
 
-__all__ = ["BlindChannel", "ChannelEstimator", "blind_channel", "fourth_powers", "level_in_use"]
+__all__ = ["ChannelStart", "ChannelEstimator", "blind_channel", "fourth_powers", "level_in_use"]
 
 _BLOCK = 12  # subcarriers, TS 38.211 clause 4.4.4.1
 _AXES_BLOCK = 25  # subcarriers whose fourth powers are summed before their sign is judged
@@ -55,26 +55,31 @@ def fourth_powers(elements: np.ndarray, level: np.ndarray, trust: np.ndarray) ->
 
 
 @dataclass(frozen=True)
-class BlindChannel:
-    """Channel up to a quarter turn per subcarrier.
+class ChannelStart:
+    """What the iterative receiver begins with.
 
     Attributes
     ----------
-    gain : (1, K) or (L, K) complex64
+    channel : (1, K) or (L, K) complex64
+        Up to a quarter turn per subcarrier.
     used : (K,) bool
         Subcarriers in use.
     phase : (L, 1) complex64
         Factors that bring all symbols to one phase.
+    model : str
+        Of the channel: "static", "moving" or "tile".
+    noise : (L, K) float32 or None
+        Unknown if None.
     """
 
-    gain: np.ndarray
+    channel: np.ndarray
     used: np.ndarray
     phase: np.ndarray
+    model: str
+    noise: np.ndarray | None = None
 
 
-def blind_channel(
-    grid: ElementGrid, free: np.ndarray, model: str, estimator: ChannelEstimator, settings: OfdmSettings
-) -> BlindChannel:
+def blind_channel(grid: ElementGrid, free: np.ndarray, model: str, settings: OfdmSettings) -> ChannelStart:
     """First channel of a frame for one of the three models, from fourth powers."""
     num = grid.numerology
     y = grid.raw * grid.ramp
@@ -102,7 +107,7 @@ def blind_channel(
     elif model == "moving":
         mean = ndimage.uniform_filter(flat, (5, 17), mode="nearest")
     else:
-        mean = estimator.tiles(flat, np.abs(flat) + np.float32(1e-6), grid, slopes=False)
+        mean = ChannelEstimator(settings).tiles(flat, np.abs(flat) + np.float32(1e-6), grid, slopes=False)
     middle = len(mean) // 2
     angle = np.angle(mean).astype(np.float64)
     if model != "tile":  # quarter turns between tiles do not matter
@@ -112,7 +117,7 @@ def blind_channel(
                 angle[row] = angle[row - step] + np.angle(mean[row] * mean[row - step].conj())
     angle = (angle + slope * np.arange(num.useful) - np.pi) / 4
     gain = (np.sqrt(level) * np.exp(1j * angle)).astype(np.complex64)
-    return BlindChannel(gain, used, np.exp(-0.25j * turn).astype(np.complex64)[:, None])
+    return ChannelStart(gain, used, np.exp(-0.25j * turn).astype(np.complex64)[:, None], model)
 
 
 def _widest(mean: np.ndarray) -> np.ndarray:

@@ -62,6 +62,13 @@ class ElementGrid:
         self.ramp = timing_ramp(-delay, numerology)
         self.level: tuple[np.ndarray, np.ndarray] | None = None  # of `level_in_use`, where that is known
 
+    def retuned(self, cfo: float) -> ElementGrid:
+        """The same frame and times with another CFO removed."""
+        samples = self.samples * self.carrier.conj()
+        grid = ElementGrid(samples, self.numerology, cfo, self.starts, np.zeros(len(self)), self.segment)
+        grid.ramp = self.ramp
+        return grid
+
     def __len__(self) -> int:
         return len(self.starts)
 

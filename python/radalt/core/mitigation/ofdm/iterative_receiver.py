@@ -17,7 +17,7 @@ import numpy as np
 
 from .arrays import block_sums, median, moving_sum, power, segment_sums, spread
 from .cfo import residual_cfo
-from .channel_estimation import ChannelEstimator, blind_channel
+from .channel_estimation import ChannelEstimator, ChannelStart, blind_channel
 from .constellation import QAM, rail_index, rail_tables
 from .equaliser import ElementGrid, equalise
 from .numerology import Numerology
@@ -176,22 +176,9 @@ class IterativeReceiver:
         """Reception with one channel model, nothing known before."""
         s = self._s
         most = {"static": s.iterations, "moving": s.iterations_moving, "tile": s.iterations_tile}[model]
-        estimator = ChannelEstimator(s)
-        blind = blind_channel(grid, free, model, estimator, s)
+        blind = blind_channel(grid, free, model, s)
         self.ffts += _BLIND
-        return self.loop(
-            grid,
-            free,
-            blind.gain,
-            blind.used,
-            None,
-            most,
-            model,
-            estimator,
-            phase=blind.phase,
-            known=known,
-            acquiring=True,
-        )
+        return self.loop(grid, free, blind, most, known=known, acquiring=True)
 
     def _affords_another(self) -> bool:
         """Whether another channel model may be tried and the frame still be finished, at most at the price allowed."""
@@ -236,14 +223,9 @@ class IterativeReceiver:
         self,
         grid: ElementGrid,
         free: np.ndarray,
-        channel: np.ndarray,
-        used: np.ndarray,
-        noise: np.ndarray | None,
+        start: ChannelStart | Reception,
         iterations: int,
-        model: str,
-        estimator: ChannelEstimator,
         *,
-        phase: np.ndarray,
         known: KnownReturn | None = None,
         acquiring: bool = False,
         memory: float = 0.3,
@@ -255,25 +237,20 @@ class IterativeReceiver:
         grid : ElementGrid
         free : (L, K) bool
             Return-free elements.
-        channel : (1, K) or (L, K) complex64
-            To begin with.
-        used : (K,) bool
-        noise : (L, K) float32 or None
-            To begin with; None tries a few.
+        start : ChannelStart or Reception
+            Channel, phases and noise to begin with, and the channel's model.
         iterations : int
-        model : str
-            Of the channel.
-        estimator : ChannelEstimator
-        phase : (L, 1) complex64
-            Of the symbols, to begin with.
+            0 decides once, and estimates the channel once.
         known : KnownReturn or None
         acquiring : bool
             Whether the channel is still rough, so that it is averaged widely at first.
         memory : float
             Weight of the static channel of the iteration before, in symbols of median noise.
         """
+        channel, used, noise, model = start.channel, start.used, start.noise, start.model
+        estimator = ChannelEstimator(self._s)
         s = self._s
-        heard = _Elements.of(grid, phase, known)
+        heard = _Elements.of(grid, start.phase, known)
         everywhere = known is not None and known.everywhere
         t = (np.broadcast_to(used, free.shape) if everywhere else free & used).astype(np.float32)
         masked = ~free & used
@@ -325,18 +302,8 @@ class IterativeReceiver:
             self.ffts += _LOOP
             if last:
                 break
-        found = Reception(
-            channel,
-            used,
-            heard.phase,
-            heard.elements,
-            noise,
-            soft,
-            model,
-            now,
-            ramp=grid.ramp,
-            return_power=float(return_power),
-        )
+        found = Reception(channel, used, heard.phase, heard.elements, noise, soft, model, now)
+        found = replace(found, ramp=grid.ramp, return_power=float(return_power))
         return self._judged(found, y, error, h2, t, acquiring)
 
     def _judged(
@@ -432,21 +399,16 @@ class IterativeReceiver:
 
     def cancel(self, grid: ElementGrid, free: np.ndarray, found: Reception) -> np.ndarray:
         """(N,) complex64 the frame without the emitter, its CFO still removed."""
-        elements = sent_elements(
-            found.elements,
-            found.channel * found.soft.mean,
-            found.noise,
-            free,
-            found.used,
-            self._s.outlier_return,
-        )
+        model = found.channel * found.soft.mean
+        limit = self._s.outlier_return
+        elements = sent_elements(found.elements, model, found.noise, free, found.used, limit)
         self.ffts += _SUBTRACT
         return grid.samples - modulate(elements * found.phase.conj(), grid)
 
     def finish(
         self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None, *, tune: bool
     ) -> tuple[np.ndarray, Reception, ElementGrid]:
-        """Frame without the emitter, CFO put back; residual CFO removed and a return-aware pass added where they matter.
+        """Frame without the emitter, CFO put back; residual CFO and return are seen to where they matter.
 
         Returns the (N,) frame, the reception that was subtracted, and the elements it belongs to.
         """
@@ -457,24 +419,14 @@ class IterativeReceiver:
             self.ffts += _CFO
             # within a symbol it leaves (pi off)^2 / 3 of the power
             if (np.pi * off) ** 2 / 3 > 0.05 * found.relative_noise:
-                back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype(
-                    np.complex64
-                )
-                tuned = ElementGrid(
-                    grid.samples * grid.carrier.conj(),
-                    num,
-                    grid.cfo + off,
-                    grid.starts,
-                    np.zeros(len(grid)),
-                    grid.segment,
-                )
-                tuned.ramp, grid = grid.ramp, tuned
-                found = self._again(grid, free, found, known, phase=found.phase * back[:, None])
+                back = np.exp(2j * np.pi * off / num.useful * (grid.starts + num.useful / 2)).astype("c8")
+                grid = grid.retuned(grid.cfo + off)
+                found = self._again(grid, free, replace(found, phase=found.phase * back[:, None]), known)
         out = self.cancel(grid, free, found)
         if found.return_power > s.return_relevant * median(found.noise) or known is not None or tune:
             shown = self.known_return(out * grid.carrier.conj(), grid, s.found_ratio, everywhere=True)
             if shown is not None:
-                found = self._again(grid, free, found, shown, phase=found.phase)
+                found = self._again(grid, free, found, shown)
                 out = self.cancel(grid, free, found)
         self.ffts += 5.0
         return blanked(out * grid.carrier.conj(), grid, s), found, grid
@@ -493,17 +445,8 @@ class IterativeReceiver:
         elements = grid.transform(found.samples * grid.carrier)
         return KnownReturn(elements, uncertainty.astype(np.float32)[:, None], everywhere)
 
-    def _again(self, grid, free, found: Reception, known, phase) -> Reception:  # noqa: ANN001
-        again = self.loop(
-            grid,
-            free,
-            found.channel,
-            found.used,
-            found.noise,
-            0,
-            found.model,
-            ChannelEstimator(self._s),
-            phase=phase,
-            known=known,
-        )
+    def _again(
+        self, grid: ElementGrid, free: np.ndarray, found: Reception, known: KnownReturn | None
+    ) -> Reception:
+        again = self.loop(grid, free, found, 0, known=known)
         return replace(again, return_power=found.return_power)

@@ -14,7 +14,6 @@ _CYCLE_S = 0.5e-3  # from one long prefix to the next, TS 38.211 clause 5.3.1
 _PREFIX_S = 144 / 30.72e6  # short prefix at 15 kHz, TS 38.211 clause 5.3.1; it shrinks with the symbol
 _LONGER_S = 16 / 30.72e6  # by which the long prefix exceeds it, whatever the spacing
 _BASE_HZ = 15e3
-_RESOURCE_BLOCK = 12  # subcarriers, TS 38.211 clause 4.4.4.1
 
 
 class Numerology:

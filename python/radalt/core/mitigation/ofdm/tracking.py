@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrays import power
 from .cfo import phase_course
-from .channel_estimation import ChannelEstimator, fourth_powers
+from .channel_estimation import ChannelStart, fourth_powers
 from .equaliser import ElementGrid, timing_ramp
 from .iterative_receiver import IterativeReceiver, KnownReturn, Reception
 from .numerology import Numerology
@@ -41,8 +41,6 @@ class TrackingState:
         Of the receptions before, averaged.
     course : (float, float) or None
         Phase at the frame's first sample and its rate; see `phase_course`.
-    score : float
-        Of the reception that acquired it.
     level : float
         Amplitude by which frames are divided, so that the channel's scale stays.
     tones : bool
@@ -60,7 +58,6 @@ class TrackingState:
     model: str
     relative_noise: float
     course: tuple[float, float] | None
-    score: float
     level: float = 1.0
     tones: bool = False
     age: int = 0
@@ -121,19 +118,8 @@ def tracked(
     state.first_long += delay
     receiver.ffts += _PRICE
     noise = np.broadcast_to(state.noise, grid.raw.shape)
-    found = receiver.loop(
-        grid,
-        free,
-        state.channel,
-        state.used,
-        noise,
-        0,
-        "static",
-        ChannelEstimator(settings),
-        phase=phase,
-        known=known,
-        memory=settings.channel_memory * len(grid),
-    )
+    start = ChannelStart(state.channel, state.used, phase, "static", noise)
+    found = receiver.loop(grid, free, start, 0, known=known, memory=settings.channel_memory * len(grid))
     if (
         found.relative_noise > settings.track_noise * state.relative_noise + 1e-6
         or found.gain < settings.evidence
@@ -175,7 +161,6 @@ def next_state(
         found.model,
         relative,
         course,
-        found.score if before is None else before.score,
         before.level if before else 1.0,
         before.tones if before else False,
         before.age + 1 if before else 0,
