@@ -12,112 +12,69 @@ class OfdmSettings:
     """Settings of `OfdmCancel`: unit, meaning, and source.
 
     A gate is a ratio to something that is measured in the same frame. [S] is from a standard, [F] follows from a
-    formula, [M] was measured: ``tools/ofdm_settings.py`` repeats the measurement with each value 0.7 and 1.3 times as
-    large.
+    formula. [M] was chosen by trial: ``tools/ofdm_settings.py`` measures what 0.7 and 1.3 times the value costs.
     """
 
     # sync
-    spacings_hz: tuple[float, ...] = (
-        15e3,
-        30e3,
-    )  # Hz; subcarrier spacings searched [S: TS 38.211 table 4.2-1, FR1]
-    least_kurtosis: float = (
-        1.5  # mean squared power over squared mean: OFDM has 2, a sweep 1 [F: Rayleigh, constant]
-    )
-    prefix_contrast: float = 4.5  # ratio; prefix correlation peak over its scatter; noise stays below 4.2 [M]
-    certain_contrast: float = (
-        8.0  # ratio; from here on no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
-    )
-    window_slack: float = (
-        1 / 3
-    )  # prefix; how far a window at a frame's end may leave the middle of its prefix [F]
+    spacings_hz: tuple[float, ...] = (15e3, 30e3)  # subcarrier spacings [S: TS 38.211 table 4.2-1]
+    least_kurtosis: float = 1.5  # mean squared power over squared mean; OFDM has 2, a sweep 1 [F]
+    prefix_contrast: float = 4.5  # ratio; prefix correlation over its scatter; noise stays below 4.2 [M]
+    certain_contrast: float = 8.0  # ratio; no other spacing is tried: noise has 1e-6 of it [F: Rayleigh]
+    window_slack: float = 1 / 3  # prefix; how far an FFT at a frame's end may be from its place [F]
     occupied: float = 0.35  # of the strongest block; less is silence between two users [M]
     in_use: float = 1e-3  # of the median subcarrier power; below is the filter's skirt [M]
     # return
-    visible_ratio: float = (
-        16.0  # beat peak over mean power, each half: chance 1e-4 a frame with 1,000 cells [F: exp]
-    )
-    visible_cells: float = (
-        2.0  # range cells by which the two halves' beats may differ, for one return [F: 10 m/s]
-    )
-    mask_margin: int = (
-        3  # subcarriers added on either side of the return's: sweep within a symbol, Doppler [F]
-    )
-    raw_ratio: float = (
-        8.0  # tone over mean, in the received frame: from here on it is removed before decisions [M]
-    )
-    found_ratio: float = (
-        8.0  # mean of both tones over noise, in the cancelled frame: a return-aware pass [F: exp]
-    )
-    return_uncertainty: float = (
-        2.0  # error of a fitted tone's power, over its ratio [F: Cramer-Rao, amplitude, phase]
-    )
+    visible_ratio: float = 16.0  # beat peak over mean power, each half: 1e-4 by chance [F: exp]
+    visible_cells: float = 2.0  # range cells between the halves' beats of one return [F: 10 m/s]
+    mask_margin: int = 3  # subcarriers beside the return's own: sweep within a symbol, Doppler [F]
+    raw_ratio: float = 8.0  # tones over noise as received: removed before decisions [M]
+    found_ratio: float = 8.0  # tones over noise when cancelled: a return-aware pass [F: exp]
+    return_uncertainty: float = 2.0  # error of a tone's power, over its ratio [F: Cramer-Rao]
     return_step_db: float = 6.0  # dB; grid of return powers whose likelihood is compared [M]
-    return_relevant: float = (
-        0.3  # of the noise; a weaker return changes no decision, and needs no second pass [M]
-    )
+    return_relevant: float = 0.3  # of the noise; a weaker return changes no decision [M]
     # integrity, on beat spectra with two cells per range cell, normalised by their noise
-    speed_cells: int = 9  # cells by which the halves' beats of one return may differ [F: 150 m/s are 8.6]
-    flown_cells: int = 3  # cells by which they differ at most in flight [F: 50 m/s, 10,000 ft/min, are 2.9]
+    speed_cells: int = 9  # cells between the halves' beats of one return [F: 150 m/s are 8.6]
+    flown_cells: int = 3  # cells by which they differ at most in flight [F: 50 m/s are 2.9]
     lobe_cells: int = 4  # cells on either side of a peak that are its main lobe [F: Hann window]
-    chance: float = (
-        0.01  # probability that noise gives a pair of beats, or its weaker half, so near to each other [M]
-    )
+    chance: float = 0.01  # probability by noise of a pair of beats, or its weaker half [M]
     pair_margin: float = 1.2  # ratio of the best pair to any other [M]
-    balance_db: float = (
-        6.0  # dB; powers of the two halves' beats may differ by so much: noise, and what was masked [M]
-    )
+    balance_db: float = 6.0  # dB; difference of the halves' beats: noise, masked elements [M]
     # demapper
     prior_empty: float = 0.25  # probability of silence among control elements [M]
     prior_qpsk: float = 0.45  # of QPSK (TS 38.211 clauses 7.3, 7.4) [M]
-    prior_boosted: float = (
-        0.2  # of QPSK 3 dB up: DM-RS of two CDM groups without data [S: TS 38.214 table 4.1-1]
-    )
-    prior_axes: float = (
-        0.1  # of points on the axes: primary synchronisation signal [S: TS 38.211 clause 7.4.2.2]
-    )
+    prior_boosted: float = 0.2  # of QPSK 3 dB up: DM-RS [S: TS 38.214 table 4.1-1]
+    prior_axes: float = 0.1  # of points on the axes [S: TS 38.211 clause 7.4.2.2]
     outlier: float = 1e-3  # probability of an element that is none of these [M]
     log_limit: float = 12.0  # nats; what one element may say for or against control [M]
     # loop
     noise_grid_db: tuple[float, ...] = (-28.0, -21.0, -14.0)  # dB; noise that is tried first [M]
-    iterations: int = 4  # at most, with a static channel
-    iterations_moving: int = 6  # at most, with a channel that moves
-    iterations_tile: int = 4  # at most, with precoding
+    iterations: int = 4  # at most, with a static channel [M]
+    iterations_moving: int = 6  # at most, with a channel that moves [M]
+    iterations_tile: int = 4  # at most, with precoding [M]
     converged: float = 0.95  # of the noise of the iteration before: no further one [M]
-    evidence: float = 0.04  # nats per element over a Gaussian of the same power: less is not demodulated [M]
+    evidence: float = 0.04  # nats per element over a Gaussian of the same power: less passes [M]
     readable: float = 0.4  # nats; with less in a static channel no other one is tried [M]
-    channel_error: float = (
-        3.0  # ratio; coherent power of the residual over that of noise, from which another channel
-    )
-    # model is tried [M]
+    channel_error: float = 3.0  # coherent residual over noise: another channel model is tried [M]
     tile_better: float = 0.97  # of the moving channel's error, for precoding to be tried in its place [M]
     better_score: float = 0.02  # nats by which another channel model has to win [M]
     uneven_region: float = 2.0  # times a subcarrier's noise; a region of a symbol with more has its own [M]
     # subtraction
     outlier_return: float = 3.0  # times the 0.8 quantile of what is left in the return mask [M]
-    blank_ratio: float = (
-        6.0  # times the median output power: blanked; a return and noise have e^-6 of it [F: exp]
-    )
+    blank_ratio: float = 6.0  # times the median output power: blanked; noise has e^-4 of it [F: exp]
     boundary_ratio: float = 1.3  # the same, mean over all symbol boundaries [M]
     boundary_reach: int = 40  # samples on either side of a symbol boundary that are looked at [F: the prefix]
     # tracking
     track_noise: float = 2.0  # times the noise of the frames before; more is acquired anew [M]
     channel_memory: float = 1.0  # frames whose channel estimates are averaged [M]
-    cfo_interval: int = (
-        16  # frames; the residual CFO is measured in one of them [F: 0.1 ppm per s of drift is less]
-    )
+    cfo_interval: int = 16  # frames; in one of them the residual CFO is measured [F: drift per s]
     patience: int = 8  # searches in vain, one after the other; then one frame in as many is searched [M]
     # bursts
     burst_longest: float = 0.36  # of a frame; a longer one is demodulated [M]
-    burst_power: float = (
-        0.9  # of a frame's power, at least [F: the rest of the frame is the return and noise]
-    )
+    burst_power: float = 0.9  # of a frame's power, at least [F: the rest is return and noise]
     burst_loud: float = 6.0  # times the median power; noise has e^-4 of it [F: exp]
-    burst_gap: int = (
-        64  # samples; a burst may be quiet for so long by chance [F: OFDM's envelope is Rayleigh]
-    )
+    burst_gap: int = 64  # samples; a burst may be quiet for so long by chance [F: Rayleigh]
     # cost
-    most_ffts: float = 590.0  # FFTs of 7,500 points; no other channel model is tried that could exceed it [M]
+    most_ffts: float = 590.0  # FFTs; no other channel model is tried that could exceed it [M]
 
 
 SETTINGS = OfdmSettings()
