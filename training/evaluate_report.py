@@ -45,6 +45,7 @@ STYLES = {
     "paper": PlotStyle("#5D3A9B", "X", "--"),
     "compact": METHODS["tcae"].style,
 } | {name: method.style for name, method in METHODS.items() if method.style}
+_EMITTERS = f"{EMITTERS}, unless called ideal"
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
@@ -289,8 +290,8 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
         axis.set_xlabel("SIR / dB")
     for axis in axes[:, 0]:
         axis.set_ylabel("Pd")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
-    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=8)
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -309,8 +310,7 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     axis.invert_yaxis()
     axis.set_xlabel("protection gain against no mitigation / dB")
     axis.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, fontsize=8)
-    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=8)
+    figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
