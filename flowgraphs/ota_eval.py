@@ -165,16 +165,6 @@ def _require_radios(scene: Any, needed: int) -> None:
         )
 
 
-def _describe(rows: Sequence[dict[str, Any]]) -> str:
-    """A measured point in a line."""
-    if "hazardous" in rows[0]:
-        shares = ", ".join(f"{r['method']} {r['computed']}/{r['outputs']}" for r in rows)
-        return f"overlap {rows[0]['overlap']:g}, tracked: computed {shares}"
-    sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
-    pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
-    return f"overlap {rows[0]['overlap']:g}{sir}: Pd {pds}"
-
-
 def _print_pd(out: Path) -> None:
     """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
     from radalt.evaluation.overlap.figures import panels
@@ -292,7 +282,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
-    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=_describe, after=_print_pd)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe, after=_print_pd)
 
 
 @command(PROGRAM)

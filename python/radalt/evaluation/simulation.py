@@ -92,8 +92,8 @@ class _Path:
         self._altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
         self._method: Mitigation | None = None
         if method != METHODS["none"].name:
-            options = {"max_altitude_m": scene.altimeter_settings.max_altitude_m}
-            options |= scene.method_options.get(method) or {}
+            options = dict(scene.method_options.get(method) or {})
+            options["max_altitude_m"] = scene.altimeter_settings.max_altitude_m
             self._method = create(method, scene.waveform, **options)
         self._batch = method_class(method).batch
         self._milliseconds: list[float] = []

@@ -141,7 +141,7 @@ class Options:
     resume : bool
         Complete the run that ``out`` holds.
     jobs : int
-        Local worker processes.
+        Local worker processes; 0 measures in this process, one point after the other and without a time limit.
     scheduler : str
         Address or scheduler file of a Dask cluster; empty for local processes.
     time_limit_s : float

@@ -238,7 +238,7 @@ class _Watch:
         inputs: _Inputs | None,
     ) -> None:
         self.folder, self.options, self.progress = folder, options, progress
-        self.jobs = min(options.jobs, study.max_jobs or options.jobs)
+        self.jobs = max(1, min(options.jobs, study.max_jobs or options.jobs))
         self.peaks: dict[int | str, int] = {}
         self._cluster, self._inputs = cluster, inputs
         self.total = self.done = self.resumed = 0
@@ -296,6 +296,8 @@ class _Watch:
         limit = self.options.time_limit_s
         if self._cluster is not None:
             return self._cluster.run_tasks(tasks, time_limit_s=limit)
+        if not self.options.jobs:
+            return ((index, measure_task(task)) for index, task in enumerate(tasks))
         return run_tasks(measure_task, tasks, jobs=self.jobs, time_limit_s=limit, label=lambda t: t.label)
 
     def _tell(self, rows: Sequence[dict[str, Any]], first_s: float, count: int, todo: int) -> None:
