@@ -282,7 +282,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
-    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe, after=_print_pd)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
 
 
 @command(PROGRAM)

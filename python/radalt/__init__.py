@@ -1,8 +1,8 @@
 """FMCW radar altimeters under interference: `import radalt` for Python, `from gnuradio import radalt` for flowgraphs.
 
-`__all__` is what one calls from Python: it needs no GNU Radio (`radalt.api`). `radalt.<block>` is the class `<block>` of
-`blocks/<block>.py`, GNU Radio's. All of them are imported on first use, so that a program loads, and needs, only what it
-contains; `dir(radalt)` lists them.
+`__all__` is what one calls from Python; it needs no GNU Radio (`radalt.api`). `radalt.<block>` is the class `<block>`
+of `blocks/<block>.py`, a GNU Radio block. Each is imported on first use, so that a program loads, and needs, only what
+it contains; `dir(radalt)` lists them.
 
 Installed by CMake, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that
 GNU Radio and other modules keep the NumPy they were built for.
@@ -14,7 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import blocks, core, evaluation, studies
+    from . import blocks as blocks
+    from . import core as core
+    from . import evaluation as evaluation
+    from . import studies as studies
     from .api import Names, Report, evaluate, method, simulate
     from .core.mitigation import Mitigation
     from .core.receiver.altimeter import Altimeter, AltimeterSettings

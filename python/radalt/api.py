@@ -248,9 +248,7 @@ def evaluate(
             f"method {CUSTOM!r} with method_options {{{CUSTOM}: {{file: mine.py}}}}"
         )
     with as_methods(chosen.methods if methods is None else methods) as names:
-        study = OverlapStudy(
-            changed(chosen, **axes, **flown, seed=seed, methods=names), flowgraph=False
-        )
+        study = OverlapStudy(changed(chosen, **axes, **flown, seed=seed, methods=names), flowgraph=False)
         study.check()
         bar = Bar(describe_rows)
         try:
@@ -335,4 +333,13 @@ class Report:
 
 
 _SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
-_BREAK_POINTS = ("method", "interference", "overlap", "snr_db", "text", "low_db", "high_db", "protection_gain")
+_BREAK_POINTS = (
+    "method",
+    "interference",
+    "overlap",
+    "snr_db",
+    "text",
+    "low_db",
+    "high_db",
+    "protection_gain",
+)

@@ -1,4 +1,4 @@
-"""A scene without a flowgraph: the same sources, channel, segmenter, methods and altimeters, called one after the other.
+"""A scene without a flowgraph: the same sources, channel, segmenter, methods and altimeters, called in turn.
 
 The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give the same rows for one seed.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.mitigation import METHODS, Mitigation, create, method_class
 from ..core.receiver.altimeter import shared_altimeter
-from ..core.receiver.frame import Frame
+from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
 
@@ -71,18 +71,17 @@ def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tup
         yield from channel.process(radar, None if jam is None else jam.reshape(-1))
 
 
-def segmented(scene: Scene) -> Iterator[tuple[list[Frame], Mapping[str, Any]]]:
-    """Frames as the segmenter releases them, in groups, each with the segmenter's counters so far."""
-    segmenter = segmenter_of(scene)
+def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
+    """Frames of a scene as its segmenter (`segmenter_of`) releases them, in groups."""
     tagged, expected = scene.channel.drops.tagged, None
     for counter, samples in received(scene, scene.altitude.programme.total_frames + TAIL_FRAMES):
-        frames = []
+        frames: list[Frame] = []
         if expected is None:
             segmenter.reset(counter)
         elif counter != expected and tagged:
             frames = segmenter.jump(counter - segmenter.sample_counter)
         expected = counter + samples.size
-        yield frames + segmenter.push(samples, lend=True), segmenter.status()
+        yield frames + segmenter.push(samples, lend=True)
 
 
 class _Path:
@@ -132,9 +131,9 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
     """What `flowgraph.run.run_point` gives for a scene at one point of its sweep, without GNU Radio."""
     begin = time.perf_counter()
     paths = [_Path(scene, method) for method in methods]
-    programme, counters = scene.altitude.programme, {}
+    segmenter = segmenter_of(scene)
     with _one_blas_thread():
-        for frames, counters in segmented(scene):
+        for frames in segmented(scene, segmenter):
             if not frames:
                 continue
             samples = np.stack([frame.samples for frame in frames])
@@ -142,12 +141,12 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
             offset_s = np.array([frame.offset_s for frame in frames])
             for path in paths:
                 path.take(samples, index, offset_s)
-    signal_s = (programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s
+    signal_s = (scene.altitude.programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s
     return PointResult(
         results={path.name: path.results() for path in paths},
         ms_per_frame={path.name: path.milliseconds() for path in paths},
         status={path.name: path.status() for path in paths},
-        segmenter=counters,
+        segmenter=segmenter.status(),
         real_time_factor=signal_s / (time.perf_counter() - begin),
     )
 

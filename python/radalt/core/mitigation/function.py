@@ -43,7 +43,8 @@ def function_method(function: Callable[[np.ndarray, Waveform], np.ndarray]) -> t
             out = np.asarray(function(batch.copy(), self.waveform))  # it may work in place
             if out.shape != batch.shape or out.dtype.kind not in "fc":
                 raise MitigationError(
-                    f"method {called} gives {out.dtype} of shape {out.shape}; expected complex frames of shape {batch.shape}"
+                    f"method {called} gives {out.dtype} of shape {out.shape}; expected complex frames of shape "
+                    f"{batch.shape}"
                 )
             return out.astype(np.complex64)
 
@@ -80,7 +81,9 @@ def as_methods(methods: Sequence[MethodLike]) -> Iterator[tuple[str, ...]]:
                 cls = method if known else function_method(method)
                 if METHODS.get(cls.name) is not cls:
                     if cls.name in METHODS:
-                        raise MitigationError(f"there is a method {cls.name!r} already; give yours another name")
+                        raise MitigationError(
+                            f"there is a method {cls.name!r} already; give yours another name"
+                        )
                     METHODS[cls.name] = cls
                     added.append(cls.name)
                 method = cls.name

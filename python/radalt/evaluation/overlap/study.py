@@ -23,7 +23,15 @@ from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
 
-__all__ = ["DWELL_FRAMES", "OverlapStudy", "capture_name", "check_methods", "check_scene", "describe_rows", "rows_of"]
+__all__ = [
+    "DWELL_FRAMES",
+    "OverlapStudy",
+    "capture_name",
+    "check_methods",
+    "check_scene",
+    "describe_rows",
+    "rows_of",
+]
 
 DWELL_FRAMES = 400  # at each altitude of a tracked flight, at least: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
