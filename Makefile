@@ -59,13 +59,13 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null gnuradio-companion $(FLOWGRAPH)
 
 flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
-	@$(PYTHON) flowgraphs/make_flowgraphs.py
+	@$(PYTHON) tools/make_flowgraphs.py
 
 screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it
-	@$(PYTHON) flowgraphs/screenshot.py $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 

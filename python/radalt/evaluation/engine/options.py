@@ -169,6 +169,8 @@ def typed(program: str) -> str:
     called = sys.argv[0]  # see evaluation/programs.py
     if called.startswith("radalt "):
         return called
+    if Path(called).resolve().parent.name == "tools":
+        return f".venv/bin/python tools/{program}.py"
     if Path(called).resolve().parent.name == "training":
         return f"PYTHONPATH=python .venv/bin/python training/{program}.py"
     return f".venv/bin/python flowgraphs/{program}.py"
@@ -283,8 +285,12 @@ _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limi
 def command_of(args: argparse.Namespace, parser: Parser) -> str:
     """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
     words = [typed(parser.program)]
+    positional = {action.dest for action in parser._actions if not action.option_strings}
     for name, value in vars(args).items():
         if name in _NO_ROW or value == parser.get_default(name):
+            continue
+        if name in positional:
+            words.append(shlex.quote(_word(value)))
             continue
         option = f"--{name.replace('_', '-')}"
         if value is True:
