@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-import control_client
 import numpy as np
 import pytest
 import uhd_double
@@ -18,6 +17,7 @@ from waiting import wait_for
 
 from radalt.core.radio.control import RequestError, check_endpoint, parse_request
 from radalt.core.scene import parse_scene
+from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from radalt.evaluation.radios.remote import drive_remotely
 

@@ -1,4 +1,4 @@
-"""What tools that use the package import first: ``flowgraphs/`` and ``python/`` on the path, as its programs have them."""
+"""What tools that use the package import first: ``flowgraphs/`` and ``python/`` on the path, as programs have them."""
 
 import sys
 from pathlib import Path

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
+from pathlib import Path
+
 import numpy as np
 
 from radalt.core.returns import terrain

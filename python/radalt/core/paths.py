@@ -7,7 +7,7 @@ import re
 import sys
 from pathlib import Path
 
-__all__ = ["model_path", "remedy", "say_other_installation", "scene_path", "share_dir"]
+__all__ = ["model_path", "no_gnu_radio", "remedy", "say_other_installation", "scene_path", "share_dir"]
 
 
 def share_dir() -> Path:
@@ -69,6 +69,16 @@ def _version(file: Path) -> str:
     except OSError:
         return ""
     return found[1] if found else ""
+
+
+def no_gnu_radio() -> str:
+    """What a command that needs GNU Radio says under a Python that has none."""
+    if (share_dir() / "requirements.txt").is_file():
+        return f"{sys.executable} has no GNU Radio; run 'make setup' and use .venv/bin/python"
+    return (
+        f"{sys.executable} has no GNU Radio 3.10, which this command needs; install it and use its Python, or measure "
+        "without a flowgraph: radalt.evaluate in Python"
+    )
 
 
 def model_path(name: str) -> Path:

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
+from ...core.paths import no_gnu_radio, remedy
 from ..engine.options import Options, Parser, add_options, command, complain, options_of, path
 
 PROGRAM, COMMAND = "ota_eval", "eval"
@@ -67,10 +68,10 @@ def _parser() -> Parser:
 
 def _check_python() -> str | None:
     """What is wrong with this Python, in one line, or None."""
-    hint = "run 'make eval', or use the Python that 'make setup' prepares, .venv/bin/python"
     try:
-        if importlib.util.find_spec("gnuradio.gr") is None:
-            return f"{sys.executable} has no GNU Radio; {hint}"
+        # the package `gnuradio.radalt` alone is no GNU Radio
+        if importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.gr") is None:
+            return no_gnu_radio()
         # found now rather than when the report is drawn
         missing = [
             name
@@ -78,15 +79,13 @@ def _check_python() -> str | None:
             if importlib.util.find_spec(name) is None
         ]
         if missing:
-            from ...core.paths import remedy
-
             return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
         with ctrl_c_waits():
             from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
             from ...core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
-        return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {hint}"
+        return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {remedy('numpy')}"
     return None
 
 

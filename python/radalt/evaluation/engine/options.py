@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
 __all__ = [
@@ -51,7 +52,9 @@ def complain(program: str, error: object) -> None:
     """
     if isinstance(error, BaseException) and _TRACEBACK in os.environ:
         raise error
-    text = said(error) if isinstance(error, BaseException) else error
+    text = said(error) if isinstance(error, BaseException) else str(error)
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
+        text = no_gnu_radio()
     print(one_line(f"{program}: {text}"), file=sys.stderr)
 
 
