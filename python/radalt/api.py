@@ -239,8 +239,6 @@ def evaluate(
     from .evaluation.overlap.study import OverlapStudy, describe_rows
 
     chosen = scene if isinstance(scene, Scene) else load_scene(scene)
-    axes = {"overlap": _numbers(overlap), "sir_db": _numbers(sir_db), "snr_db": _numbers(snr_db)}
-    flown = {"altitudes_m": _numbers(altitude_m), "frames": _per_altitude(chosen, altitude_m, frames)}
     folder = Path("results", f"{chosen.name}-{time.strftime('%Y%m%d-%H%M%S')}") if out is None else Path(out)
     if jobs > 1 and any(not isinstance(m, str) for m in methods or ()):
         raise MitigationError(
@@ -248,7 +246,17 @@ def evaluate(
             f"method {CUSTOM!r} with method_options {{{CUSTOM}: {{file: mine.py}}}}"
         )
     with as_methods(chosen.methods if methods is None else methods) as names:
-        study = OverlapStudy(changed(chosen, **axes, **flown, seed=seed, methods=names), flowgraph=False)
+        chosen = changed(
+            chosen,
+            overlap=_numbers(overlap),
+            sir_db=_numbers(sir_db),
+            snr_db=_numbers(snr_db),
+            altitudes_m=_numbers(altitude_m),
+            frames=_per_altitude(chosen, altitude_m, frames),
+            seed=seed,
+            methods=names,
+        )
+        study = OverlapStudy(chosen, flowgraph=False)
         study.check()
         bar = Bar(describe_rows)
         try:

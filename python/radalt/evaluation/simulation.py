@@ -61,14 +61,13 @@ def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tup
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
-    n = scene.waveform.samples_per_frame
     for first in range(0, frames, at_once):
         count = min(at_once, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
-        jam = None if jammer is None else np.empty((count, n), dtype=np.complex64)
-        for k in range(0 if jam is None else count):
-            jammer.next_frame(jam[k])
-        yield from channel.process(radar, None if jam is None else jam.reshape(-1))
+        jam = None
+        if jammer is not None:
+            jam = np.concatenate([jammer.next_frame() for _ in range(count)])
+        yield from channel.process(radar, jam)
 
 
 def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
@@ -101,13 +100,15 @@ class _Path:
 
     def take(self, frames: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
         """Clean and measure (n, N) frames."""
-        cleaned = frames if self._method is None else np.empty_like(frames)
-        for first in range(0, len(frames) if self._method is not None else 0, self._batch):
-            span = slice(first, first + self._batch)
-            begin = time.thread_time_ns()
-            self._method.process_into(frames[span], cleaned[span])
-            count = len(frames[span])
-            self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
+        cleaned = frames
+        if self._method is not None:
+            cleaned = np.empty_like(frames)
+            for first in range(0, len(frames), self._batch):
+                span = slice(first, first + self._batch)
+                begin = time.thread_time_ns()
+                self._method.process_into(frames[span], cleaned[span])
+                count = len(frames[span])
+                self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
         spectra = self._altimeter.spectra(cleaned)
         self._results.append(self._altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
 

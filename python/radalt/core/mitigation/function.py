@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import inspect
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 
@@ -16,10 +16,11 @@ from .base import METHODS, Mitigation, MitigationError
 __all__ = ["MethodLike", "as_methods", "function_method"]
 
 # a registry name, a class of method, or a function of (n, N) complex64 frames and the waveform
-MethodLike: TypeAlias = "str | type[Mitigation] | Callable[[np.ndarray, Waveform], np.ndarray]"
+_Function: TypeAlias = Callable[[np.ndarray, Waveform], np.ndarray]
+MethodLike: TypeAlias = str | type[Mitigation] | _Function
 
 
-def function_method(function: Callable[[np.ndarray, Waveform], np.ndarray]) -> type[Mitigation]:
+def function_method(function: _Function) -> type[Mitigation]:
     """The method of a function ``mitigate(frames, waveform)``, under the function's name.
 
     Raises
@@ -77,8 +78,8 @@ def as_methods(methods: Sequence[MethodLike]) -> Iterator[tuple[str, ...]]:
     try:
         for method in methods:
             if not isinstance(method, str):
-                known = inspect.isclass(method) and issubclass(method, Mitigation)
-                cls = method if known else function_method(method)
+                known = isinstance(method, type) and issubclass(method, Mitigation)
+                cls = cast("type[Mitigation]", method) if known else function_method(cast(_Function, method))
                 if METHODS.get(cls.name) is not cls:
                     if cls.name in METHODS:
                         raise MitigationError(

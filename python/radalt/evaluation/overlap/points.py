@@ -81,7 +81,11 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
             )
         for number in numbers:
             quantity(number, f"{what} {shown(part.strip())}: {what.lstrip('-').replace('-', '_')}")
-        values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
+        values += (
+            numbers
+            if len(numbers) == 1
+            else _span(numbers[0], numbers[1], numbers[2], f"{what} {part.strip()}")
+        )
     return tuple(dict.fromkeys(values))
 
 

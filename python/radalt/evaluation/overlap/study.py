@@ -232,7 +232,7 @@ class OverlapStudy(Study):
             return dataclasses.replace(self, folder=folder)
         from ..flowgraph.run import prepare
 
-        scenes = {}
+        scenes: dict[str, tuple[Scene, bool]] = {}
         for point in self.points():
             placed = scene_at(self.scene, point)
             scenes.setdefault(_flowgraph_of(placed, point), (placed, point.table == "tracked"))
