@@ -130,8 +130,8 @@ def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - impo
 
 
 def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN001 - imported late
-    from ...evaluation.engine.run import peak_memory_bytes
     from ...evaluation.engine.study import Run
+    from ...evaluation.engine.task import peak_memory_bytes
     from .report import write_report
 
     command = folder.head["command"]

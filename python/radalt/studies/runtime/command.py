@@ -46,7 +46,8 @@ def _arguments(parser: Parser) -> None:
 def _study(args: argparse.Namespace, parser: Parser) -> Study:
     from ...core.paths import model_path
     from ...evaluation.overlap.points import parse_axis
-    from .study import INTERFERERS, RuntimeStudy, compared_chains
+    from .cases import INTERFERERS
+    from .study import RuntimeStudy, compared_chains
 
     interferers = args.interferers or list(INTERFERERS)
     stray = [name for name in interferers if name not in INTERFERERS]
