@@ -86,7 +86,7 @@ def __getattr__(name: str) -> Any:
         )
     try:
         found = getattr(importlib.import_module(f".{home}", __name__), name)
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         if (error.name or "").split(".")[0] not in ("gnuradio", "pmt"):
             raise
         raise ImportError(

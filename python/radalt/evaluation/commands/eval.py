@@ -84,11 +84,9 @@ def _check_python() -> str | None:
             from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
             from ...core import scene  # noqa: F401
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
-            return no_gnu_radio()
-        return f"{sys.executable} lacks {error.name}; {remedy(str(error.name))}"
     except (ImportError, SystemError) as error:
+        if (getattr(error, "name", "") or "").split(".")[0] in ("gnuradio", "pmt"):
+            return no_gnu_radio()
         return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {remedy('numpy')}"
     return None
 

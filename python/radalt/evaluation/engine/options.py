@@ -54,7 +54,7 @@ def complain(program: str, error: object) -> None:
     if isinstance(error, BaseException) and _TRACEBACK in os.environ:
         raise error
     text = said(error) if isinstance(error, BaseException) else str(error)
-    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
+    if isinstance(error, ImportError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
         text = no_gnu_radio()
     print(one_line(f"{program}: {text}"), file=sys.stderr)
 
