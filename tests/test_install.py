@@ -161,10 +161,11 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
-    done = subprocess.run(
-        [radalt, "nonsense"], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
-    )
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    for word, answer in (("nonsense", "there are collect"), ("gallery", "tools/gallery.py")):
+        done = subprocess.run(
+            [radalt, word], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
+        )
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1) and answer in done.stderr
 
 
 def test_command_says_what_is_missing_or_runs(prefix, tmp_path):

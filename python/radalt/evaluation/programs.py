@@ -25,6 +25,7 @@ __all__ = ["Program", "load", "main", "programs", "summaries"]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
+_TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name == "env":
         print(_environment())
         return 0
+    if name in _TOOLS:
+        script = name.replace("-", "_")
+        print(
+            f"radalt: {name} is a tool of the source tree now: .venv/bin/python tools/{script}.py",
+            file=sys.stderr,
+        )
+        return 2
     if name not in programs():
         known = ", ".join([*programs(), "env"])
         print(f"radalt: no command {name[:40]!r}; there are {known}", file=sys.stderr)
