@@ -120,9 +120,9 @@ def open_sigmf(path: Path | str) -> SigmfFile:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
             recording = sigmf.SigMFFile(metadata=content)
-            recording.set_data_file(
-                str(data.file), skip_checksum=True, offset=data.offset, size_bytes=data.size
-            )
+            other = sum(int(c.get("core:header_bytes", 0)) for c in recording.get_captures())
+            held = max(0, data.size - other - int(content["global"].get("core:trailing_bytes", 0)))
+            recording.set_data_file(str(data.file), skip_checksum=True, offset=data.offset, size_bytes=held)
             recording.validate()
         _check_sum(data, content["global"].get("core:sha512"))
     except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
