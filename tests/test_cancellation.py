@@ -17,6 +17,7 @@ from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.score import SCORE_COLUMNS
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, Antennas, received
+from radalt.studies.cancellation.command import _describe as describe
 from radalt.studies.cancellation.flights import FlightsStudy
 from radalt.studies.cancellation.known_symbols import (
     BLANKED_BURST,
@@ -185,7 +186,7 @@ def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
     )
     assert apart["pd"] < 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
     assert set(CancellationStudy().tables["mixtures"].names) == set(held)
-    assert cancellation._describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
+    assert describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
     whole = [point.case for point in CancellationStudy().points() if point.table == "mixtures"]
     assert whole == list(MIXTURES)
     assert not CancellationStudy(cases=("qpsk",)).points()[-1].table == "mixtures"

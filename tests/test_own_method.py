@@ -256,7 +256,7 @@ def test_embedding_changes_our_blocks_and_the_places_alone():
 
 def test_shipped_flowgraphs_are_the_mechanical_ones():
     """After a change of ota_b210.grc, ota_live.grc or a block description: `make flowgraphs`."""
-    spec = importlib.util.spec_from_file_location("make_flowgraphs", FLOWGRAPHS / "make_flowgraphs.py")
+    spec = importlib.util.spec_from_file_location("make_flowgraphs", ROOT / "tools/make_flowgraphs.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, data in module.made().items():

@@ -19,7 +19,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import prepare
-from radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
+from radalt.evaluation.flowgraph.replay import prepare_replay, replay_scene, run_replay, summary
 from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.radios.hardware import run_hardware
 from radalt.evaluation.results.folder import FolderError, read_report

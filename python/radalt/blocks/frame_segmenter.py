@@ -13,8 +13,9 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
+from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
 from ..core.scene import Scene
+from ..core.scene.build import segmenter_of
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
@@ -81,14 +82,7 @@ class frame_segmenter(gr.basic_block):
         self._sent = SentAltitudes(scene.altitude.programme)
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
-        self.segmenter = FrameSegmenter(
-            scene.waveform,
-            scene.altitude.programme if follow_programme else None,
-            scene.segmenter,
-            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
-            true_delay=scene.altitude.mode == "true_delay",
-            point_target=scene.return_model == "point",
-        )
+        self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0

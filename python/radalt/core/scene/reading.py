@@ -10,7 +10,7 @@ import typing
 from pathlib import Path
 from typing import Any
 
-from ..interference.emitters import emitter_class, emitter_names
+from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
 from ..interference.multipath import faded, unfaded
 from ..interference.placement import Interferer
 from ..parsing import InputError, build, convert, load_yaml, plain, shown
@@ -62,7 +62,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
     if isinstance(data, dict) and "return" in data:  # a word that Python keeps for itself
         data = {("return_model" if key == "return" else key): value for key, value in data.items()}
     try:
-        scene = build(Scene, data, "", {"interference": interference_from_yaml})
+        scene: Scene = build(Scene, data, "", {"interference": interference_from_yaml})
         if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
             scene = _with_landing(scene)
         return scene
@@ -72,6 +72,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
 
 def _with_landing(scene: Scene) -> Scene:
     """The altitudes of the scene's landing, one per frame, from first to last."""
+    assert scene.landing is not None
     profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
     altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
     return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))
@@ -160,4 +161,5 @@ def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
     """``{kind: {emitter and placement keys}}`` of one interferer."""
     emitter, channel = unfaded(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
-    return {emitter.scene_name: keys if channel is None else keys | {"multipath": plain(channel)}}
+    name = typing.cast(NamedEmitter, emitter).scene_name
+    return {name: keys if channel is None else keys | {"multipath": plain(channel)}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.simulated import ChannelSettings
 from ..interference.placement import Interferer
@@ -16,6 +16,9 @@ from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
 from ..waveform import Waveform
 from .sections import AltitudeSpec, RadioSpec, SweepSpec
+
+if TYPE_CHECKING:
+    from ..interference.emitters import NamedEmitter
 
 __all__ = ["Scene", "burst_db"]
 
@@ -63,6 +66,7 @@ class Scene:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
         top = self.altimeter_settings.max_altitude_m
+        assert top is not None  # resolved
         highest = max(self.altitude.programme_m, default=0.0)
         if self.return_model not in ("point", "terrain"):
             raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
@@ -179,7 +183,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(i.emitter.label for i in self.interference)
+        return "+".join(cast("NamedEmitter", i.emitter).label for i in self.interference)
 
 
 def burst_db(sir_db: float, overlap: float) -> float:

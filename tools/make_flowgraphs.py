@@ -11,15 +11,13 @@ Run it after every change of ota_b210.grc, ota_live.grc or of a block's descript
 
 from __future__ import annotations
 
-import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from radalt.evaluation.engine.options import Parser, command
 
-HERE = Path(__file__).resolve().parent
 PROGRAM = "make_flowgraphs"
 SIR_DB = -30  # at the scene's -10 dB every method of the first run would have a Pd of 1
 
@@ -29,7 +27,7 @@ def made() -> dict[str, dict[str, Any]]:
     from radalt.evaluation.flowgraph.embedded import embed
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
 
-    air, live = load_grc(HERE / "ota_b210.grc"), load_grc(HERE / "ota_live.grc")
+    air, live = load_grc(FLOWGRAPHS / "ota_b210.grc"), load_grc(FLOWGRAPHS / "ota_live.grc")
     simulated = simulate(air)
     parameter = next(block for block in simulated["blocks"] if block["name"] == "sir_db")
     parameter["parameters"]["value"] = f'"{SIR_DB}"'
@@ -52,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from radalt.evaluation.flowgraph.rewrite import save_grc
 
     for name, data in made().items():
-        save_grc(data, HERE / name)
-        print(HERE / name)
+        save_grc(data, FLOWGRAPHS / name)
+        print(FLOWGRAPHS / name)
     return 0
 
 

@@ -1,57 +1,32 @@
-"""Writing Digital Terrain Elevation Data (MIL-PRF-89020B): header records, sign-magnitude posts, checksums.
+#!/usr/bin/env python3
+"""Write the landing scenario's data: a synthetic approach as CSV, and synthetic terrain as DTED files.
 
-No well-kept library writes DTED; reading is `dted.Tile`'s and stays there (`terrain.Terrain.load`).
+Without arguments it rewrites what is shipped in ``flowgraphs/landing/``, byte for byte: the approach to
+O'Hare runway 10C geometry, and the two one-degree cells under it, flat and hilly, as DTED level 0. Finer
+levels are made the same way where they are wanted (level 1: 2.9 MB a cell, level 2: 26 MB):
+
+    .venv/bin/python tools/make_landing_data.py --level 1 --terrain hilly --out my_landing
 """
 
 from __future__ import annotations
+
+from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
 from pathlib import Path
 
 import numpy as np
 
-from .errors import TerrainError
+from radalt.core.returns import terrain
+from radalt.core.returns.terrain import VOID_M, TerrainError, cell_posts
+from radalt.core.returns.terrain.dted_cells import intervals_s
+from radalt.evaluation.engine.options import Parser, command, number, path
 
-__all__ = ["VOID_M", "cell_posts", "encode_dted", "write_dted"]
+CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
 
-VOID_M = -32767
-"""Elevation that marks a post without data (MIL-PRF-89020B, 3.11.2)."""
+
+# -- DTED (MIL-PRF-89020B): header records, sign-magnitude posts, checksums; no well-kept library writes it ----------
 
 MAX_ELEVATION_M = 32766
-LATITUDE_INTERVAL_S = {0: 30, 1: 3, 2: 1}  # Table I, seconds of arc between posts of a meridian
-ZONE_LIMITS_DEG = (50, 70, 75, 80, 90)  # Table I, zones I-V
-ZONE_FACTORS = (1, 2, 3, 4, 6)
-
-
-def _intervals_s(level: int, latitude_deg: int) -> tuple[int, int]:
-    """Post spacing (longitude, latitude) in seconds of arc of the cell with this south edge."""
-    if level not in LATITUDE_INTERVAL_S:
-        raise TerrainError(f"DTED level is {level!r}; allowed: 0, 1, 2")
-    # the zone of a cell is that of its edge nearest to the equator
-    edge = latitude_deg if latitude_deg >= 0 else -(latitude_deg + 1)
-    zone = next(i for i, limit in enumerate(ZONE_LIMITS_DEG) if edge < limit)
-    return LATITUDE_INTERVAL_S[level] * ZONE_FACTORS[zone], LATITUDE_INTERVAL_S[level]
-
-
-def cell_posts(level: int, latitude_deg: int, longitude_deg: int) -> tuple[np.ndarray, np.ndarray]:
-    """Latitudes and longitudes of the posts of a one-degree cell.
-
-    Parameters
-    ----------
-    level : int
-        0 (30 arc seconds), 1 (3) or 2 (1); longitudes widen with the zone of latitude.
-    latitude_deg, longitude_deg : int
-        South-west corner, -90..89 and -180..179.
-
-    Returns
-    -------
-    (n_lat,) and (n_lon,) float64 arrays in degrees, both edges included.
-    """
-    if not -90 <= latitude_deg <= 89 or not -180 <= longitude_deg <= 179:
-        raise TerrainError(f"cell corner {latitude_deg}, {longitude_deg} deg is outside -90..89, -180..179")
-    lon_s, lat_s = _intervals_s(level, latitude_deg)
-    lat = latitude_deg + np.arange(3600 // lat_s + 1) * (lat_s / 3600.0)
-    lon = longitude_deg + np.arange(3600 // lon_s + 1) * (lon_s / 3600.0)
-    return lat, lon
 
 
 def _dms(value: int, digits: int, positive: str, negative: str, decimals: bool = False) -> bytes:
@@ -70,7 +45,7 @@ def _fixed(*fields: tuple[bytes | str, int], size: int) -> bytes:
 def _headers(level: int, lat: int, lon: int, shape: tuple[int, int], reference: str, void: bool) -> bytes:
     """User header label (80 bytes), data set identification (648), accuracy (2700): Tables II-IV."""
     n_lon, n_lat = shape
-    lon_s, lat_s = _intervals_s(level, lat)
+    lon_s, lat_s = intervals_s(level, lat)
     intervals = f"{lon_s * 10:04d}{lat_s * 10:04d}"
     uhl = _fixed(
         (b"UHL1", 4), (_dms(lon, 3, "E", "W"), 8), (_dms(lat, 3, "N", "S"), 8), (intervals, 8), ("NA", 4),
@@ -154,3 +129,65 @@ def write_dted(
     path = Path(path)
     path.write_bytes(encode_dted(elevation_m, latitude_deg, longitude_deg, level, **options))
     return path
+
+
+# -- the scenario ---------------------------------------------------------------------------------------------------
+
+
+def approach_csv(approach: terrain.Approach, step_s: float) -> str:
+    """Text of the trajectory file."""
+    lines = [
+        f"# SYNTHETIC approach to the geometry of {approach.runway.name}; no flight was recorded for it.",
+        f"# {approach.glide_deg:g} degree glide path from {approach.start_height_m:g} m, flare, touchdown.",
+        "# Altitude: altimeter antenna above mean sea level. Written by tools/make_landing_data.py",
+        "time_s,latitude_deg,longitude_deg,altitude_m",
+    ]
+    lines += [f"{t:.3f},{lat:.8f},{lon:.8f},{alt:.3f}" for t, lat, lon, alt in approach.points(step_s)]
+    return "\n".join(lines) + "\n"
+
+
+def _parser() -> Parser:
+    parser = Parser("make_landing_data", __doc__)
+    add = parser.add_argument
+    add("--out", type=path, default=FLOWGRAPHS / "landing", help="folder (default: %(default)s)")
+    add("--level", type=int, default=0, choices=(0, 1, 2), help="DTED level (default: 0)")
+    add("--terrain", choices=("flat", "hilly", "both"), default="both")
+    add("--glide-deg", type=number(float, 1, 10), default=3.0, help="glide path angle (default: %(default)s)")
+    add(
+        "--start-height-m",
+        type=number(float, 50, 2000),
+        default=600.0,
+        help="height at the start (default: 600)",
+    )
+    add("--speed-m-per-s", type=number(float, 20, 120), default=72.0, help="ground speed (default: 72)")
+    add(
+        "--step-s",
+        type=number(float, 0.01, 2),
+        default=0.5,
+        help="step of the trajectory file (default: 0.5)",
+    )
+    return parser
+
+
+@command("make_landing_data")
+def main(argv: list[str] | None = None) -> int:
+    """Write the files; returns 0, or 2 after a line about what does not fit."""
+    args = _parser().parse_args(argv)
+    args.out.mkdir(parents=True, exist_ok=True)
+    approach = terrain.Approach(
+        glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s
+    )
+    file = args.out / "approach_kord_10c.csv"
+    file.write_text(approach_csv(approach, args.step_s))
+    print(file)
+    for kind in ("flat", "hilly") if args.terrain == "both" else (args.terrain,):
+        for lat, lon in CELLS:
+            elevation = terrain.synthetic_elevation_m(kind, args.level, lat, lon)
+            file = args.out / f"{kind}_n{lat}w{-lon:03d}.dt{args.level}"
+            reference = f"SYNTH-{kind.upper()}"
+            print(write_dted(file, elevation, lat, lon, args.level, reference=reference))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

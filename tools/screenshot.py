@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Pictures of the live view, made from runs of it: `make screenshot` writes docs/live_view*.png.
 
-    .venv/bin/python flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png
+    .venv/bin/python tools/screenshot.py --show jammed --out docs/live_view_jammed.png
 
 Generates ota_live.grc with the simulated channel, works its controls, and saves what the window shows at the end: a
 descent in steps under the scene's interference, the first second, a jammer that drowns the chosen method, or a timing
@@ -10,7 +10,7 @@ that is lost. Needs no display.
 
 from __future__ import annotations
 
-import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
 
 import argparse
 import os
@@ -27,7 +27,6 @@ if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 PROGRAM = "screenshot"
-HERE = Path(__file__).resolve().parent
 
 STEPS_M = (900.0, 750.0, 600.0, 450.0, 300.0)  # altitudes of the descent, one after the other
 FRAMES_A_STEP = 2100  # a little more in all than the 10 s that the altitude chart is wide
@@ -101,7 +100,7 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from radalt.evaluation.flowgraph.run import load_class
 
-    data = simulate(load_grc(HERE / "ota_live.grc"), "ota_live_sim")
+    data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
     for step in SHOWS[args.show]:  # the controls show what they start with: here what they end with
         start |= {control: value for control, value in step.items() if control != "frame_segmenter"}

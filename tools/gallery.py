@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Spectrogram gallery of the interference of every shipped scene: docs/interference_gallery.png.
 
-.venv/bin/python flowgraphs/gallery.py --out docs/interference_gallery.png --seed 1
+.venv/bin/python tools/gallery.py --out docs/interference_gallery.png --seed 1
 """
 
 from __future__ import annotations
 
-import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+import _tool  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
 import sys
 from collections.abc import Sequence
