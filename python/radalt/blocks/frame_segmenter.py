@@ -91,6 +91,7 @@ class frame_segmenter(gr.basic_block):
         self._start_counter = 0
         self._calibrated: float | None = None
         self._latency = float("nan")
+        self._reference_s = 0.0  # delay at the altitude where timing is acquired
         self.arrivals: deque[tuple[int, float]] | None = (
             None  # (sample counter, time) of each chunk, where wanted
         )
@@ -152,6 +153,13 @@ class frame_segmenter(gr.basic_block):
         if latency_samples is not None:
             latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
+
+    def set_reference(self, altitude_m: float) -> None:
+        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+
+        Raises ValueError.
+        """
+        self._reference_s = 2 * _number("reference altitude", altitude_m, 0.0, 1e6) / 299_792_458.0
 
     @property
     def latency_samples(self) -> float:
@@ -282,6 +290,7 @@ class frame_segmenter(gr.basic_block):
                     "calibrate anew"
                 )
             frame.offset_s = (self._calibrated - before) / self._rate
+        frame.offset_s -= self._reference_s
 
     def _report(self) -> None:
         """A status message on every change of state or of verified timing, and every thousand frames."""

@@ -48,9 +48,17 @@ def _parser() -> Parser:
         help="also fly every point slowly enough for a tracker, and score its outputs (simulated channel)",
     )
     add("--seed", type=int, help="everything random follows from it")
-    add("--model", type=path, metavar="FILE.onnx", help="network of the method tcae")
     add(
-        "--method-file", type=path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
+        "--model",
+        action="append",
+        metavar="[NAME=]FILE.onnx",
+        help="a network, as a row of its own called NAME; without NAME= the one of the method tcae; repeatable",
+    )
+    add(
+        "--method-file",
+        action="append",
+        metavar="[NAME=]FILE.py",
+        help="a method of your own, mitigate(frames, waveform), as a row called NAME, or custom; repeatable",
     )
     add_options(parser)
     add(
@@ -126,9 +134,27 @@ def _scene(args: argparse.Namespace) -> Any:
 
 
 def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Options by method that --model and --method-file stand for."""
-    given = (("tcae", "model", args.model), ("custom", "file", args.method_file))
-    return {name: {key: str(path.resolve())} for name, key, path in given if path is not None}
+    """Options by method that --model and --method-file stand for; raises SceneError."""
+    from ...core.scene import SceneError
+
+    out: dict[str, dict[str, str]] = {}
+    for option, kind, key, given in (
+        ("--model", "tcae", "model", args.model),
+        ("--method-file", "custom", "file", args.method_file),
+    ):
+        for text in given or ():
+            name, _, file = text.rpartition("=") if not Path(text).exists() else ("", "", text)
+            name, own = name or kind, {} if not name else {"method": kind}
+            try:
+                found = path(file)
+            except argparse.ArgumentTypeError as error:
+                raise SceneError(f"{option} {text[:60]!r}: {error}") from None
+            if name in out:
+                raise SceneError(
+                    f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
+                )
+            out[name] = {**own, key: str(found.resolve())}
+    return out
 
 
 def _require_radios(scene: Any, needed: int) -> None:
