@@ -1,5 +1,6 @@
 """SigMF capture and replay: to the bit what was live, gaps included; foreign recordings; files that do not fit."""
 
+import csv
 import hashlib
 import json
 import os
@@ -266,6 +267,24 @@ def test_gaps_come_from_the_time_of_captures(tmp_path, second, stretches, note):
     capture = open_capture(rewritten(path, times))
     assert [(s.global_index, s.count) for s in capture.stretches] == stretches
     assert note in " ".join(capture.notes) and bool(capture.notes) == bool(note)
+
+
+def test_a_recording_that_begins_airborne_says_so_or_takes_the_altitude(tmp_path, capsys):
+    """Through the command: 500 m, then 300 m."""
+    import ota_eval
+
+    samples = np.concatenate([sweeps(20, 500.0), sweeps(20, 300.0)])
+    path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
+    (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
+    words = ["--replay", str(path), "--scene", str(tmp_path / "scene.yaml"), "--methods", "none", "--out"]
+    assert ota_eval.main([*words, str(tmp_path / "relative")]) == 0
+    assert "altitudes are relative to its first sweeps" in capsys.readouterr().err
+    assert ota_eval.main([*words, str(tmp_path / "true"), "--reference-m", "500"]) == 0
+    assert capsys.readouterr().err == ""
+    with (tmp_path / "true" / "frames.csv").open() as file:
+        altitudes = [float(row["altitude_m"]) for row in csv.DictReader(file)]
+    assert np.allclose(altitudes[2:15], 500.0, atol=1.0) and np.allclose(altitudes[-12:], 300.0, atol=1.0)
+    assert (tmp_path / "true" / "altitude.png").stat().st_size > 5000
 
 
 def test_a_rate_that_is_rounded_is_taken_and_said(tmp_path):

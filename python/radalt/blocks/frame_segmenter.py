@@ -16,6 +16,7 @@ from ..core.radio.calibration import CalibrationError
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
+from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
@@ -91,7 +92,6 @@ class frame_segmenter(gr.basic_block):
         self._start_counter = 0
         self._calibrated: float | None = None
         self._latency = float("nan")
-        self._reference_s = 0.0  # delay at the altitude where timing is acquired
         self.arrivals: deque[tuple[int, float]] | None = (
             None  # (sample counter, time) of each chunk, where wanted
         )
@@ -159,7 +159,8 @@ class frame_segmenter(gr.basic_block):
 
         Raises ValueError.
         """
-        self._reference_s = 2 * _number("reference altitude", altitude_m, 0.0, 1e6) / 299_792_458.0
+        altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
+        self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
     @property
     def latency_samples(self) -> float:
@@ -290,7 +291,6 @@ class frame_segmenter(gr.basic_block):
                     "calibrate anew"
                 )
             frame.offset_s = (self._calibrated - before) / self._rate
-        frame.offset_s -= self._reference_s
 
     def _report(self) -> None:
         """A status message on every change of state or of verified timing, and every thousand frames."""

@@ -25,7 +25,7 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
-from ..engine.options import Options, Parser, add_options, command, complain, options_of, path
+from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
 
 PROGRAM, COMMAND = "ota_eval", "eval"
 DEFAULT_SCENE = "paper_qpsk"
@@ -71,6 +71,12 @@ def _parser() -> Parser:
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
     add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
     add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
+    add(
+        "--reference-m",
+        type=number(float, 0, 1e6),
+        metavar="M",
+        help="with --replay of another program's recording: the altitude at which it begins",
+    )
     return parser
 
 
@@ -260,6 +266,7 @@ def _replay(args: argparse.Namespace) -> int:
         scene=_scene(args) if args.scene else None,
         methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
         method_options=_own_methods(args),
+        reference_m=args.reference_m,
     )
     for row in rows:
         if "pd" in row:
