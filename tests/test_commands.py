@@ -259,3 +259,10 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout.lower()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_is_nearly_one_is_named(capsys):
+    from radalt.evaluation import programs
+
+    assert programs.main(["evla"]) == 2
+    assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"

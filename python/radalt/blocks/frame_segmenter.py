@@ -16,6 +16,7 @@ from ..core.radio.calibration import CalibrationError
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
+from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
@@ -152,6 +153,14 @@ class frame_segmenter(gr.basic_block):
         if latency_samples is not None:
             latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
+
+    def set_reference(self, altitude_m: float) -> None:
+        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+
+        Raises ValueError.
+        """
+        altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
+        self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
     @property
     def latency_samples(self) -> float:

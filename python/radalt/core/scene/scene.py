@@ -91,6 +91,7 @@ class Scene:
     def _check_methods(self) -> None:
         from ..mitigation import CUSTOM, METHODS
 
+        self._name_methods()
         known = (*METHODS, CUSTOM)
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
@@ -105,6 +106,24 @@ class Scene:
             stray = [key for key in options or {} if not isinstance(key, str)]
             if stray:
                 raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
+            fixed = [key for key in ("waveform", "name", "max_altitude_m") if key in (options or {})]
+            if fixed:
+                raise ValueError(
+                    f"method_options.{name} has the key {fixed[0]!r}, which the scene itself gives; remove it"
+                )
+
+    def _name_methods(self) -> None:
+        """Methods of the user's own names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""
+        from ..mitigation import name_method
+
+        for name, options in self.method_options.items():
+            if isinstance(options, dict) and "method" in options and isinstance(name, str):
+                name_method(name, options["method"])
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled in another process, names mean there what they mean here."""
+        self.__dict__.update(state)
+        self._name_methods()
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
