@@ -63,6 +63,8 @@ class QpskCancel(Mitigation):
         One per finite frame of the last call of `process`.
     active_share : float
         Share of the last frame that was cancelled in which QPSK was sent.
+    burst_weight : float
+        Weight, in amplitude, that the samples of a burst have in what is left of that frame; 1 without a burst.
 
     Notes
     -----
@@ -92,7 +94,7 @@ class QpskCancel(Mitigation):
         super().reset()
         self.cancelled = self.tracked = 0
         self.outcome, self.outcomes = PASSED, []
-        self.active_share = 0.0
+        self.active_share, self.burst_weight = 0.0, 1.0
         self._track: _Track | None = None
 
     @property
@@ -186,7 +188,8 @@ class QpskCancel(Mitigation):
         if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
             return None
         median, beside = _median(level[on]), np.inf if on.all() else _median(level[~on])
-        weight = np.where(on, np.float32(min(1.0, beside / max(median, 1e-30))), np.float32(1))
+        self.burst_weight = min(1.0, beside / max(median, 1e-30))
+        weight = np.where(on, np.float32(self.burst_weight), np.float32(1))
         weight[level > self._s.outlier_power * np.where(on, median, beside)] = 0
         out = np.zeros_like(residual)
         out[known] = rest * weight
