@@ -22,8 +22,8 @@ __all__ = ["QpskCancel"]
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
 _MEDIAN_STRIDE = 25  # samples between those whose median is taken
 # FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one look at the frame
-# and three trials of symbol timing: 19 + 3 * 80 FFTs, whatever the frame holds
-_TRACKING, _LOOK, _DEMODULATION, _PULSE = 15.0, 19.0, 55.0, 25.0
+# and three trials of symbol timing: 18 + 3 * 82 FFTs, whatever the frame holds
+_TRACKING, _LOOK, _DEMODULATION, _PULSE = 20.0, 18.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
