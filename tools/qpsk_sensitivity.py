@@ -20,13 +20,12 @@ import numpy as np
 from scipy import fft
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))
-from radalt.core.mitigation.ofdm.tones import without_tones
 from radalt.core.mitigation.qpsk.cma_equaliser import CmaEqualiser
 from radalt.core.mitigation.qpsk.pulse_estimation import estimate_pulse
 from radalt.core.mitigation.qpsk.settings import DEFAULTS, QpskSettings
 from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
 from radalt.core.mitigation.qpsk.zero_order_hold import cancel_zero_order_hold
-from radalt.core.mitigation.qpsk_cancel import QpskCancel
+from radalt.core.mitigation.qpsk_cancel import QpskCancel, without_tones
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 
