@@ -189,13 +189,11 @@ def test_flights_alone(tmp_path, monkeypatch, capsys):
         assert left.value.code == 2 and said in error and error.count("\n") == 1
 
 
-def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
-    """QPSK and NR in one band are read in turns, which is never better than NR alone."""
-    held, without, apart = (
-        measure_mixture(name, -45.0, 6, [5]) for name in ("paper_joint", "paper_qpsk", "paper")
-    )
-    assert apart["pd"] < 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
-    assert set(CancellationStudy().tables["mixtures"].names) == set(held)
+def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_demodulated():
+    """QPSK and NR in one band are not demodulated jointly: the mixture breaks at about -30 dB."""
+    without, whole = (measure_mixture(name, -45.0, 6, [5]) for name in ("paper_qpsk", "paper"))
+    assert whole["pd"] < 0.6 < 0.8 < without["pd"]
+    assert set(CancellationStudy().tables["mixtures"].names) == set(whole)
     assert describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
     whole = [point.case for point in CancellationStudy().points() if point.table == "mixtures"]
     assert whole == list(MIXTURES)

@@ -275,7 +275,7 @@ class MethodStudy(Study):
 def chain_of(name: str, models: Path) -> Chain:
     """A method of `CLASSICAL` or `NETWORKS`; a network as it is: nothing silences what it invents."""
     if name not in NETWORKS:
-        return Chain(name, name)
+        return Chain(name, name, independent=name == "hybrid")
     return Chain.of_model(models / NETWORKS[name], name, options=(("shift_check", False),))
 
 

@@ -1,4 +1,4 @@
-"""How far `hybrid` comes in a mixture of tones, QPSK and NR: one emitter at a time, both jointly, helped by a genie."""
+"""How far `hybrid` comes in a mixture of tones, QPSK and NR, and how far with the help of a genie."""
 
 from __future__ import annotations
 
@@ -39,21 +39,18 @@ class Mixture:
     ----------
     title : str
     qpsk : Emitter
-    joint : bool
-        Whether `hybrid` may read QPSK and NR in turns.
     removed : tuple of str
         What a genie takes away exactly: ``tones``, ``QPSK``, ``NR``.
     """
 
     title: str
     qpsk: Emitter
-    joint: bool
     removed: tuple[str, ...] = ()
 
     @property
     def chain(self) -> Chain:
-        """`hybrid`, reading jointly or not."""
-        return Chain("hybrid", "hybrid", options=(("joint", self.joint),))
+        """`hybrid`."""
+        return Chain("hybrid", "hybrid", independent=True)
 
     @property
     def emitters(self) -> Mapping[str, Emitter]:
@@ -63,13 +60,11 @@ class Mixture:
 
 _PAPER, _RECEIVED = QpskEmitter(), QpskReceivedEmitter(evm=TYPICAL)
 MIXTURES = {
-    "paper": Mixture("nothing removed, one emitter at a time", _PAPER, joint=False),
-    "paper_tones": Mixture("tones removed, one emitter at a time", _PAPER, joint=False, removed=("tones",)),
-    "paper_nr": Mixture("NR removed", _PAPER, joint=False, removed=("NR",)),
-    "paper_qpsk": Mixture("QPSK removed", _PAPER, joint=False, removed=("QPSK",)),
-    "paper_joint": Mixture("nothing removed, read jointly", _PAPER, joint=True),
-    "received": Mixture("QPSK as received, one emitter at a time", _RECEIVED, joint=False),
-    "received_joint": Mixture("QPSK as received, read jointly", _RECEIVED, joint=True),
+    "paper": Mixture("nothing removed", _PAPER),
+    "paper_tones": Mixture("tones removed", _PAPER, removed=("tones",)),
+    "paper_nr": Mixture("NR removed", _PAPER, removed=("NR",)),
+    "paper_qpsk": Mixture("QPSK removed", _PAPER, removed=("QPSK",)),
+    "received": Mixture("QPSK as received", _RECEIVED),
 }
 
 

@@ -75,7 +75,7 @@ FLIGHTS = {
 
 @lru_cache(maxsize=16)
 def _method(name: str) -> Mitigation:
-    return Chain.live(name).build(WAVEFORM)
+    return Chain(name, name).build(WAVEFORM)
 
 
 def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int) -> list[dict[str, Any]]:

@@ -153,7 +153,7 @@ class IntegrityStudy(Study):
     @property
     def chains(self) -> tuple[Chain, ...]:
         """The methods with the altimeter behind them."""
-        return tuple(Chain.live(m, self.settings) for m in self.methods)
+        return tuple(Chain(m, m, settings=self.settings) for m in self.methods)
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
