@@ -49,6 +49,10 @@ class SceneConfig:
     front_end : float
         Probability that the frame went through an amplifier that saturates at one to four times its RMS, and a
         converter of 8, 10 or 12 bits.
+    envelope : float
+        Standard deviation of a band-limited Gaussian envelope of the return, 10 % of the bandwidth wide, around one.
+    levels_db : tuple of (name, low, high)
+        SIR of each interferer by its kind, uniform in decibels, in the place of ``sir_db`` of all together.
     persistent : int
         Examples in a row that share their interferers, which go on from one to the next.
     any_sweep : bool
@@ -83,6 +87,8 @@ class SceneConfig:
     received: float = 0.0
     own_noise: float = 0.0
     front_end: float = 0.0
+    envelope: float = 0.0
+    levels_db: tuple[tuple[str, float, float], ...] = ()
     persistent: int = 1
     any_sweep: bool = False
     recordings: tuple[str, ...] = ()
@@ -137,6 +143,21 @@ CONFIGS: dict[str, SceneConfig] = {
         seed=20,
     ),
 }
+# the paper's predecessor (arXiv:2410.03423): 10,000 examples, SNR -25 to 30 dB, tones or QPSK each with a range of its own
+CONFIGS["predecessor"] = SceneConfig(
+    snr_db=(-25.0, 30.0),
+    kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),
+    counts=(0.1, 0.6, 0.3),
+    multipath=0.0,
+    extended=0.0,
+    impaired=0.0,
+    max_vertical_speed_m_per_s=0.0,
+    envelope=0.3,
+    levels_db=(("qpsk_rectangular", -20.0, 0.0), ("tones", -20.0, 20.0)),
+    size=10_000,
+    validation=1_000,
+    seed=21,
+)
 # fourth part of `compact`: the same again in examples not seen yet
 CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
 # fifth part: more NR, above all of 10 MHz, and more of several at once
