@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..results.page import render
-from ..results.table import DASH, interval, metres
+from ..results.table import DASH, interval, metres, number
 from .markdown import glance, summary
 
 __all__ = ["report_html"]
@@ -26,6 +26,7 @@ _ROWS = (
     ("RMSE detected / m", "rmse_detected_m"),
     ("RMSE forced / m", "rmse_forced_m"),
     ("bias / m", "bias_m"),
+    ("peak to sidelobe / dB", "peak_to_sidelobe_db"),
     ("ms per frame", "ms_per_frame_median"),
 )
 
@@ -61,6 +62,7 @@ def _line(row: dict[str, Any]) -> list[tuple[str, str]]:
         "rmse_detected_m": metres(row["rmse_detected_m"]),
         "rmse_forced_m": metres(row["rmse_forced_m"]) + _ends(row),
         "bias_m": metres(row["bias_m"]),
+        "peak_to_sidelobe_db": number(row["peak_to_sidelobe_db"], 1),
         "ms_per_frame_median": f"{row['ms_per_frame_median']:.3f}",
     }
     cells = []
