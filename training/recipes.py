@@ -100,6 +100,8 @@ RECIPES: dict[str, Recipe] = {
     "paper": Recipe("paper", data="paper", **_PAPER),
     "fc": Recipe("fc", data="paper", **_PAPER),
     "cnn": Recipe("cnn", data="paper", **_PAPER),
+    # the same with batch normalisation, without which it stands on the plateau at this rate (see cnn_short below)
+    "cnn_normalised": Recipe("cnn_normalised", data="paper", **_PAPER),
     # what holds the convolutions on the plateau
     "cnn_short": Recipe("cnn_300", **_SHORT),
     "cnn_short_rate_1e-4": Recipe("cnn_300", **(_SHORT | {"rate": 1e-4})),

@@ -30,6 +30,7 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "paper_dropout_30": lambda w: Paper(w, 0.3),
     "fc": FullyConnected,
     "cnn": Convolutional,
+    "cnn_normalised": lambda w: Convolutional(w, normalised=True),
     "cnn_300": lambda w: Convolutional(w, kernel=300),
     "cnn_300_normalised": lambda w: Convolutional(w, kernel=300, normalised=True),
 }

@@ -16,6 +16,8 @@ from radalt.core.waveform import Waveform
 
 __all__ = ["Convolutional"]
 
+_CACHED = 16  # frames
+
 
 def _fast_length(least: int) -> int:
     """Smallest length of at least ``least`` whose only factors are 2, 3 and 5."""
@@ -49,12 +51,18 @@ class _LongConvolution(nn.Module):
         before = (kernel - 1) // 2
         if torch.onnx.is_in_onnx_export():
             return functional.conv1d(functional.pad(x, (before, kernel - 1 - before)), self.weight, self.bias)
-        length = _fast_length(samples + kernel - 1)
-        spectrum = torch.fft.rfft(x, length).permute(2, 0, 1)
-        taps = torch.fft.rfft(self.weight.flip(2), length).permute(2, 1, 0)
-        full = torch.fft.irfft((spectrum @ taps).permute(1, 2, 0), length)
-        after = kernel - 1 - before
-        return full[..., after : after + samples] + self.bias[:, None]
+        # overlap-save: blocks of three kernels keep the taps' transforms small, a few frames at a time the rest in cache
+        length = _fast_length(3 * kernel)
+        hop = length - kernel + 1
+        blocks = -(-samples // hop)
+        taps = torch.fft.rfft(self.weight, length).conj().permute(2, 1, 0)
+        parts = []
+        for part in x.split(_CACHED):
+            padded = functional.pad(part, (before, blocks * hop - samples + kernel - 1 - before))
+            spectrum = torch.fft.rfft(padded.unfold(2, length, hop)).permute(3, 0, 2, 1)
+            product = (spectrum.flatten(1, 2) @ taps).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
+            parts.append(torch.fft.irfft(product, length)[..., :hop].flatten(2)[..., :samples])
+        return torch.cat(parts) + self.bias[:, None]
 
 
 def _pool(x: Tensor) -> tuple[Tensor, Tensor]:
