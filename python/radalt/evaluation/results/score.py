@@ -217,6 +217,8 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
     def counted(name: str) -> int:
         return sum(row[name] for row in rows)
 
+    # rows written before there was this column make their pool have none
+    stated = all(row.get("peak_to_sidelobe_db") is not None for row in rows if row["forced"])
     return Score(
         trials=counted("trials"),
         detections=counted("detections"),
@@ -227,5 +229,5 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
         squared_detected_m2=total("detections", "rmse_detected_m", 2),
         error_detected_m=total("detections", "bias_m", 1),
         squared_forced_m2=total("forced", "rmse_forced_m", 2),
-        peak_to_sidelobe_sum_db=total("forced", "peak_to_sidelobe_db", 1),
+        peak_to_sidelobe_sum_db=total("forced", "peak_to_sidelobe_db", 1) if stated else float("nan"),
     )
