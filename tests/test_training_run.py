@@ -51,11 +51,16 @@ def test_loss_falls(runs):
 
 
 def test_a_stopped_run_goes_on_where_it_was(training, runs):
+    """Killed while it wrote: half a new checkpoint, a row ahead of the old one and half a row are forgotten."""
     folder, small = runs
+    (folder / "compact_first/checkpoint.new").write_bytes(b"PK half")
+    with (folder / "compact_first/log.csv").open("a") as log:
+        log.write("28,112,,9.9,0.001,1.0,1.0\n29,11")
     status, said, errors = training("train.py", "compact_first", "--steps", "30", *small)
     assert status == 0, errors
     assert "goes on from its own checkpoint at step 25" in said
-    assert (folder / "compact_first/log.csv").read_text().splitlines()[-1].startswith("30,")
+    steps = [row.split(",")[0] for row in (folder / "compact_first/log.csv").read_text().splitlines()[1:]]
+    assert steps == ["5", "10", "15", "20", "25", "30"]
 
 
 def test_two_processes_make_the_examples_of_one(training, runs):

@@ -143,7 +143,7 @@ CONFIGS: dict[str, SceneConfig] = {
         seed=20,
     ),
 }
-# the paper's predecessor (arXiv:2410.03423): 10,000 examples, SNR -25 to 30 dB, tones or QPSK each with a range of its own
+# the paper's predecessor (arXiv:2410.03423): 10,000 examples, SNR -25 to 30 dB, tones and QPSK each with its own range
 CONFIGS["predecessor"] = SceneConfig(
     snr_db=(-25.0, 30.0),
     kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),

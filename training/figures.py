@@ -13,6 +13,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import numpy as np
+from curves import draw as draw_curves
 from evaluate_report import beat_spectra, before_after
 from matplotlib import pyplot as plt
 
@@ -117,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     draw_training(out / "tcae_compact.png", [logs / f"{part}.csv" for part in (*parts, "compact")])
     draw_training(out / "tcae_any_sweep.png", [logs / "any_sweep.csv"])
-    draw_training(out / "tcae_paper.png", [logs / f"{name}.csv" for name in ("paper", "fc", "cnn")])
+    draw_curves(out / "tcae_paper.png", logs, ("paper", "fc", "cnn"))
     return 0
 
 

@@ -40,7 +40,7 @@ SINRS_DB = (0.0, -5.0, -10.0, -15.0)
 OVERLAPS = (0.25, 0.5, 0.75, 1.0)
 SIRS_DB = (0.0, -5.0, -10.0, -15.0, -20.0)
 LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # of tones and QPSK together, each at -20 dB
-# What the authors state: "over 400 m" without mitigation, and "more than 85 %" less than LMS (arXiv:2505.22783, abstract)
+# What the authors state: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
 STATED = {(-15.0, 1.0): "none above 400, TCAE more than 85 % below LMS"}
 Row = dict[str, Any]
 COLUMNS = Columns(
@@ -100,23 +100,21 @@ class PaperTables(Study):
 
     def points(self) -> list[TablePoint]:
         """Every point, in the order of the report."""
-        points = []
-        if self.trials:
-            points += [
-                TablePoint(f"SINR {sinr:g} dB, overlap {rho:g}", self.trials, "rows", "sinr", overlap=rho, level_db=sinr)
-                for sinr in SINRS_DB
-                for rho in OVERLAPS
-            ] + [
-                TablePoint(f"{name}, SIR {sir:g} dB", self.trials, "rows", "sir", name, level_db=sir)
-                for name in ("tones", "qpsk_rectangular")
-                for sir in SIRS_DB
-            ]
-        if self.landing_frames:
-            points += [
-                TablePoint("landing", self.landing_frames, "rows", "landing", "tones and QPSK", level_db=LANDING_SIR_DB),
-                TablePoint("landing, clean", self.landing_frames, "rows", "landing", "clean", 0.0),
-            ]
-        return points
+        n, flown = self.trials, self.landing_frames
+        swept = [
+            TablePoint(f"SINR {sinr:g} dB, overlap {rho:g}", n, "rows", overlap=rho, level_db=sinr)
+            for sinr in SINRS_DB
+            for rho in OVERLAPS
+        ] + [
+            TablePoint(f"{name}, SIR {sir:g} dB", n, "rows", "sir", name, level_db=sir)
+            for name in ("tones", "qpsk_rectangular")
+            for sir in SIRS_DB
+        ]
+        landing = [
+            TablePoint("landing", flown, "rows", "landing", "tones and QPSK", level_db=LANDING_SIR_DB),
+            TablePoint("landing, clean", flown, "rows", "landing", "clean", 0.0),
+        ]
+        return (swept if n else []) + (landing if flown else [])
 
     def _frames(self, point: TablePoint) -> tuple[np.ndarray, np.ndarray, Chain]:
         """(n, N) frames, (n,) altitudes in metres, and the chain whose altimeter reads them."""
@@ -209,7 +207,13 @@ def _grid(
         by_point.setdefault(key, {})[r["method"]] = cell(r)
     level = {"sinr": "SINR / dB", "sir": "SIR / dB"}[part]
     lines = [
-        [name, f"{overlap:g}", f"{level_db:g}", *(cells[m] for m in names), stated.get((level_db, overlap), DASH)]
+        [
+            name,
+            f"{overlap:g}",
+            f"{level_db:g}",
+            *(cells[m] for m in names),
+            stated.get((level_db, overlap), DASH),
+        ]
         for (name, overlap, level_db), cells in by_point.items()
     ]
     return table(["interferer", "overlap", level, *names, "authors"], lines) if lines else ""
@@ -244,7 +248,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
     parser.add_argument("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
     parser.add_argument("--trials", type=int, default=150, help="frames per point; 0 leaves those tables out")
-    parser.add_argument("--landing-frames", type=int, default=200, help="frames of the approach; 0: no landing")
+    parser.add_argument(
+        "--landing-frames", type=int, default=200, help="frames of the approach; 0: no landing"
+    )
     args = parser.parse_args(argv)
     how = options.options_of(args, parser)
     networks = [name.strip() for name in args.networks.split(",") if name.strip()]

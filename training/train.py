@@ -177,7 +177,9 @@ class Trainer:
             "seconds": self.seconds,
         }
         new = self.folder / "checkpoint.new"
-        with new.open("wb") as file:  # on the disk before it takes the old one's name: a kill leaves one that is whole
+        with new.open(
+            "wb"
+        ) as file:  # on the disk before it takes the old one's name: a kill leaves one that is whole
             torch.save(state, file)
             file.flush()
             os.fsync(file.fileno())
@@ -211,7 +213,9 @@ class Trainer:
         tables, beat_loss = self._of(sweep)
         x = normalise(torch.from_numpy(received).to(self.device), self.network.normalisation)
         target = torch.from_numpy(clean).to(self.device)
-        bfloat16 = self.recipe.bfloat16 and (self.device.type != "cpu" or torch.cpu._is_avx512_bf16_supported())
+        bfloat16 = self.recipe.bfloat16 and (
+            self.device.type != "cpu" or torch.cpu._is_avx512_bf16_supported()
+        )
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=bfloat16):
             output = self.network(x, *tables)
         if self.recipe.loss == "beat":

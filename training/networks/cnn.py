@@ -51,7 +51,7 @@ class _LongConvolution(nn.Module):
         before = (kernel - 1) // 2
         if torch.onnx.is_in_onnx_export():
             return functional.conv1d(functional.pad(x, (before, kernel - 1 - before)), self.weight, self.bias)
-        # overlap-save: blocks of three kernels keep the taps' transforms small, a few frames at a time the rest in cache
+        # overlap-save: blocks of three kernels keep the taps' transforms small, a few frames at a time stay in cache
         length = _fast_length(3 * kernel)
         hop = length - kernel + 1
         blocks = -(-samples // hop)

@@ -207,8 +207,8 @@ class Altimeter(BeatSpectra):
         (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
         ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond the
         main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less likely.
-        ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell beside it, in the
-        range profile: power by altitude, both half sweeps added.
+        ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell beside it, in
+        the range profile: power by altitude, both half sweeps added.
 
         Raises
         ------
@@ -315,7 +315,7 @@ class Altimeter(BeatSpectra):
             return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
 
     def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """(n,) main lobe over the strongest side lobe of the range profile, whose main lobe reaches to its first zeros."""
+        """(n,) main lobe, to its first zeros, over the strongest cell beside it, in the range profile."""
         margin = self.cfar.margin
         profile = power[..., margin + self._first : margin + self._last].sum(axis=1)
         apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])
