@@ -38,6 +38,9 @@ class SceneConfig:
     empty : float
         Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
         and nothing may look like a return afterwards.
+    beyond : float
+        Probability that the return lies beyond the span, from 60 m above it to four times as high. Its target is the
+        noise: to the altimeter such a return is nothing. The 60 m between, three range cells, are in no example.
     second : float
         Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
     received : float
@@ -83,6 +86,7 @@ class SceneConfig:
     impaired: float = 0.2
     converter: float = 0.0
     empty: float = 0.0
+    beyond: float = 0.0
     second: float = 0.0
     received: float = 0.0
     own_noise: float = 0.0

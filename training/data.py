@@ -44,6 +44,7 @@ _BANK_SAMPLES = 65536
 _DOPPLER_HZ = 120.0  # 30 km/h at 4.3 GHz
 _FILTER_EDGE = (0.4, 0.49)  # of the rate: from there a receiver's filter falls to nothing at half the rate
 _CLOCK = 2e-6
+_GUARD_M = 60.0  # three range cells beyond the span, where a return is neither asked for nor forbidden
 _OWN_NOISE_DB = (-20.0, -3.0)  # of an interferer's own noise to it
 
 _OWN_SHARE = 0.3  # of the batches have the default sweep
@@ -337,12 +338,16 @@ def example(
     received : (N,) complex64
         Return of unit mean power, noise and interference.
     clean : (N,) complex64
-        The return alone; the noise where there is none.
+        The return alone; the noise where there is none within the span.
     altitude_m : float
         Of the nearest part of the return.
     """
     rng = np.random.default_rng([seed, index])
     altitude_m = float(rng.uniform(*config.altitude_m))
+    beyond = bool(config.beyond) and rng.random() < config.beyond
+    if beyond:
+        top = config.altitude_m[1]
+        altitude_m = float(rng.uniform(top + _GUARD_M, 4.0 * top))
     speed = config.max_vertical_speed_m_per_s * float(rng.uniform(-1, 1))
     excess, amplitude = return_parts(config, rng)
     parts = point_return(waveform, altitude_m + excess, vertical_speed_m_per_s=speed)
@@ -358,8 +363,10 @@ def example(
     clean /= np.sqrt(np.mean(np.abs(clean) ** 2))
     sigma = np.sqrt(0.5 * 10.0 ** (-rng.uniform(*config.snr_db) / 10.0))
     noise = sigma * rng.standard_normal((clean.size, 2)).view(np.complex128)[:, 0]
+    label = noise / (sigma * np.sqrt(2.0)) if beyond else clean
     if config.empty and rng.random() < config.empty:
         clean, noise = noise / (sigma * np.sqrt(2.0)), 0.0
+        label = clean
     if config.persistent > 1:
         group, place = divmod(index, config.persistent)
         received = clean + noise + _lasting(config, waveform, seed, group)[place]
@@ -369,7 +376,7 @@ def example(
         received = _amplified(received, rng)
     if rng.random() < config.converter:
         received = _convert(received, rng)
-    return received.astype(np.complex64), clean.astype(np.complex64), altitude_m
+    return received.astype(np.complex64), label.astype(np.complex64), altitude_m
 
 
 def make_batch(
@@ -458,6 +465,7 @@ def description(config: SceneConfig) -> str:
     for name in (
         "converter",
         "empty",
+        "beyond",
         "second",
         "received",
         "own_noise",

@@ -30,7 +30,7 @@ class Recipe:
         Recipe whose checkpoint the network starts from; empty starts anew.
     dropped_blocks : tuple of int
         Gated blocks of that checkpoint's network which this one does without.
-    margin, faint
+    margin, faint, floor
         Of `losses.BeatLoss`.
     samples : int
         Of a frame, at the default bandwidth and rate: the sweep is as much faster.
@@ -50,6 +50,7 @@ class Recipe:
     dropped_blocks: tuple[int, ...] = ()
     margin: int = 15
     faint: float = 0.0
+    floor: float = 1e-3
     samples: int = 7_500
     stop: int = 0
 

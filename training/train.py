@@ -205,7 +205,7 @@ class Trainer:
     def _of(self, sweep: Waveform) -> tuple[tuple[Tables, ...], BeatLoss]:
         """What the network takes beside frames of a sweep other than its own, and the loss."""
         tables = () if sweep == self.waveform else (Tables(sweep, layout_of(sweep)).to(self.device),)
-        loss = BeatLoss(sweep, margin=self.recipe.margin, faint=self.recipe.faint)
+        loss = BeatLoss(sweep, margin=self.recipe.margin, faint=self.recipe.faint, floor=self.recipe.floor)
         return tables, loss.to(self.device)
 
     def loss(self, received: np.ndarray, clean: np.ndarray, sweep: Waveform) -> Tensor:
