@@ -155,6 +155,58 @@ for faint in (0.0, 1e-4):
 """
 
 
+# the authors' layers by PyTorch's own: 2-D mixers, pooling with indices, unpooling, transposed convolutions
+AUTHORS_CNN = """
+import sys
+
+sys.path[:0] = ["training", "python"]
+import torch
+from networks import build
+from torch import nn
+from torch.nn import functional as f
+
+from radalt.core.waveform import Waveform
+
+torch.manual_seed(0)
+net = build("cnn", Waveform()).eval()
+x = torch.randn(2, 2, 7500)
+with torch.no_grad():
+    made = net(x)
+    mixer = nn.Conv2d(1, 1, 2, padding=(0, 1))
+    mixer.weight.copy_(net.mixer.weight[None])
+    mixer.bias.copy_(net.mixer.bias)
+    h, places = f.pad(mixer(x[:, None])[:, :, 0, :7500], (0, 4)), []
+    for k, layer in enumerate(net.encoder):
+        h = f.conv1d(f.pad(h, (99, 100)), layer.weight, layer.bias)
+        h, at = f.max_pool1d(torch.relu(h) if k < 2 else h, 2, return_indices=True)
+        places.append(at)
+    for k, layer in enumerate(net.decoder):
+        # the taps in reverse, and entering and leaving channels change places
+        h = f.conv_transpose1d(f.max_unpool1d(h, places.pop(), 2), layer.weight.flip(2).transpose(0, 1), layer.bias)
+        h = h[..., 100:-99]
+        h = torch.relu(h) if k < 2 else h
+    unmixer = nn.ConvTranspose2d(1, 1, 2)
+    unmixer.weight.copy_(net.unmixer.weight[None])
+    # one bias a rail, where the transposed 2-D convolution has one for both
+    wanted = (unmixer(h[:, :, None, :7500]) - unmixer.bias)[:, 0, :, :7500] + net.unmixer.bias[:, None]
+print(float((made - wanted).norm() / wanted.norm()), sum(p.numel() for p in net.parameters()))
+"""
+
+
+def test_the_authors_cnn_is_what_pytorchs_own_layers_give(root):
+    """IQ mixer, convolutions of 200 x 64 with pooling, the same mirrored; by overlap-save and reshaped pairs."""
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+    python = root / ".venv-train/bin/python"
+    command = [python, "-c", AUTHORS_CNN]
+    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    assert run.returncode == 0, run.stderr
+    error, parameters = run.stdout.split()
+    assert float(error) < 1e-5
+    # encoder and decoder, their biases, mixer and unmixer
+    assert int(parameters) == 2 * (200 * 64 + 200 * 64 * 64 + 200 * 64) + (64 + 64 + 1) * 2 + 5 + 6
+
+
 DOUBLING = """
 import sys
 sys.path[:0] = ["training", "python"]
