@@ -49,6 +49,8 @@ class SceneConfig:
     own_noise : float
         Probability that an interferer carries white noise of its own, 3 to 20 dB below it, as a recording off the air
         does: no method takes that away.
+    typical : float
+        Probability that a QPSK or NR interferer has the error vectors of a typical transmitter (`TYPICAL_EVM`).
     front_end : float
         Probability that the frame went through an amplifier that saturates at one to four times its RMS, and a
         converter of 8, 10 or 12 bits.
@@ -90,6 +92,7 @@ class SceneConfig:
     second: float = 0.0
     received: float = 0.0
     own_noise: float = 0.0
+    typical: float = 0.0
     front_end: float = 0.0
     envelope: float = 0.0
     levels_db: tuple[tuple[str, float, float], ...] = ()
@@ -196,3 +199,6 @@ CONFIGS["any_sweep"] = replace(
     any_sweep=True,
     seed=8,
 )
+# eighth part, and the same for any sweep: typical transmitters, returns beyond the span
+CONFIGS["typical"] = replace(CONFIGS["noisy"], typical=0.7, beyond=0.05, seed=10)
+CONFIGS["any_sweep_typical"] = replace(CONFIGS["any_sweep"], typical=0.7, beyond=0.05, seed=11)

@@ -22,6 +22,7 @@ from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, inter
 from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.recording import RecordingEmitter
+from radalt.core.interference.evm import TYPICAL
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from radalt.core.interference.placement import Emitter
 from radalt.core.mitigation.any_sweep import layout_of
@@ -109,20 +110,22 @@ def split_recordings(recordings: Sequence[str]) -> tuple[tuple[str, ...], tuple[
     return tuple(name for name in ordered if name not in validation), tuple(validation)
 
 
-@lru_cache(maxsize=1)
-def _shaped_bank(rate_hz: float) -> list[np.ndarray]:
+@lru_cache(maxsize=2)
+def _shaped_bank(rate_hz: float, evm: float | str = 0.0) -> list[np.ndarray]:
     """Long root-raised-cosine QPSK signals of many bandwidths: shaping 7500 samples anew costs 8 ms."""
     rng = np.random.default_rng(77)
     bank = []
     for bandwidth_hz in np.exp(rng.uniform(np.log(0.4e6), np.log(4e6), _BANK)):
-        emitter = QpskEmitter(bandwidth_hz=float(bandwidth_hz), pulse="rrc")
+        emitter = QpskEmitter(bandwidth_hz=float(bandwidth_hz), pulse="rrc", evm=evm)
         bank.append(emitter.samples(_BANK_SAMPLES, rate_hz, rng))
-    bank += [QpskEmitter(pulse="rrc").samples(_BANK_SAMPLES, rate_hz, rng) for _ in range(_BANK // 4)]
+    bank += [
+        QpskEmitter(pulse="rrc", evm=evm).samples(_BANK_SAMPLES, rate_hz, rng) for _ in range(_BANK // 4)
+    ]
     return bank
 
 
-@lru_cache(maxsize=6)
-def _nr_bank(channel_hz: float, rate_hz: float) -> list[np.ndarray]:
+@lru_cache(maxsize=12)
+def _nr_bank(channel_hz: float, rate_hz: float, evm: float | str = 0.0) -> list[np.ndarray]:
     """20 ms of NR carriers at several offsets, loads and cells."""
     rng = np.random.default_rng(int(channel_hz) % 1009)
     bank = []
@@ -136,6 +139,7 @@ def _nr_bank(channel_hz: float, rate_hz: float) -> list[np.ndarray]:
             load=1.0 if i < 8 else float(rng.uniform(0.1, 1.0)),
             frame_count=2,
             seed=1000 + i,
+            evm=evm,
         )
         bank.append(emitter.samples(150_000, rate_hz, rng))
     return bank
@@ -157,22 +161,23 @@ class _Cut:
         return signal[start : start + count] * np.exp(2j * np.pi * cycles)
 
 
-def _emitter(kind: str, rate_hz: float, rng: np.random.Generator) -> object:
+def _emitter(kind: str, rate_hz: float, rng: np.random.Generator, typical: float = 0.0) -> object:
     """One member of an interferer family."""
     centred = rng.random() < 0.5
     if kind == "tones":
         return ToneEmitter(int(rng.integers(1, 11)))
+    evm = TYPICAL if typical and kind.startswith(("qpsk", "nr")) and rng.random() < typical else 0.0
     if kind == "nr5":
-        return _Cut(tuple(_nr_bank(5e6, rate_hz)))
+        return _Cut(tuple(_nr_bank(5e6, rate_hz, evm)))
     if kind == "nr10":
-        return _Cut(tuple(_nr_bank(10e6, rate_hz)))
+        return _Cut(tuple(_nr_bank(10e6, rate_hz, evm)))
     carrier_hz = 0.0 if centred else float(rng.uniform(-0.35, 0.35) * rate_hz)
     if kind == "qpsk_shaped":
-        return _Cut(tuple(_shaped_bank(rate_hz)), carrier_hz)
+        return _Cut(tuple(_shaped_bank(rate_hz, evm)), carrier_hz)
     if kind == "qpsk_rectangular":
         standard = rng.random() < 0.4
         bandwidth_hz = 2.0025e6 if standard else float(np.exp(rng.uniform(np.log(0.4e6), np.log(4e6))))
-        return QpskEmitter(bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz)
+        return QpskEmitter(bandwidth_hz=bandwidth_hz, carrier_hz=carrier_hz, evm=evm)
     if kind == "radar":
         swept_hz, period_s = (np.exp(rng.uniform(*np.log(span))) for span in ((4e6, 30e6), (0.3e-3, 4e-3)))
         return FmcwEmitter(
@@ -252,7 +257,7 @@ def _interference(
         else:
             kind = str(rng.choice(names, p=weights / weights.sum()))
             relative = float(rng.choice(_NR_RATES)) if other and kind.startswith("nr") else 1.0
-            emitter = _emitter(kind, relative * rate_hz, rng)
+            emitter = _emitter(kind, relative * rate_hz, rng, config.typical)
         if config.received and rng.random() < config.received:
             emitter = _Received(emitter)
         if config.own_noise and rng.random() < config.own_noise:
@@ -469,6 +474,7 @@ def description(config: SceneConfig) -> str:
         "second",
         "received",
         "own_noise",
+        "typical",
         "front_end",
         "envelope",
         "levels_db",

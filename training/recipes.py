@@ -97,6 +97,27 @@ RECIPES: dict[str, Recipe] = {
     "any_sweep": Recipe(
         "compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact_ground", margin=26
     ),
+    # both on, from their shipped weights (--start): typical transmitters, returns beyond the span as nothing, and a
+    # floor of the loss below what they add to clean frames
+    "compact_typical": Recipe(
+        "compact",
+        data="typical",
+        batch=64,
+        steps=4_000,
+        rate=5e-4,
+        faint=0.02,
+        floor=1e-5,
+        start_from="compact",
+    ),
+    "any_sweep_typical": Recipe(
+        "compact",
+        data="any_sweep_typical",
+        steps=4_000,
+        rate=5e-4,
+        margin=26,
+        floor=1e-5,
+        start_from="any_sweep",
+    ),
     # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks
     "paper": Recipe("paper", data="paper", **_PAPER),
     "fc": Recipe("fc", data="paper", **_PAPER),
