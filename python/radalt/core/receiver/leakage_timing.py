@@ -1,0 +1,112 @@
+"""Timing held on the transmitter's leakage: it never moves, so where it is seen is what timing is off by."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+from scipy.linalg import blas
+
+from ..waveform import altitude_to_delay_s
+from .leakage import REACH_M, LeakageCanceller
+from .segmenter_settings import SegmenterSettings
+from .sweep_finder import ALONE, SweepFinder
+
+__all__ = ["LeakageTiming"]
+
+# Share of the calibrated amplitude, phase included, by which a leakage may differ from itself: half of it is a phase of
+# 0.5 rad, or a ground as strong as half the leakage within a sample of it
+_UNLIKE = 0.5
+_NEAR, _FLANK = 2, 3  # samples looked at beside its place; samples on either side that belong to one line
+_TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it is seen, as in `SweepCheck`
+
+
+class LeakageTiming:
+    """Finds the calibrated leakage in received frames, at its place or elsewhere.
+
+    Parameters
+    ----------
+    canceller : LeakageCanceller
+        Aligned with the timing that is assumed.
+    settings : SegmenterSettings
+    finder : SweepFinder
+        Of the same sweep.
+    """
+
+    def __init__(self, canceller: LeakageCanceller, settings: SegmenterSettings, finder: SweepFinder) -> None:
+        self.canceller, self._settings, self._finder = canceller, settings, finder
+        w = canceller.waveform
+        self._rate, self._n = w.rate_hz, w.samples_per_frame
+        self._reach_samples = float(altitude_to_delay_s(REACH_M)) * w.rate_hz
+        # where the leakage's line peaks, which the echo of a landing gear moves: what timing is taken on
+        self._place_samples = finder.delay_samples(canceller.background) or 0.0
+
+    def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+        """As `SweepFinder.locate`, of the leakage; None where what is found is not the leakage that was calibrated."""
+        found = self._finder.locate(samples)
+        if found is None:
+            return None
+        total = found[0] + found[1] - self._place_samples
+        whole = round(total)
+        if not 0 <= whole <= samples.size - self._n:
+            return None
+        self.canceller.align((total - whole) / self._rate)
+        if self.slip(samples[whole : whole + self._n]) != 0.0:
+            return None
+        return whole, total - whole
+
+    def slip(self, frame: np.ndarray, frame_index: int = 0) -> float | None:
+        """Samples by which the leakage lies beside its place in a received frame (N,); None where it is hidden.
+
+        The leakage is known by its amplitude and its phase: the ground has another phase in most frames.
+        """
+        n, known = self._n, self.canceller
+        if not known.energy > 0:
+            return None
+        rotation = np.complex64(known.rotation(frame_index))
+        expected = known.background * rotation
+        near = range(-_NEAR, _NEAR + 1)
+        like = [
+            blas.cdotc(expected, frame, n=n - abs(s), offx=max(0, -s), offy=max(0, s)) / known.energy
+            for s in near
+        ]
+        if not np.isfinite(like).all():
+            return None
+        if abs(like[_NEAR] - 1.0) < _UNLIKE and np.argmax(np.real(like)) == _NEAR:
+            return 0.0
+        return self._elsewhere(frame, expected)
+
+    def _elsewhere(self, frame: np.ndarray, expected: np.ndarray) -> float | None:
+        """Where in a frame the leakage is, in samples from its place; None if nowhere, or not beyond doubt."""
+        n = self._n
+        like = fft.ifft(fft.fft(frame) * np.conj(fft.fft(expected))) / self.canceller.energy
+        power = like.real**2 + like.imag**2
+        mean = float(power.mean())
+        unlike = np.abs(like - 1.0)
+        lag = int(np.argmin(unlike))
+        top = float(power[lag])
+        if lag == 0 or unlike[lag] >= _UNLIKE or top < 0.6 * self._settings.lock_threshold * mean:
+            return None
+        flank = np.arange(-_FLANK, _FLANK + 1)
+        power[(lag + flank) % n] = 0.0
+        power[(int(np.argmax(power)) + flank) % n] = 0.0  # the ground's line may be as strong
+        if top < ALONE * float(power.max()):
+            return None
+        return float(lag if lag < n // 2 else lag - n)
+
+    def verdict(
+        self, found: tuple[str, float, float], slip: float | None, sent: tuple[float, float] | None
+    ) -> tuple[str, float, float]:
+        """`SweepCheck.verdict` of a frame, the leakage subtracted, together with where the leakage is.
+
+        A leakage beside its place contradicts the timing. One at its place verifies it, whatever else a frame shows. So
+        whole frames that are lost without a tag are not noticed then, as with altitudes that are set by hand.
+        """
+        expected = 0.0 if sent is None else float(altitude_to_delay_s(sent[0])) * self._rate
+        if slip == 0.0:
+            return "verified", expected, _TOLERANCE
+        if slip is not None:
+            return "contradicted", expected + slip, _COARSE
+        verdict, seen, tolerance = found
+        # what is left of a leakage is no sweep at another delay
+        rest = verdict == "contradicted" and abs(seen) <= self._reach_samples + 1.0
+        return ("undetermined", 0.0, tolerance) if rest else found
