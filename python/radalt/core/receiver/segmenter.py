@@ -280,7 +280,7 @@ class FrameSegmenter:
         frame = Frame(self._index, self._origin, samples, self._offset_s)
         slip = None
         if self._leakage is not None:
-            slip = self._leakage.slip(samples, frame.index)
+            slip = self._leakage.slip(samples, frame.index, self._expected(frame.index), self._offset_s)
             frame.samples = samples = self._leakage.canceller.clean(samples, frame.index)
             frame.offset_s += float(altitude_to_delay_s(self._installation_m))
         self._origin += self._n

@@ -104,7 +104,7 @@ class SweepFinder:
         x, n = samples, self._n
         # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
         # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
-        expected = self._expected_frame(*sent, offset_s)
+        expected = self.expected_frame(*sent, offset_s)
         response = [
             abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
             for shift in range(-2, 3)
@@ -126,7 +126,7 @@ class SweepFinder:
         fraction = (beside - best) * response[beside] / (response[beside] + response[best])
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
-    def _expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
+    def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
         """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
         key = altitude_m, rate_m_per_s, offset_s
         if key not in self._expected:
