@@ -21,6 +21,7 @@ from ..paths import share_dir
 from ..waveform import Waveform, altitude_to_delay_s, exp_cycles
 
 __all__ = [
+    "FITTED_ABOVE_M",
     "LEARN_ABOVE_M",
     "REACH_M",
     "LeakageCalibration",
@@ -39,6 +40,8 @@ SHAPES = 6
 # From here on a ground that hovers loses 1.2 dB at most to what is learned meanwhile; at 40 m it would lose 12 dB
 # (tests/test_leakage.py)
 LEARN_ABOVE_M = 60.0
+# What is left of a ground below, by a fit to each frame, stands up to 90 m high (tests/test_leakage.py)
+FITTED_ABOVE_M = 100.0
 # Share of a half sweep at either end that is left out. A sweep as wide as the sampled band ends in the transition of the
 # receiver's filters; what they make of 40 dB of leakage there would stand above the ground (tests/test_leakage.py).
 _EDGE = 1.0 / 60.0
@@ -146,6 +149,8 @@ class LeakageCanceller:
     Parameters
     ----------
     calibration : LeakageCalibration
+    calibrated : bool
+        False takes the leakage out of every frame by itself, whatever its amplitude and phase (see `uncalibrated`).
 
     Examples
     --------
@@ -158,8 +163,8 @@ class LeakageCanceller:
     True
     """
 
-    def __init__(self, calibration: LeakageCalibration) -> None:
-        self.waveform = calibration.waveform
+    def __init__(self, calibration: LeakageCalibration, *, calibrated: bool = True) -> None:
+        self.waveform, self.calibrated = calibration.waveform, calibrated
         self.coefficients = np.array(calibration.coefficients, dtype=np.complex128)
         self.installation_delay_m = calibration.installation_delay_m
         self.following = False  # whether received frames are remembered for `learn`
@@ -175,6 +180,14 @@ class LeakageCanceller:
         self._waiting: dict[int, tuple[np.ndarray, float]] = {}
         self.learned_frames = 0
         self.align(0.0)
+
+    @classmethod
+    def uncalibrated(cls, waveform: Waveform) -> LeakageCanceller:
+        """One that fits each frame's shapes and takes them out: of no use below `FITTED_ABOVE_M`.
+
+        The ground goes with the leakage there: 12 dB of it at 40 m, 1.2 dB at 60 m, and what is left stands elsewhere.
+        """
+        return cls(LeakageCalibration(waveform, np.zeros((2, SHAPES), dtype=complex)), calibrated=False)
 
     def align(self, offset_s: float) -> None:
         """Timing was taken anew: the leakage's line lies ``offset_s`` after a frame's first sample."""
@@ -206,7 +219,10 @@ class LeakageCanceller:
     def subtract(self, frames: np.ndarray, frame_index: np.ndarray | int = 0) -> np.ndarray:
         """(n, N) complex64 frames less the leakage, zero at the ends of each half sweep."""
         background = self.background
-        if self.waveform.cycles_per_frame:
+        if not self.calibrated:
+            halves = np.asarray(frames, dtype=np.complex64).reshape(len(frames), 2, -1, 1)
+            background = (self._shapes @ (self._rows @ halves)).reshape(len(frames), -1)
+        elif self.waveform.cycles_per_frame:
             background = (np.reshape(self.rotation(frame_index), (-1, 1)) * background).astype(np.complex64)
         out = frames - background
         halves = out.reshape(len(out), 2, -1)
