@@ -13,6 +13,7 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
+from ..core.receiver.leakage import leakage_canceller
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
 from ..core.scene import Scene
 from ._frames import (
@@ -88,6 +89,7 @@ class frame_segmenter(gr.basic_block):
             max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
             true_delay=scene.altitude.mode == "true_delay",
             point_target=scene.return_model == "point",
+            leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),
         )
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0

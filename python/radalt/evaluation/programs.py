@@ -20,6 +20,7 @@ __all__ = ["PROGRAMS", "load", "main"]
 PROGRAMS = {
     "eval": "ota_eval",
     "collect": "collect",
+    "calibrate-leakage": "calibrate_leakage",
     "landing": "landing_eval",
     "integrity": "integrity",
     "detection": "detection",

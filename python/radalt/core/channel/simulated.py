@@ -126,7 +126,9 @@ class ChannelSettings:
                     f"channel.{name} is {getattr(self, name):g}; it has to be within 0..{_MOST_LEAKAGE_M:g}"
                 )
         if self.gear_db is not None and self.leakage_db is None:
-            raise ValueError(f"channel.gear_db {self.gear_db:g} needs channel.leakage_db, on which timing is taken")
+            raise ValueError(
+                f"channel.gear_db {self.gear_db:g} needs channel.leakage_db, on which timing is taken"
+            )
         if abs(self.jammer_clock_ppm) > 100:
             raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
         if not 0 <= self.jammer_delay_samples <= _MOST_DELAY:
@@ -381,7 +383,9 @@ class SimulatedChannel:
                 continue
             delay_s = float(altitude_to_delay_s(distance_m))
             line = self._radar.read(self.latency_samples + delay_s * self.waveform.rate_hz)[0]
-            gain = 10.0 ** (level_db / 20.0) * np.exp(-2j * np.pi * np.mod(self.waveform.carrier_hz * delay_s, 1.0))
+            gain = 10.0 ** (level_db / 20.0) * np.exp(
+                -2j * np.pi * np.mod(self.waveform.carrier_hz * delay_s, 1.0)
+            )
             line = np.complex64(gain) * line
             total = line if total is None else total + line
         return total

@@ -24,9 +24,11 @@ __all__ = [
     "FITTED_ABOVE_M",
     "LEARN_ABOVE_M",
     "REACH_M",
+    "UNCALIBRATED",
     "LeakageCalibration",
     "LeakageCanceller",
     "ground_is_apart",
+    "leakage_canceller",
     "load_leakage",
     "store_leakage",
 ]
@@ -42,12 +44,13 @@ SHAPES = 6
 LEARN_ABOVE_M = 60.0
 # What is left of a ground below, by a fit to each frame, stands up to 90 m high (tests/test_leakage.py)
 FITTED_ABOVE_M = 100.0
-# Share of a half sweep at either end that is left out. A sweep as wide as the sampled band ends in the transition of the
-# receiver's filters; what they make of 40 dB of leakage there would stand above the ground (tests/test_leakage.py).
+# Share of a half sweep at either end that is left out. A sweep as wide as the sampled band ends in the transition of
+# the receiver's filters; what they make of 40 dB of leakage there would stand above the ground (tests/test_leakage.py).
 _EDGE = 1.0 / 60.0
 _MEMORY_FRAMES = 400  # over which leakage is averaged: noise 26 dB down, and 0.4 s to follow a change
 _RISE = 1.002  # per frame, by which the quietest frame of late may grow old
 _LEAST_FRAMES = 20  # of a calibration
+UNCALIBRATED = "uncalibrated"  # in the place of a stored calibration's name
 _FILE_KEYS = {"waveform", "installation_delay_m", "up", "down"}
 
 
@@ -201,7 +204,9 @@ class LeakageCanceller:
 
     def _synthesise(self) -> None:
         self.background = (
-            (self._shapes @ self.coefficients.astype(np.complex64)[..., None]).reshape(-1).astype(np.complex64)
+            (self._shapes @ self.coefficients.astype(np.complex64)[..., None])
+            .reshape(-1)
+            .astype(np.complex64)
         )
         self.energy = float(np.sum(np.abs(self.coefficients) ** 2))
 
@@ -319,3 +324,12 @@ def load_leakage(name: Path | str, waveform: Waveform) -> LeakageCalibration:
     if own != waveform:
         raise InputError(f"{what} {path}: it was measured with another sweep ({own}); {remedy}")
     return LeakageCalibration(own, rows[..., 0] + 1j * rows[..., 1], delay_m)
+
+
+def leakage_canceller(name: str, waveform: Waveform) -> LeakageCanceller | None:
+    """What ``segmenter.leakage_calibration`` names; None for an empty name. Raises InputError as `load_leakage`."""
+    if not name:
+        return None
+    if name == UNCALIBRATED:
+        return LeakageCanceller.uncalibrated(waveform)
+    return LeakageCanceller(load_leakage(name, waveform))

@@ -76,7 +76,11 @@ class LeakageTiming:
         return rest
 
     def slip(
-        self, frame: np.ndarray, frame_index: int = 0, sent: tuple[float, float] | None = None, offset_s: float = 0.0
+        self,
+        frame: np.ndarray,
+        frame_index: int = 0,
+        sent: tuple[float, float] | None = None,
+        offset_s: float = 0.0,
     ) -> float | None:
         """Samples by which the leakage lies beside its place in a received frame (N,); None where it is hidden.
 

@@ -85,8 +85,8 @@ class FrameSegmenter:
     ) -> None:
         if leakage is not None and not true_delay:
             raise ValueError(
-                "a leakage calibration needs true delays: with a beat shift the leakage is shifted like the return, and "
-                "the line at 0 m is the return of the preamble; leave the calibration out, or set altitude.mode: true_delay"
+                "a leakage calibration needs true delays: a beat shift moves the leakage with the return, and the line "
+                "at 0 m is then the return of the preamble; leave it out, or set altitude.mode: true_delay"
             )
         self.waveform, self.programme, self.settings = waveform, programme, settings
         self.true_delay, self.point_target = true_delay, point_target
@@ -350,7 +350,9 @@ class FrameSegmenter:
         sent = self._sent(index)
         expected = "within the altitude span" if sent is None else f"at {sent[0]:g} m"
         seen_m = seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0))
-        self.lock_loss = f"sweep {index} was expected {expected} and seen near {round(seen_m, -1):.0f} m"
+        self.lock_loss = (
+            f"sweep {index} was expected {expected} and seen near {round(seen_m, -1) + 0.0:.0f} m"
+        )
 
     def _lose_lock(self, frames: int) -> None:
         self.counters["lock_losses"] += 1

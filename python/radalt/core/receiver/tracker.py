@@ -397,7 +397,7 @@ class AltitudeTracker:
             found = block.best(block.prominent(allowed))
             strong = found is not None and found.strength >= self._integrity.search_threshold
             strong = strong and self._possible(found) and not self._is_followed(found, kept)
-            # the transmitter's own leakage stands still as the ground does, and only where it is nearer than ground is known
+            # leakage stands still as hovering ground does, and nobody knows it apart without a calibration
             strong = strong and found.altitude_m - self._shift_m >= self._lowest_start_m
             if strong and not self._is_side_lobe(block, found, ghosts=True):
                 kept.append(self._start(block, self._calibrated(found), middle))

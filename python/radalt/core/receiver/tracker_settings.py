@@ -82,9 +82,10 @@ class TrackerSettings:
     nearer_rival_db : float
         The same for a nearer return than the track's: the ground is the nearest thing there is.
     leakage_m : float or None
-        Altitude in metres below which no track starts, 0..1000: the transmitter's own leakage and the landing gear stand
-        there (docs/leakage.md). A track that comes from above goes on. None is 15 m where range rates show as Doppler,
-        and 0 with a beat shift, which moves the leakage, and with a leakage calibration (`Scene.tracker_settings`).
+        Altitude in metres below which no track starts, 0..1000: there stand the transmitter's own leakage and the
+        landing gear (docs/leakage.md). A track that comes from above goes on. None is 15 m where range rates show as
+        Doppler, and 0 with a beat shift, which moves the leakage. A scene sets 0, unless it plays leakage without a
+        calibration.
     """
 
     output_s: float = 0.04
