@@ -3,7 +3,8 @@
 
     .venv/bin/python flowgraphs/calibrate_leakage.py --scene leakage --out results/leakage.yaml
 
-The scene then names the file: segmenter.leakage_calibration: results/leakage.yaml (docs/leakage.md). Needs no GNU Radio.
+The scene then names the file: segmenter.leakage_calibration: results/leakage.yaml (docs/leakage.md).
+Needs no GNU Radio.
 """
 
 from __future__ import annotations

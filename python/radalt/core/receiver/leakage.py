@@ -10,6 +10,7 @@ The limit is how still the leakage stands: a change of phase by ``p`` rad leaves
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -39,9 +40,10 @@ NEAREST_M, REACH_M = -3.0, 15.0
 # Legendre polynomials per half sweep: a beat of half the reach has 0.45 cycles there, and what the next one would add
 # is 70 dB down (tests/test_leakage.py)
 SHAPES = 6
-# From here on a ground that hovers loses 1.2 dB at most to what is learned meanwhile; at 40 m it would lose 12 dB
-# (tests/test_leakage.py)
-LEARN_ABOVE_M = 60.0
+# Altitude from which leakage is learned. A ground that hovers at 40 m loses 13 dB to what is learned meanwhile, one at
+# 60 m 1.5 dB, which pulls it by 3.6 m. Up to FITTED_ABOVE_M, where the pull is 0.3 m, it therefore has to move: at that
+# speed its phase turns by 46 cycles within the memory (tests/test_leakage.py).
+LEARN_ABOVE_M, LEARN_SPEED_M_PER_S = 60.0, 2.0
 # What is left of a ground below, by a fit to each frame, stands up to 90 m high (tests/test_leakage.py)
 FITTED_ABOVE_M = 100.0
 # Share of a half sweep at either end that is left out. A sweep as wide as the sampled band ends in the transition of
@@ -49,6 +51,7 @@ FITTED_ABOVE_M = 100.0
 _EDGE = 1.0 / 60.0
 _MEMORY_FRAMES = 400  # over which leakage is averaged: noise 26 dB down, and 0.4 s to follow a change
 _RISE = 1.002  # per frame, by which the quietest frame of late may grow old
+_MOST_WAITING = 4000  # frames remembered for a tracker's word, 4 s of the default sweep
 _LEAST_FRAMES = 20  # of a calibration
 UNCALIBRATED = "uncalibrated"  # in the place of a stored calibration's name
 _FILE_KEYS = {"waveform", "installation_delay_m", "up", "down"}
@@ -181,6 +184,8 @@ class LeakageCanceller:
         self._polynomials[self._edge : half - self._edge] = polynomials
         self._quietest: float | None = None
         self._waiting: dict[int, tuple[np.ndarray, float]] = {}
+        self._learned = self.coefficients.copy()
+        self._due: deque[tuple[int, np.ndarray]] = deque()
         self.learned_frames = 0
         self.align(0.0)
 
@@ -188,7 +193,7 @@ class LeakageCanceller:
     def uncalibrated(cls, waveform: Waveform) -> LeakageCanceller:
         """One that fits each frame's shapes and takes them out: of no use below `FITTED_ABOVE_M`.
 
-        The ground goes with the leakage there: 12 dB of it at 40 m, 1.2 dB at 60 m, and what is left stands elsewhere.
+        The ground goes with the leakage there: 13 dB of it at 40 m, 1.5 dB at 60 m, and what is left stands elsewhere.
         """
         return cls(LeakageCalibration(waveform, np.zeros((2, SHAPES), dtype=complex)), calibrated=False)
 
@@ -200,6 +205,8 @@ class LeakageCanceller:
         self._shapes = np.ascontiguousarray((sweep * self._polynomials).astype(np.complex64))
         self._rows = np.ascontiguousarray(np.conj(self._shapes.transpose(0, 2, 1)))
         self._waiting.clear()  # what was remembered belongs to another timing
+        self._due.clear()
+        self.coefficients = self._learned.copy()
         self._synthesise()
 
     def _synthesise(self) -> None:
@@ -238,6 +245,12 @@ class LeakageCanceller:
         """(N,) complex64 one received frame less the leakage; remembered for `learn` if that is on."""
         if self.following:
             self.remember(frame, frame_index)
+            due = None
+            while self._due and self._due[0][0] <= frame_index:
+                due = self._due.popleft()[1]
+            if due is not None:
+                self.coefficients = due
+                self._synthesise()
         return self.subtract(frame[None], frame_index)[0]
 
     # -- following ------------------------------------------------------------------------------------------------
@@ -246,12 +259,17 @@ class LeakageCanceller:
         """Keep a received frame's coefficients until `learn` or `forget` says what becomes of them."""
         power = float(np.vdot(frame, frame).real)
         self._waiting[frame_index] = self.project(frame[None], frame_index)[0], power
+        if len(self._waiting) > _MOST_WAITING:
+            del self._waiting[next(iter(self._waiting))]
 
-    def learn(self, first: int, last: int) -> None:
+    def learn(self, first: int, last: int, due: int | None = None) -> None:
         """Average the leakage over remembered frames ``first .. last``; earlier ones are forgotten.
 
         Only for frames in which the ground stands apart (`ground_is_apart`). A frame counts by its power against the
         quietest of late, so that interference hardly counts, and one that is not finite not at all.
+
+        What was learned is subtracted from frame ``due`` on, or at once. With a frame that is still to come a run
+        does not depend on when its tracker's messages arrive.
         """
         for index in sorted(self._waiting):
             if index > last:
@@ -261,9 +279,13 @@ class LeakageCanceller:
                 continue
             self._quietest = power if self._quietest is None else min(_RISE * self._quietest, power)
             share = self._quietest / power / _MEMORY_FRAMES
-            self.coefficients += share * (found - self.coefficients)
+            self._learned += share * (found - self._learned)
             self.learned_frames += 1
-        self._synthesise()
+        if due is None:
+            self.coefficients = self._learned.copy()
+            self._synthesise()
+        else:
+            self._due.append((due, self._learned.copy()))
 
     def forget(self, last: int) -> None:
         """Drop remembered frames up to ``last``: the ground was not known to stand apart in them."""
@@ -271,9 +293,16 @@ class LeakageCanceller:
             del self._waiting[index]
 
 
-def ground_is_apart(normal: bool, altitude_m: float, protection_level_m: float) -> bool:
-    """Whether a tracker's output allows the leakage to be learned: a valid altitude above 60 m, at its worst."""
-    return bool(normal) and altitude_m - protection_level_m > LEARN_ABOVE_M
+def ground_is_apart(
+    normal: bool, altitude_m: float, protection_level_m: float, vertical_speed_m_per_s: float
+) -> bool:
+    """Whether a tracker's output allows the leakage to be learned: a valid altitude above 60 m, at its worst.
+
+    Up to 100 m the ground has to move by 2 m/s besides.
+    """
+    lowest_m = altitude_m - protection_level_m
+    moves = abs(vertical_speed_m_per_s) >= LEARN_SPEED_M_PER_S
+    return bool(normal) and lowest_m > (LEARN_ABOVE_M if moves else FITTED_ABOVE_M)
 
 
 # -- storage ----------------------------------------------------------------------------------------------------------
