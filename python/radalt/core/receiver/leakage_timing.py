@@ -38,6 +38,7 @@ class LeakageTiming:
         self.canceller, self._settings, self._finder = canceller, settings, finder
         w = canceller.waveform
         self._rate, self._n = w.rate_hz, w.samples_per_frame
+        self._last: tuple | None = None
         self._reach_samples = float(altitude_to_delay_s(REACH_M)) * w.rate_hz
         # where the leakage's line peaks, which the echo of a landing gear moves: what timing is taken on
         self._place_samples = finder.delay_samples(canceller.background) or 0.0
@@ -90,14 +91,15 @@ class LeakageTiming:
         """
         n = self._n
         expected, energy = self._expected(frame_index, sent, offset_s)
-        if not energy > 0:
+        rails = frame.view(np.float32)
+        received = blas.sdot(rails, rails)
+        if not (energy > 0 and np.isfinite(received) and received > 0):
             return None
         near = range(-_NEAR, _NEAR + 1)
         like = [
             blas.cdotc(expected, frame, n=n - abs(s), offx=max(0, -s), offy=max(0, s)) / energy for s in near
         ]
-        if not np.isfinite(like).all():
-            return None
+        self._finder.quality_db = 10.0 * np.log10(max(abs(like[_NEAR]) ** 2 * energy * n / received, 1e-9))
         if abs(like[_NEAR] - 1.0) < _UNLIKE and np.argmax(np.real(like)) == _NEAR:
             return 0.0
         return self._elsewhere(frame, expected, energy)
@@ -106,6 +108,16 @@ class LeakageTiming:
         self, frame_index: int, sent: tuple[float, float] | None, offset_s: float
     ) -> tuple[np.ndarray, float]:
         """(N,) the leakage less what a return of the frame's altitude has in common with it, and its energy."""
+        known = self.canceller
+        key = known.version, sent, offset_s, frame_index if known.waveform.cycles_per_frame else 0
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._without_ground(frame_index, sent, offset_s)
+        return self._last[1]
+
+    def _without_ground(
+        self, frame_index: int, sent: tuple[float, float] | None, offset_s: float
+    ) -> tuple[np.ndarray, float]:
+        """See `_expected`, which remembers the last."""
         known = self.canceller
         expected = known.background * np.complex64(known.rotation(frame_index))
         if sent is None:

@@ -289,10 +289,12 @@ class FrameSegmenter:
             out.append(frame)
             return True
         sent = self._expected(frame.index)
-        near = self._check.near(samples, sent, self._offset_s)
         seen_before = self._vain <= _IN_VAIN
-        look = near is not None or seen_before or self._vain % self._pause == 0
-        found = self._check.verdict(samples, sent, self._offset_s, near) if look else NOT_LOOKED
+        found = NOT_LOOKED
+        if slip is None:
+            near = self._check.near(samples, sent, self._offset_s)
+            if near is not None or seen_before or self._vain % self._pause == 0:
+                found = self._check.verdict(samples, sent, self._offset_s, near)
         if self._leakage is not None:
             found = self._leakage.verdict(found, slip, sent)
         shown = found[0] in ("verified", "contradicted")
