@@ -273,6 +273,23 @@ def test_frames_through_the_channel_are_right_from_3_m_to_1000_m(cancellers, lev
     assert np.max(np.abs(found - truth)) < 1.5  # NaN would fail as well
 
 
+@pytest.mark.parametrize("level_db", [-10.0, 0.0, 10.0])
+def test_no_altitude_near_the_ground_is_taken_for_a_loss(level_db):
+    """There the return merges with the leakage, and no sample separates them."""
+    rng = np.random.default_rng(7)
+    leakage, altitudes_m = line(level_db, 1.0), (2.0, 4.0, 5.0, 8.5, 13.0, 21.0, 33.0, 60.0)
+    canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
+    programme = Programme(altitudes_m, 3)
+    flown = [programme.altitude_m(k) for k in range(programme.total_frames)]
+    trial = programme.is_trial(np.arange(programme.total_frames))
+    frames = [
+        leakage + t * point_return(W, a) + noise(rng, 1, 10.0)[0] for a, t in zip(flown, trial, strict=True)
+    ]
+    segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
+    segmenter.push(np.concatenate([np.zeros(4 * N, np.complex64), *frames]).astype(np.complex64))
+    assert segmenter.counters["lock_losses"] == 0 and segmenter.counters["frames"] >= 28
+
+
 @pytest.mark.parametrize(("level_db", "gear_db"), LEVELS)
 @pytest.mark.parametrize("lost", [1, 7499, 2000])
 def test_lost_samples_end_the_lock_and_no_altitude_is_wrong(cancellers, level_db, gear_db, lost):

@@ -17,7 +17,8 @@ __all__ = ["LeakageTiming"]
 # 0.5 rad, or a ground as strong as half the leakage within a sample of it
 _UNLIKE = 0.5
 _STEPS, _DERIVED = 2, 1e-3  # of the delay's refinement; samples over which its derivative is taken
-_LEAST_LEFT = 0.05  # share of the leakage that a ground at almost the same place has to leave to it
+_LEAST_LEFT = 0.3  # share of the leakage that a ground at almost the same place has to leave to it
+_REST = 0.1  # share of the leakage's energy up to which a line near its place is what was left of it
 _NEAR, _FLANK = 2, 3  # samples looked at beside its place; samples on either side that belong to one line
 _TOLERANCE, _COARSE = 0.4, 1.0  # samples between where a line is and where it is seen, as in `SweepCheck`
 
@@ -138,9 +139,11 @@ class LeakageTiming:
         unlike = np.abs(like - 1.0)
         lag = int(np.argmin(unlike))
         top = float(power[lag])
-        if lag == 0 or unlike[lag] >= _UNLIKE or top < 0.6 * self._settings.lock_threshold * mean:
+        if unlike[0] < _UNLIKE or unlike[lag] >= _UNLIKE or top < 0.6 * self._settings.lock_threshold * mean:
             return None
         flank = np.arange(-_FLANK, _FLANK + 1)
+        if float(power[(lag + flank) % n].max()) > ALONE * top:  # the flank of a stronger return
+            return None
         power[(lag + flank) % n] = 0.0
         power[(int(np.argmax(power)) + flank) % n] = 0.0  # the ground's line may be as strong
         if top < ALONE * float(power.max()):
@@ -148,7 +151,11 @@ class LeakageTiming:
         return float(lag if lag < n // 2 else lag - n)
 
     def verdict(
-        self, found: tuple[str, float, float], slip: float | None, sent: tuple[float, float] | None
+        self,
+        found: tuple[str, float, float],
+        slip: float | None,
+        sent: tuple[float, float] | None,
+        cleaned: np.ndarray,
     ) -> tuple[str, float, float]:
         """`SweepCheck.verdict` of a frame, the leakage subtracted, together with where the leakage is.
 
@@ -161,6 +168,8 @@ class LeakageTiming:
         if slip is not None:
             return "contradicted", expected + slip, _COARSE
         verdict, seen, tolerance = found
-        # what is left of a leakage is no sweep at another delay
-        rest = verdict == "contradicted" and abs(seen) <= self._reach_samples + 1.0
-        return ("undetermined", 0.0, tolerance) if rest else found
+        if verdict == "contradicted" and abs(seen) <= self._reach_samples + 1.0:
+            rails = cleaned.view(np.float32)
+            if blas.sdot(rails, rails) < _REST * self.canceller.energy:
+                return "undetermined", 0.0, tolerance
+        return found

@@ -296,7 +296,7 @@ class FrameSegmenter:
             if near is not None or seen_before or self._vain % self._pause == 0:
                 found = self._check.verdict(samples, sent, self._offset_s, near)
         if self._leakage is not None:
-            found = self._leakage.verdict(found, slip, sent)
+            found = self._leakage.verdict(found, slip, sent, samples)
         shown = found[0] in ("verified", "contradicted")
         self._vain = 0 if shown else self._vain + 1
         known = sent is not None or slip == 0.0
