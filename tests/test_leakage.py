@@ -302,6 +302,17 @@ def test_lost_samples_end_the_lock_and_no_altitude_is_wrong(cancellers, level_db
         assert found.size >= 4 and not np.any(np.abs(found - truth) > 5.0)
 
 
+@pytest.mark.parametrize("level_db", [20.0, 40.0])
+def test_without_a_calibration_frames_above_100_m_come_through_and_losses_are_noticed(level_db):
+    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=None)
+    fitted = LeakageCanceller.uncalibrated(W)
+    found, truth, segmenter = run(fitted, channel, (600.0, 150.0), 6)
+    assert found.size == 32 and segmenter.counters["lock_losses"] == 0
+    assert np.max(np.abs(found - truth)) < 2.0  # the leakage's path of 1 m among it
+    found, truth, segmenter = run(fitted, channel, (300.0,), 6, (15, 700))
+    assert segmenter.counters["lock_losses"] == 1 and not np.any(np.abs(found - truth) > 5.0)
+
+
 def test_a_return_is_no_leakage_to_take_timing_on():
     canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(line(0.0, 1.0), (20, 1))))
     segmenter = FrameSegmenter(W, None, true_delay=True, leakage=canceller)

@@ -45,10 +45,16 @@ class LeakageTiming:
         self._place_samples = finder.delay_samples(canceller.background) or 0.0
 
     def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
-        """As `SweepFinder.locate`, of the leakage; None where what is found is not the leakage that was calibrated."""
+        """As `SweepFinder.locate`, of the leakage; None where what is found is not the leakage that was calibrated.
+
+        Without a calibration it is the strongest sweep.
+        """
         found = self._finder.locate(samples)
         if found is None:
             return None
+        if not self.canceller.calibrated:
+            self.canceller.align(found[1] / self._rate)
+            return found
         total = found[0] + found[1] - self._place_samples
         whole = round(total)
         if not 0 <= whole <= samples.size - self._n:
