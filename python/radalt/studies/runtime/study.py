@@ -20,6 +20,7 @@ from scipy import fft
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
 from ...core.returns.point import point_return
@@ -44,13 +45,14 @@ _FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
 _W = Waveform()
 # name -> (emitter, overlap)
 INTERFERERS: dict[str, tuple[Any, float]] = {
-    "QPSK shaped, all": (QpskEmitter(pulse="rrc"), 1.0),
-    "QPSK rectangular, all": (QpskEmitter(), 1.0),
-    "QPSK rectangular, 30 %": (QpskEmitter(), 0.3),
-    "QPSK as received, all": (QpskReceivedEmitter(), 1.0),
+    "QPSK shaped, all": (QpskEmitter(pulse="rrc", evm=TYPICAL), 1.0),
+    "QPSK rectangular, all": (QpskEmitter(evm=TYPICAL), 1.0),
+    "QPSK rectangular, 30 %": (QpskEmitter(evm=TYPICAL), 0.3),
+    "QPSK as received, all": (QpskReceivedEmitter(evm=TYPICAL), 1.0),
     "5 tones, all": (ToneEmitter(5), 1.0),
-    "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6), 1.0),
-    "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
+    "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6, evm=TYPICAL), 1.0),
+    "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6, evm=TYPICAL), 1.0),
+    "NR 10 MHz ideal, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
 }
 # summed where batches of a point are put together
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
