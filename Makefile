@@ -4,7 +4,7 @@
 SYSTEM_PYTHON ?= /usr/bin/python3
 PREFIX        ?= /usr/local
 FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
-WORKERS       ?= $(shell nproc)
+WORKERS       ?= $(shell env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc)
 ARGS          ?=
 PACKAGES      ?= yes
 

@@ -111,6 +111,7 @@ def desk(tmp_path_factory):
         if file.name != "study.yaml":
             shutil.copy(file, folder)
     make_recording.main(["--out", str(folder / "results" / "recorded.sigmf-meta")])
+    make_recording.main(["--from", "dvbt", "--out", str(folder / "results" / "dvbt.sigmf-meta")])
     (folder / "my.yaml").write_text("name: my\n")
     reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
     (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])
@@ -259,3 +260,10 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout.lower()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_is_nearly_one_is_named(capsys):
+    from radalt.evaluation import programs
+
+    assert programs.main(["evla"]) == 2
+    assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"

@@ -184,10 +184,11 @@ def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
 
 def test_shell_lines_lead_python_and_companion_to_the_prefix(prefix, package, tmp_path):
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
-    shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH"'
-    python, blocks = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
+    shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH" "$PATH" "$MANPATH"'
+    python, blocks, path, manual = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
     assert Path(python) == package.parent
     assert Path(blocks) == prefix / "share/gnuradio/grc/blocks"
+    assert path.startswith(f"{prefix}/bin:") and manual == f"{prefix}/share/man:"
 
 
 def test_completion_and_manual_know_every_command(prefix, tmp_path):

@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "python" / "radalt"
 FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
 
-# along the signal's way: a room imports itself and what stands before it
+# Along the signal's way: a room imports itself and what stands before it. The receiver stands before the methods, since
+# an altimeter is a function of one frame that two of them judge their own output with (docs/design.md).
 ROOMS = (
     "core",  # what in core/ is no room of its own: it knows of none
     "core.radio.device",  # numbers of radios: the scene checks its own against them

@@ -8,26 +8,34 @@ from __future__ import annotations
 
 import _tool  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
 
+import dataclasses
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import make_recording
 import numpy as np
 
 from radalt.core.interference.placement import interference_frames
 from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene, load_scene
 from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
+from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 PANELS = (
-    ("paper_qpsk", "QPSK, rectangular pulses"),
-    ("qpsk_shaped", "QPSK, root raised cosine"),
+    ("paper_qpsk", "QPSK, rectangular pulses, ideal"),
+    ("qpsk_shaped", "QPSK, root raised cosine, typical EVM"),
     ("tones", "Five tones"),
-    ("nr5", "5G NR downlink, 5 MHz"),
-    ("nr10", "5G NR downlink, 10 MHz"),
+    ("nr5", "5G NR downlink, 5 MHz, typical EVM"),
+    ("nr10", "5G NR downlink, 10 MHz, typical EVM"),
+    ("nr_as_sent", "5G NR, 20 MHz, TDD, moving channel"),
     ("mixture", "NR + QPSK + tones + pulsed radar"),
     ("fmcw", "Another FMCW altimeter"),
     ("faa_mask", "14 CFR 91.220(b) mask, 200 ft"),
+    ("dvbt", "DVB-T by GNU Radio"),
+    ("atsc", "ATSC television by GNU Radio"),
+    ("dvbs2", "DVB-S2 by GNU Radio"),
 )
 SIR_DB = -20.0
 WINDOW = 128
@@ -38,6 +46,17 @@ def spectrogram_db(samples: np.ndarray) -> np.ndarray:
     views = np.lib.stride_tricks.sliding_window_view(samples, WINDOW)[:: WINDOW // 8]
     plane = np.fft.fftshift(np.fft.fft(views * np.hanning(WINDOW), axis=1), axes=1)
     return 10.0 * np.log10(np.abs(plane.T) ** 2 + 1e-12)
+
+
+def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
+    """The scene with the recording that it plays, if it plays one, made in a folder."""
+    if scene.name not in TRANSMITTERS:
+        return scene
+    (one,) = scene.interference
+    meta, transmitter = folder / f"{scene.name}.sigmf-meta", TRANSMITTERS[scene.name]
+    make_recording.write(meta, transmit(scene.name, 0.01, seed), transmitter.rate_hz, transmitter.title)
+    emitter = dataclasses.replace(one.emitter, file=str(meta))
+    return dataclasses.replace(scene, interference=(dataclasses.replace(one, emitter=emitter),))
 
 
 def received(scene: Scene, seed: int) -> np.ndarray:
@@ -60,10 +79,11 @@ def draw(path: Path, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(2, 4, figsize=(13.0, 6.2), sharex=True, sharey=True, constrained_layout=True)
+    figure, axes = plt.subplots(3, 4, figsize=(13.0, 9.0), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
-        scene = load_scene(name)
-        plane = spectrogram_db(received(scene, seed))
+        with tempfile.TemporaryDirectory() as folder:
+            scene = with_recording(load_scene(name), Path(folder), seed)
+            plane = spectrogram_db(received(scene, seed))
         half = scene.waveform.rate_hz / 2e6
         image = axis.imshow(
             plane,
@@ -78,7 +98,7 @@ def draw(path: Path, seed: int) -> None:
         axis.set_title(title, fontsize=10)
     for axis in axes[:, 0]:
         axis.set_ylabel("Frequency (MHz)")
-    for axis in axes[1]:
+    for axis in axes[-1]:
         axis.set_xlabel("Time (ms)")
     figure.colorbar(image, ax=axes, label="Power (dB)", shrink=0.9, pad=0.01)
     figure.suptitle(

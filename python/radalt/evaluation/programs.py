@@ -9,6 +9,7 @@ unusual prefix.
 from __future__ import annotations
 
 import ast
+import difflib
 import importlib
 import re
 import shlex
@@ -98,8 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 2
     if name not in programs():
-        known = ", ".join([*programs(), "env"])
-        print(f"radalt: no command {name[:40]!r}; there are {known}", file=sys.stderr)
+        known = [*programs(), "env"]
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+        print(f"radalt: no command {name[:40]!r}; {hint}", file=sys.stderr)
         return 2
     try:
         program = load(name)
@@ -131,10 +134,15 @@ def _environment() -> str:
     """Shell lines; none for what is found without."""
     from .flowgraph.generate import grc_dirs
 
+    wanted = [("PYTHONPATH", _PACKAGE.parent), ("GRC_BLOCKS_PATH", Path(grc_dirs()[0]))]
+    prefix = share_dir().parent.parent  # of an installation
+    if (prefix / "bin" / "radalt").is_file():
+        wanted += [("PATH", prefix / "bin"), ("MANPATH", prefix / "share" / "man")]
     lines = []
-    for name, value in (("PYTHONPATH", str(_PACKAGE.parent)), ("GRC_BLOCKS_PATH", grc_dirs()[0])):
-        text = shlex.quote(value)
-        lines.append(f'export {name}={text}"${{{name}:+:${name}}}"')
+    for name, value in wanted:
+        # an empty MANPATH entry stands for the system's own pages
+        rest = '":$MANPATH"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
+        lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)
 
 

@@ -40,6 +40,7 @@ RESULT_DTYPE = np.dtype(
         ("snr_db", np.float64),
         ("forced_altitude_m", np.float64),
         ("ambiguity_db", np.float64),
+        ("peak_to_sidelobe_db", np.float64),
     ]
 )
 

@@ -10,8 +10,9 @@ import typing
 from pathlib import Path
 from typing import Any
 
+from ..interference.effects import KEYS as EFFECTS
+from ..interference.effects import impaired, parts
 from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
-from ..interference.multipath import faded, unfaded
 from ..interference.placement import Interferer
 from ..parsing import InputError, build, convert, load_yaml, plain, shown
 from ..paths import scene_path
@@ -102,10 +103,8 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}
-    emitter = build(emitter_class(kind), own, path)
-    if params.get("multipath") is not None:
-        emitter = faded(emitter, params["multipath"], f"{path}.multipath")
+    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath", *EFFECTS)}
+    emitter = impaired(build(emitter_class(kind), own, path), params, path)
     if "sir_db" not in placement and emitter.stated_sir_db is not None:
         placement["sir_db"] = emitter.stated_sir_db
     try:
@@ -159,7 +158,6 @@ def scene_to_mapping(scene: Scene) -> dict[str, Any]:
 
 def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
     """``{kind: {emitter and placement keys}}`` of one interferer."""
-    emitter, channel = unfaded(interferer.emitter)
+    emitter, effects = parts(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
-    name = typing.cast(NamedEmitter, emitter).scene_name
-    return {name: keys if channel is None else keys | {"multipath": plain(channel)}}
+    return {typing.cast(NamedEmitter, emitter).scene_name: keys | effects}

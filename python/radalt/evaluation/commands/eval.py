@@ -25,7 +25,7 @@ from typing import Any
 
 from ...core.interrupts import ctrl_c_waits
 from ...core.paths import no_gnu_radio, remedy
-from ..engine.options import Options, Parser, add_options, command, complain, options_of, path
+from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
 
 PROGRAM, COMMAND = "ota_eval", "eval"
 DEFAULT_SCENE = "paper_qpsk"
@@ -48,9 +48,17 @@ def _parser() -> Parser:
         help="also fly every point slowly enough for a tracker, and score its outputs (simulated channel)",
     )
     add("--seed", type=int, help="everything random follows from it")
-    add("--model", type=path, metavar="FILE.onnx", help="network of the method tcae")
     add(
-        "--method-file", type=path, metavar="FILE.py", help="a method of your own: mitigate(frames, waveform)"
+        "--model",
+        action="append",
+        metavar="[NAME=]FILE.onnx",
+        help="a network, as a row of its own called NAME; without NAME= the one of the method tcae; repeatable",
+    )
+    add(
+        "--method-file",
+        action="append",
+        metavar="[NAME=]FILE.py",
+        help="a method of your own, mitigate(frames, waveform), as a row called NAME, or custom; repeatable",
     )
     add_options(parser)
     add(
@@ -63,6 +71,12 @@ def _parser() -> Parser:
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
     add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
     add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
+    add(
+        "--reference-m",
+        type=number(float, 0, 1e6),
+        metavar="M",
+        help="with --replay of another program's recording: the altitude at which it begins",
+    )
     return parser
 
 
@@ -128,9 +142,27 @@ def _scene(args: argparse.Namespace) -> Any:
 
 
 def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Options by method that --model and --method-file stand for."""
-    given = (("tcae", "model", args.model), ("custom", "file", args.method_file))
-    return {name: {key: str(path.resolve())} for name, key, path in given if path is not None}
+    """Options by method that --model and --method-file stand for; raises SceneError."""
+    from ...core.scene import SceneError
+
+    out: dict[str, dict[str, str]] = {}
+    for option, kind, key, given in (
+        ("--model", "tcae", "model", args.model),
+        ("--method-file", "custom", "file", args.method_file),
+    ):
+        for text in given or ():
+            name, _, file = text.rpartition("=") if not Path(text).exists() else ("", "", text)
+            name, own = name or kind, {} if not name else {"method": kind}
+            try:
+                found = path(file)
+            except argparse.ArgumentTypeError as error:
+                raise SceneError(f"{option} {text[:60]!r}: {error}") from None
+            if name in out:
+                raise SceneError(
+                    f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
+                )
+            out[name] = {**own, key: str(found.resolve())}
+    return out
 
 
 def _require_radios(scene: Any, needed: int) -> None:
@@ -236,6 +268,7 @@ def _replay(args: argparse.Namespace) -> int:
         scene=_scene(args) if args.scene else None,
         methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
         method_options=_own_methods(args),
+        reference_m=args.reference_m,
     )
     for row in rows:
         if "pd" in row:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,11 @@ from ...core.paths import share_dir
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
+from ..overlap.figures import series_style
 from ..overlap.points import sweep_points
 from ..overlap.rows import COLUMNS
 from ..overlap.study import rows_of
+from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
 from ..simulation import PointResult
 from .generate import Prepared, generate
@@ -37,6 +40,7 @@ def score_recording(
     methods: Sequence[str] | None = None,
     method_options: Mapping[str, dict[str, Any]] | None = None,
     time_limit_s: float = 600.0,
+    reference_m: float | None = None,
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
 
@@ -53,6 +57,9 @@ def score_recording(
     method_options : mapping of method -> options, optional
         Options that replace the scene's; a method that is named here is scored as well.
 
+    reference_m : float, optional
+        Altitude at which another program's recording begins. Without, its altitudes are relative to that.
+
     Returns
     -------
     list of dict
@@ -63,7 +70,12 @@ def score_recording(
     RecordingError, SceneError, MitigationError, FlowgraphError
         One line.
     """
-    placed, known = replay_scene(open_capture(path), scene)
+    capture = open_capture(path)
+    placed, known = replay_scene(capture, scene)
+    if known and reference_m is not None:
+        raise RecordingError(
+            f"--reference-m {reference_m:g}: {path} states its altitudes; leave the option out"
+        )
     if methods:
         placed = dataclasses.replace(placed, methods=tuple(methods))
     if method_options:
@@ -75,7 +87,9 @@ def score_recording(
         raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
     folder = RunFolder(out, {"study": "replay", "recording": str(path), "methods": placed.methods})
     prepared = prepare_replay(placed.methods, out / "flowgraph")
-    result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
+    result = run_replay(
+        prepared, placed, path, known=known, time_limit_s=time_limit_s, reference_m=reference_m or 0.0
+    )
     if not any(frames.size for frames in result.results.values()):
         w = placed.waveform
         missing = open_capture(path).what_is_missing()
@@ -87,15 +101,48 @@ def score_recording(
             "and length"
         )
     _write_frames(out / "frames.csv", result)
+    relative = not known and reference_m is None
+    draw_replay(result, placed, out / "altitude.png", relative=relative)
+    notes = [*capture.notes]
+    if relative:
+        notes.append(
+            f"{path}: altitudes are relative to its first sweeps; state their altitude with --reference-m"
+        )
+    for note in notes:
+        print(note, file=sys.stderr)
     if not known:
         rows = summary(result)
-        content = {"version": 1, "recording": str(path), "segmenter": result.segmenter, "methods": rows}
+        content = {"version": 1, "recording": str(path), "segmenter": result.segmenter}
+        content |= {"methods": rows, "notes": notes}
         folder.write_text("summary.json", json.dumps(content))
         return rows
     points = sweep_points(dataclasses.replace(placed, sweep=type(placed.sweep)()))
     rows = rows_of(placed, points[0], result)
     folder.write_text("rows.csv", COLUMNS.csv(rows))
     return rows
+
+
+def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
+    """Altitude over time, a panel per method; below it a mark for every frame in which it declared nothing."""
+    methods = list(result.results)
+    figure = new_figure(7.5, 0.8 + 1.9 * len(methods))
+    axes = figure.subplots(len(methods), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, method in zip(axes, methods, strict=True):
+        frames = result.results[method]
+        time_s, valid = frames["frame_index"] * scene.waveform.sweep_s, frames["valid"]
+        found = frames["altitude_m"][valid]
+        floor_m = (
+            (found.min() if found.size else 0.0) - 0.1 * (np.ptp(found) if found.size > 1 else 1.0) - 1.0
+        )
+        colour = series_style(method, methods)["color"]
+        axis.plot(time_s[valid], found, ".", ms=4, color=colour, label="declared")
+        axis.plot(time_s[~valid], np.full((~valid).sum(), floor_m), "|", color="#999999", label="no altitude")
+        axis.set_title(f"{method}: declared in {valid.sum()} of {valid.size} frames", fontsize=10, loc="left")
+        axis.set_ylabel("above start (m)" if relative else "altitude (m)")
+        axis.grid(alpha=0.3)
+    axes[0].legend(loc="upper right", fontsize=8)
+    axes[-1].set_xlabel("time (s)")
+    save_figure(figure, path)
 
 
 def _write_frames(path: Path, result: PointResult) -> None:
@@ -144,7 +191,13 @@ def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
 
 
 def run_replay(
-    prepared: Prepared, scene: Scene, path: Path | str, *, known: bool, time_limit_s: float = 600.0
+    prepared: Prepared,
+    scene: Scene,
+    path: Path | str,
+    *,
+    known: bool,
+    time_limit_s: float = 600.0,
+    reference_m: float = 0.0,
 ) -> PointResult:
     """Score every method on a recording.
 
@@ -157,8 +210,10 @@ def run_replay(
     path : path
         ``.sigmf-meta``.
     known : bool
-        Whether the scene's programme is what was recorded; else timing is taken on the first sweeps, their altitude
-        counts as zero, and lock is kept for any altitude of the span.
+        Whether the scene's programme is what was recorded; else timing is acquired on the first sweeps, and lock is
+        kept for any altitude of the span.
+    reference_m : float
+        Altitude of those first sweeps, in metres.
     """
     capture = open_capture(path)
     top = make_top(
@@ -167,6 +222,7 @@ def run_replay(
     if "full_scale" in capture.radio:
         top.frame_segmenter.set_full_scale(capture.radio["full_scale"])
     top.frame_segmenter.set_calibration(capture.radio.get("calibration_samples"))
+    top.frame_segmenter.set_reference(reference_m)
     return result_of(top, prepared, scene, run_to_end(top, time_limit_s=time_limit_s))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import METHODS, PlotStyle
+from ...core.mitigation import CUSTOM, METHODS, PlotStyle, method_class
 from ..results.figure import new_figure, save_figure, say
 from ..results.score import CORRECT_LIMIT_M
 from .altitudes import ERRORS_M, groups
@@ -70,7 +70,7 @@ def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
 
 
 def _style(method: str) -> PlotStyle | None:
-    return METHODS[method].style if method in METHODS else None
+    return method_class(method).style if method in (*METHODS, CUSTOM) else None
 
 
 def panels(

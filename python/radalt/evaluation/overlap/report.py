@@ -13,6 +13,7 @@ import yaml
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
+from ..flowgraph import FlowgraphError
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
@@ -55,12 +56,21 @@ def write_report(
     tracked : sequence of dict
         Rows of the tracker's outputs; none where nothing was tracked.
     """
+    if not any(row["trials"] for row in rows):
+        raise FlowgraphError(
+            f"no frame: timing not acquired, or lost before the trials ({max(r['lock_losses'] for r in rows)} times at "
+            "most in a point); is the sweep received at altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
+        )
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
+    altitudes = [row for row in altitudes if row["trials"]]
     report = build_report(folder.head, study, with_intervals(rows, altitudes), ceiling, run)
     report["tracked"] = list(tracked)
-    figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
+    measured = [row for row in report["rows"] if row["trials"]]  # a point without a frame has no Pd
+    figures = _draw(report | {"rows": measured}, folder.path) + _draw_altitudes(
+        report["title"], altitudes, folder.path
+    )
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures, altitudes)
     page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
@@ -71,7 +81,7 @@ def write_report(
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
     """Draw against overlap, and against SIR where there are at least three; returns (file, caption)."""
     rows, title = report["rows"], report["title"]
-    ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none"), default=None)
+    ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
     for against, name in (("overlap", "overlap"), ("sir_db", "sir")):

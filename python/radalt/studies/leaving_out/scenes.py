@@ -9,7 +9,7 @@ from ...core.scene import Scene, parse_scene
 __all__ = ["CHECKED", "SCENES", "scene_of"]
 
 _ALTITUDES = [1200.0, 600.0, 150.0, 30.0]
-_QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5}}
+_QPSK = {"qpsk": {"sir_db": -20.0, "overlap": 0.5, "evm": "typical"}}
 SCENES: dict[str, dict[str, Any]] = {
     "no interference, no mitigation": {"methods": ["none"]},
     "the same below 150 m": {"methods": ["none"], "altitude": {"programme_m": [150.0, 100.0, 50.0, 10.0]}},

@@ -9,6 +9,7 @@ import numpy as np
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
@@ -20,13 +21,14 @@ TRANSFORM = "transform"  # what stands for a chain in rows that time one complex
 CLEAN = "clean"  # for an interferer in frames without
 # name -> (emitter, overlap)
 INTERFERERS: dict[str, tuple[Any, float]] = {
-    "QPSK shaped, all": (QpskEmitter(pulse="rrc"), 1.0),
-    "QPSK rectangular, all": (QpskEmitter(), 1.0),
-    "QPSK rectangular, 30 %": (QpskEmitter(), 0.3),
-    "QPSK as received, all": (QpskReceivedEmitter(), 1.0),
+    "QPSK shaped, all": (QpskEmitter(pulse="rrc", evm=TYPICAL), 1.0),
+    "QPSK rectangular, all": (QpskEmitter(evm=TYPICAL), 1.0),
+    "QPSK rectangular, 30 %": (QpskEmitter(evm=TYPICAL), 0.3),
+    "QPSK as received, all": (QpskReceivedEmitter(evm=TYPICAL), 1.0),
     "5 tones, all": (ToneEmitter(5), 1.0),
-    "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6), 1.0),
-    "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
+    "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6, evm=TYPICAL), 1.0),
+    "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6, evm=TYPICAL), 1.0),
+    "NR 10 MHz ideal, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
 }
 
 

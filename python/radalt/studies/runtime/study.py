@@ -89,8 +89,7 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
     bare = {"options": (("shift_check", False),), "settings": settings()}
     return (
         *(Chain(method, method, settings=settings()) for method in methods),
-        # to read OFDM and QPSK of one band jointly takes a third of a second
-        Chain("hybrid", "hybrid", options=(("joint", False),), settings=settings()),
+        Chain("hybrid", "hybrid", settings=settings(), independent=True),
         *(Chain.of_model(model, **bare) for model in models),
         *(Chain(label, "none", settings=settings(**change)) for label, change in altimeters.items()),
     )
