@@ -4,7 +4,7 @@
 SYSTEM_PYTHON ?= /usr/bin/python3
 PREFIX        ?= /usr/local
 FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
-WORKERS       ?= $(shell nproc)
+WORKERS       ?= $(shell env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc)
 ARGS          ?=
 PACKAGES      ?= yes
 
@@ -18,7 +18,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz types lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb wheel test-wheel clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -31,6 +31,9 @@ eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated ch
 test: lint ## format, lint and every test
 	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile --max-worker-restart=0 $(ARGS)
 
+types: $(VENV)/.test ## mypy, strict on what `import radalt` offers; prints what is left elsewhere
+	@$(PYTHON) tools/check_types.py $(ARGS)
+
 fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3600); prints how many and how they ended
 	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)
 
@@ -40,6 +43,9 @@ test-debian12: ## `make test` and `make eval` on a bare Debian 12, from nothing 
 
 test-debian13: ## the same on a bare Debian 13
 	@tools/test-debian.sh trixie $(TARGETS)
+
+lock: ## write requirements.lock and requirements-test.lock anew, with the hash of every file (network)
+	@tools/lock.sh
 
 check-pins: $(VENV)/.test ## ask the package index for every pin of Python 3.10 to 3.13 (network)
 	@$(PYTHON) tools/check_pins.py
@@ -59,13 +65,13 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null gnuradio-companion $(FLOWGRAPH)
 
 flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
-	@$(PYTHON) flowgraphs/make_flowgraphs.py
+	@$(PYTHON) tools/make_flowgraphs.py
 
 screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it
-	@$(PYTHON) flowgraphs/screenshot.py $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
@@ -85,9 +91,9 @@ ctest: $(VENV)/.test ## the tests through CMake
 install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root), PACKAGES=no: without Python packages
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@cmake --install build
-	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.txt to $(PREFIX)/lib/gr-radalt" && \
+	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.lock to $(PREFIX)/lib/gr-radalt" && \
 	  "$(SYSTEM_PYTHON)" -m venv --system-site-packages "$(PREFIX)/lib/gr-radalt" && \
-	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install -r requirements.txt; }
+	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install --require-hashes -r requirements.lock; }
 	@echo 'gr-radalt: "$(PREFIX)/bin/radalt" lists the commands; below an unusual prefix: eval "$$($(PREFIX)/bin/radalt env)"'
 
 uninstall: ## remove what the last install wrote
@@ -98,6 +104,12 @@ deb: $(STAMPS)/debian ## a package for this Debian, build/gr-radalt_VERSION_ARCH
 
 test-deb: $(STAMPS)/debian ## build that package, install it into a bare Debian, run it and remove it (root; BARE=folder to keep)
 	@packaging/test-deb.sh $$(. /etc/os-release && echo $$VERSION_CODENAME)
+
+wheel: $(VENV)/.test ## the package for any Python, without GNU Radio, into build/
+	@$(PYTHON) -m hatchling build -t wheel -d build
+
+test-wheel: ## install that wheel into fresh environments and measure with it (network; PYTHONS=...)
+	@SYSTEM_PYTHON="$(SYSTEM_PYTHON)" tools/test-wheel.sh $(PYTHONS)
 
 clean: ## remove what was built; the environments stay
 	rm -rf build .pytest_cache .ruff_cache
@@ -122,15 +134,15 @@ $(PYTHON): | $(STAMPS)/debian
 	@echo "gr-radalt set-up: environment $(VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 
-$(VENV)/.runtime: requirements.txt | $(PYTHON)
-	@echo "gr-radalt set-up: Python packages of requirements.txt"
-	@$(PYTHON) $(PIP) install -r requirements.txt
+$(VENV)/.runtime: requirements.lock | $(PYTHON)
+	@echo "gr-radalt set-up: Python packages of requirements.lock"
+	@$(PYTHON) $(PIP) install --require-hashes -r requirements.lock
 	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \
 	  { echo "gr-radalt set-up: GNU Radio does not import in $(VENV); make distclean, then try again" >&2; exit 2; }
 	@touch $@
 
-$(VENV)/.test: requirements-test.txt $(VENV)/.runtime
-	@$(PYTHON) $(PIP) install -r requirements.txt -r requirements-test.txt
+$(VENV)/.test: requirements-test.lock $(VENV)/.runtime
+	@$(PYTHON) $(PIP) install --require-hashes -r requirements-test.lock
 	@touch $@
 
 $(TRAIN_VENV)/.training: training/requirements.txt | $(STAMPS)/debian

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import uhd_double
-from gnuradio import radalt
+from gnuradio import blocks, gr, radalt
 
 from radalt.core.radio.calibration import (
     CalibrationError,
@@ -463,9 +463,37 @@ def test_class_without_main_transmits_what_the_scene_and_the_caller_allow(genera
 @pytest.mark.parametrize("gate", ["radar_gate", "jammer_gate"])
 def test_set_up_refuses_a_flowgraph_whose_gate_was_bypassed(generated, press_run, gate):
     cls = generated("ota_b210", bypassed=gate)
-    with pytest.raises(FlowgraphError, match=f"no block {gate} before"):
+    with pytest.raises(FlowgraphError, match=f"no Transmit Gate {gate} before"):
         press_run(cls, a_scene())
     assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+def test_a_block_that_is_called_like_the_gate_is_none(generated, press_run):
+    class Impostor(generated("ota_b210")):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.radar_gate = blocks.copy(gr.sizeof_gr_complex)
+
+    Impostor.__module__ = generated("ota_b210").__module__
+    with pytest.raises(FlowgraphError, match="no Transmit Gate radar_gate before"):
+        press_run(Impostor, a_scene())
+    assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+def test_a_gate_beside_the_path_stops_the_flowgraph_before_the_radios_start(generated, press_run, capsys):
+    class Around(generated("ota_b210")):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.nowhere = blocks.null_sink(gr.sizeof_gr_complex)
+            self.disconnect((self.jammer_gate, 0), (self.jammer_usrp_sink, 0))
+            self.connect(self.jammer_gate, self.nowhere)
+            self.connect(self.jammer_source, self.jammer_usrp_sink)
+
+    Around.__module__ = generated("ota_b210").__module__
+    press_run(Around, a_scene())
+    printed = capsys.readouterr().out
+    assert "stopped: jammer_usrp_sink is not fed by its Transmit Gate alone" in printed
+    assert "12 of 12" not in printed
 
 
 class Clock:
@@ -481,6 +509,15 @@ def passed(gate, samples=None) -> bool:
     gate.pass_into(given, out)
     assert np.array_equal(out, given) or not out.any()
     return bool(out.any())
+
+
+def test_gate_closes_at_a_sample_beyond_the_converters_full_scale():
+    gate = TransmitGate(a_scene(), True)
+    gate.full_scale = 1.5
+    assert passed(gate, np.full(8, 1.5 - 1.5j, np.complex64))
+    assert not passed(gate, np.full(8, -1.51j, np.complex64))
+    assert "a sample of 1.51, and the converter's full scale is 1.5" in gate.why_closed
+    assert not passed(gate)
 
 
 def test_gate_closes_for_good_when_control_is_silent_for_a_second():

@@ -424,6 +424,37 @@ def edit(path, **changes):
     return path
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"title": "\ud800"}, "title is"),
+        ({"title": "x" * 2_000_000}, "title is"),
+        ({"title": "<script>alert(1)</script>"}, "title is"),
+        ({"name": "a\nb | c"}, "name is"),
+        ({"created": "\x1b[2J"}, "created is"),
+        ({"versions": {"radalt": "<b>"}}, "versions holds 'radalt': '<b>'"),
+    ],
+    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version"],
+)
+def test_a_strangers_text_that_no_page_can_show_is_refused(tmp_path, changes, message):
+    with pytest.raises(PoolError, match=message) as caught:
+        collect([edit(finished(tmp_path / "a", scene_of()), **changes)], tmp_path / "all")
+    assert len(str(caught.value)) < 600 and str(caught.value).isprintable()
+
+
+def test_a_strangers_report_has_bounds(tmp_path):
+    folder = finished(tmp_path / "a", scene_of())
+    rows = read_report(folder)["rows"]
+    for key, values, message in (
+        ("overlap", [-5.0], "overlap is -5"),
+        ("method", ["<i>"], "method is '<i>'"),
+        ("sir_db", [-k / 10 for k in range(100)], "100 panels, and a page shows 60"),
+        ("overlap", [k / 2000 for k in range(2000)], "2000 overlaps, and a page shows 1000"),
+    ):
+        with pytest.raises(PoolError, match=message):
+            collect([edit(folder, rows=[rows[0] | {key: value} for value in values])], tmp_path / "all")
+
+
 def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
     with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
         collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")
@@ -495,7 +526,7 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert "default-src 'none'" in text
     assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
-        assert f'<td data-value="{row["pd"]}">{row["pd"]:.3f} (' in text
+        assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
 
 
 def test_names_from_a_scene_stay_text(tmp_path):
@@ -508,8 +539,9 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
         pytest.skip("no Chromium here: apt install chromium")
     # what a click on "Pd" does, twice, and what the browser complains about
     probe = """<script>
-    const seen = () => [...document.querySelectorAll("#rows tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
-    const pd = document.querySelectorAll("#rows th button")[6];
+    const rows = [...document.querySelectorAll("table")].at(-1);
+    const seen = () => [...rows.querySelectorAll("tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
+    const pd = rows.querySelectorAll("th button")[6];
     pd.click(); document.body.dataset.up = seen();
     pd.click(); document.body.dataset.down = seen();
     document.body.dataset.drawn = [...document.querySelectorAll("svg")].filter((s) => s.getBBox().width > 100).length;

@@ -10,17 +10,24 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
+from ..core.receiver.leakage import ground_is_apart
+from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
+from ..core.receiver.tracker_settings import Status
 from ..core.scene import Scene
+from ..core.scene.build import segmenter_of
+from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
     SENT_KEY,
+    TagError,
     frame_ring,
     frame_tag,
     read_sent_tag,
+    say_once,
     time_counter,
 )
 from ._guard import guarded
@@ -32,6 +39,9 @@ _STATUS_EVERY = 1000  # frames between unsolicited status messages
 # frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
 _SLOW_S = 1.0
+# After so long a learned leakage is subtracted: longer than frames wait on their way to the tracker
+_LEARNED_S = 1.0
+_LARGEST = 1e15  # of a sample: its square and a frame's sum of them stay within float32
 _POLL_S = 1e-3
 # Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
 # it halves its offer down to this number and asks `forecast` each time, which cost more than the calls that found
@@ -47,8 +57,12 @@ class frame_segmenter(gr.basic_block):
     is released when the next one has confirmed the timing (1 ms). A lost lock, or a second of signal without a sweep,
     writes one line with its remedy to GNU Radio's log.
 
-    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
-    ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
+    With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
+    connected, the calibration follows slow changes, from blocks in which the track holds the ground above 60 m alone.
+
+    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
+    ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
+    (dictionary of state, lock quality and counters).
 
     Parameters
     ----------
@@ -77,17 +91,12 @@ class frame_segmenter(gr.basic_block):
         self._sent = SentAltitudes(scene.altitude.programme)
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
-        self.segmenter = FrameSegmenter(
-            scene.waveform,
-            scene.altitude.programme if follow_programme else None,
-            scene.segmenter,
-            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
-            true_delay=scene.altitude.mode == "true_delay",
-            point_target=scene.return_model == "point",
-        )
+        self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0
+        self.bad_tags = 0
+        self._unusable = False
         self._start_counter = 0
         self._calibrated: float | None = None
         self._latency = float("nan")
@@ -112,6 +121,12 @@ class frame_segmenter(gr.basic_block):
         self._kept_free = places if drop_when_slow else 0
         self._most_waiting = min(_HELD_UP, _HELD_UP_BYTES // (8 * n))
         self._waits_from, self._dropped_at = 0, -np.inf  # by the input's sample counter
+        self._leakage = self.segmenter.leakage
+        self._block_frames = round(scene.tracker.output_s / scene.waveform.sweep_s)
+        self._later = round(_LEARNED_S / scene.waveform.sweep_s)
+        tracked = pmt.intern("tracked")
+        self.message_port_register_in(tracked)
+        self.set_msg_handler(tracked, self._on_tracked)
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -123,6 +138,20 @@ class frame_segmenter(gr.basic_block):
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
 
+    def _on_tracked(self, message) -> None:  # noqa: ANN001
+        """Learn the leakage from the frames of a tracker's output, if the ground stands apart in them."""
+        if self._leakage is None or not self._leakage.calibrated or not pmt.is_dict(message):
+            return
+        output = pmt.to_python(message)
+        self._leakage.following = True
+        last = int(output["frame_index"])
+        normal = output["status"] == Status.NAMES[Status.NORMAL]
+        known = (output[name] for name in ("altitude_m", "protection_level_m", "vertical_speed_m_per_s"))
+        if ground_is_apart(normal, *known):
+            self._leakage.learn(last - self._block_frames + 1, last, last + self._later)
+        else:
+            self._leakage.forget(last)
+
     def reacquire(self) -> None:
         """Take timing anew at the next opportunity; for other threads."""
         self._reacquire = True
@@ -133,16 +162,33 @@ class frame_segmenter(gr.basic_block):
         self.segmenter.follow(sent)
 
     def set_full_scale(self, full_scale: float) -> None:
-        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
-        self._full_scale = float(full_scale)
+        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's. Raises ValueError."""
+        self._full_scale = _number("full_scale", full_scale, 1e-30, 1e30)
 
     def set_start_time(self, seconds: float) -> None:
-        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start."""
+        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start.
+
+        Raises ValueError.
+        """
+        seconds = _number("start time", seconds, 0.0, 1e12)
         self._start_counter = round(seconds * self._rate)
 
     def set_calibration(self, latency_samples: float | None) -> None:
-        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts."""
+        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts.
+
+        Raises ValueError.
+        """
+        if latency_samples is not None:
+            latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
+
+    def set_reference(self, altitude_m: float) -> None:
+        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+
+        Raises ValueError.
+        """
+        altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
+        self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
     @property
     def latency_samples(self) -> float:
@@ -151,7 +197,11 @@ class frame_segmenter(gr.basic_block):
 
     def status(self) -> dict[str, object]:
         """State, lock quality and counters."""
-        own = {"dropped_slow": self.dropped_slow, "saturated_frames": self.saturated_frames}
+        own = {
+            "dropped_slow": self.dropped_slow,
+            "saturated_frames": self.saturated_frames,
+            "bad_tags": self.bad_tags,
+        }
         return self.segmenter.status() | own
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
@@ -172,6 +222,10 @@ class frame_segmenter(gr.basic_block):
             bite = bite[: max(1, room) * out.shape[1]]
         elif not bite.size:
             time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
+        if self.segmenter.state == ACQUIRING and bite.size and not self._unusable:
+            self._unusable = (
+                not np.abs(bite.view(np.float32)).max() <= _LARGEST
+            )  # NaN is no less than anything
         lend = room > 0  # frames are views of the input then, until they are in the output
         self._take(bite, lend)
         self.has_heard |= bite.size > 0
@@ -201,13 +255,21 @@ class frame_segmenter(gr.basic_block):
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
         """Take an altitude set by hand from the source's tag, unless `follow` was called with another."""
-        read_sent_tag(value, self._sent)
+        try:
+            read_sent_tag(value, self._sent)
+        except TagError as error:
+            say_once(self, error)
+            return
         if self._known is None or self._known == self._sent.at:
             self.follow(self._sent.at)
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
         """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock taken before it."""
-        counter = time_counter(value, self._rate) - self._start_counter
+        try:
+            counter = time_counter(value, self._rate) - self._start_counter
+        except TagError as error:
+            say_once(self, error)
+            return []
         if not self._started:
             self._started = True
             if self.segmenter.sample_counter:
@@ -295,6 +357,7 @@ class frame_segmenter(gr.basic_block):
         """Log one line when a second of signal has come in without a sweep in it."""
         seg = self.segmenter
         if seg.state == LOCKED:
+            self._unusable = False
             self._silent_from, self._said = None, False
         elif self._silent_from is None:
             self._silent_from = seg.sample_counter
@@ -302,7 +365,40 @@ class frame_segmenter(gr.basic_block):
             seg.state == ACQUIRING and not self._said and seg.sample_counter - self._silent_from >= self._rate
         ):
             self._said = True
+            self.logger.warn(f"no sweep found in a second of signal, so no frames: {self._why_silent()}")
+
+    def _why_silent(self) -> str:
+        if self._unusable:
+            return f"samples are not finite, or beyond {_LARGEST:g}; look at what feeds the segmenter"
+        return (
+            "is the radar transmitting the scene's waveform, at altitude zero (timing is acquired there), and received "
+            "above the noise?"
+        )
+
+    def start(self) -> bool:
+        """A second start is a flowgraph that was locked and unlocked: what lay in its rings is gone."""
+        if self.has_heard:
             self.logger.warn(
-                "no sweep found in a second of signal, so no frames: is the radar transmitting the scene's waveform, "
-                "at altitude zero (timing is taken there), and received above the noise?"
+                "the flowgraph was reconfigured while it ran, which loses samples and with them the timing: stop and "
+                "start it instead, or send the command reacquire at altitude zero"
             )
+        return True
+
+    def stop(self) -> bool:
+        """Say why there is nothing, where a stream has ended without one frame."""
+        seg = self.segmenter
+        if self.has_heard and not seg.counters["frames"] and not self._said:
+            seconds = seg.sample_counter / self._rate
+            self.logger.warn(f"{seconds:.3g} s of signal without a frame: {self._why_silent()}")
+        return True
+
+
+def _number(what: str, value: float, low: float, high: float) -> float:
+    """A finite number within limits; raises ValueError with one line."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = float("nan")
+    if not low <= number <= high:
+        raise ValueError(f"{what} is {shown(value)}; it has to be a number within {low:g}..{high:g}")
+    return number

@@ -10,6 +10,7 @@ from scipy import fft
 
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation, create
@@ -53,7 +54,7 @@ _KINDS = (
 )
 _ON_THE_AIR = (
     ("three tones", (ToneEmitter(3),), 1.0),
-    ("QPSK in 0.3 of the frame", (QpskReceivedEmitter(),), 0.3),
+    ("QPSK in 0.3 of the frame", (QpskReceivedEmitter(evm=TYPICAL),), 0.3),
     ("three tones, QPSK and 5 MHz NR", FLIGHTS["mixture"].emitters, 1.0),
 )
 _SYMBOLS = np.arange(13)[:, None] * 535 + np.arange(500)  # 13 whole symbols of 15 kHz

@@ -12,6 +12,7 @@ from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.placement import Emitter, Interferer, interference_frames
 from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
@@ -22,7 +23,7 @@ from .known_symbols import rmse_correct_m
 __all__ = ["MIXTURES", "MIXTURE_COLUMNS", "MIXTURE_SIRS_DB", "Mixture", "measure_mixture"]
 
 MIXTURE_SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0)
-_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
+_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43, evm=TYPICAL)
 MIXTURE_COLUMNS = Columns(
     ("mixture", "sir_db", "method", *SCORE_COLUMNS, "rmse_correct_m"),
     text=frozenset({"mixture", "method"}),
@@ -57,7 +58,7 @@ class Mixture:
         return {"tones": ToneEmitter(3), "QPSK": self.qpsk, "NR": _NR5}
 
 
-_PAPER, _RECEIVED = QpskEmitter(), QpskReceivedEmitter()
+_PAPER, _RECEIVED = QpskEmitter(), QpskReceivedEmitter(evm=TYPICAL)
 MIXTURES = {
     "paper": Mixture("nothing removed", _PAPER),
     "paper_tones": Mixture("tones removed", _PAPER, removed=("tones",)),
