@@ -134,7 +134,7 @@ def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
 
 
 def test_a_narrower_interval_of_speeds_lowers_the_threshold_and_keeps_the_rate():
-    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
+    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=150.0, **LAW))
     rng = np.random.default_rng(8)
     spectra = [altimeter.spectra(noise_frames(rng, 100)) for _ in range(15)]
     for low, high in ((-2.0, 2.0), (40.0, 60.0), (-150.0, -130.0)):

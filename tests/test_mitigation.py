@@ -321,7 +321,9 @@ def test_lms_looks_for_the_altitude_as_far_as_it_is_told_and_no_farther():
     far = Altimeter(W, AltimeterSettings(max_altitude_m=1900.0))
     seen = {}
     for span_m in (1900.0, None, 900.0):
-        method = BlockLmsReferenceInput(W, span_m=span_m)  # alone: `create` passes ground beyond the span as it came
+        method = BlockLmsReferenceInput(
+            W, span_m=span_m
+        )  # alone: `create` passes ground beyond the span as it came
         told = far.process(method.process(frames))
         seen[span_m] = int(told["valid"].sum())
         assert method.unconfirmed_frames == 24 - seen[span_m]
@@ -469,8 +471,9 @@ def test_shift_check_silences_peaks_of_the_noise_that_a_network_lifts(fake):
     """They move with the frame, as a return does, but the received frame does not show them."""
     frames, _ = scene(100, Interferer(QpskEmitter(), -15.0, 0.3), 16)
     frames -= point_return(W, scene(100, None, 16)[1])  # noise and interference are left
+    fast = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
     made = {
-        check: _found(ALTIMETER.process(fake(lifts_peaks, shift_check=check).process(frames)))
+        check: _found(fast.process(fake(lifts_peaks, shift_check=check).process(frames)))
         for check in (True, False)
     }
     assert made[False] >= 15 > 5 >= made[True]
@@ -523,7 +526,7 @@ def test_only_white_frames_that_the_network_loses_pass_as_they_came(fake):
     assert not np.array_equal(kept.process(heard["white"]), heard["white"])
 
 
-@pytest.mark.parametrize("snr_db", [-24.0, -26.0])
+@pytest.mark.parametrize("snr_db", [-25.0, -26.0])
 def test_the_shipped_network_reads_a_return_in_noise_as_the_altimeter_alone(snr_db):
     """No method takes white noise away; the network alone has 223 of 300 at -25 dB where the altimeter has 280."""
     rng = np.random.default_rng(19)

@@ -137,7 +137,12 @@ WRONG = [
     ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
     ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
     ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2.0", "within"),
-    ({"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}}, "altimeter.pfa is 0.0001", "pfa_per_frame: 0.0163"),
+    (
+        {"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}},
+        "altimeter.pfa is 0.0001",
+        "give them per frame",
+        "pfa_per_frame: 0.0163",
+    ),
     ({"altimeter": {"pfa": "low"}}, "altimeter.pfa", "low", "number"),
     (
         {"altimeter": {"strategy": "best"}},

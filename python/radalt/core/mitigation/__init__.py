@@ -124,7 +124,11 @@ def create(
         text = str(error)
         raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None
     if name != Identity.name:
-        span_m = max_altitude_m or parameters.get("span_m") or AltimeterSettings().resolved(waveform).max_altitude_m
+        span_m = (
+            max_altitude_m
+            or parameters.get("span_m")
+            or AltimeterSettings().resolved(waveform).max_altitude_m
+        )
         built.beyond_span = BeyondSpan(waveform, span_m)
     return built
 

@@ -118,22 +118,22 @@ class Mitigation(ABC):
             return frames.copy()
         beyond = self._beyond(batch)
         if beyond is None:
-            out = self._process(batch)
+            out = self._processed(batch)
         else:
             out = batch.copy()
             if not beyond.all():
-                out[~beyond] = self._process(batch[~beyond])
+                out[~beyond] = self._processed(batch[~beyond])
         return out.reshape(frames.shape)
 
     def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """Like `process`, (n, N) into ``out`` of the same shape."""
         beyond = self._beyond(frames)
         if beyond is None:
-            self._process_into(frames, out)
+            self._processed_into(frames, out)
         else:
             out[:] = frames
             if not beyond.all():
-                out[~beyond] = self._process(frames[~beyond])
+                out[~beyond] = self._processed(frames[~beyond])
 
     def _beyond(self, frames: np.ndarray) -> np.ndarray | None:
         """(n,) bool: frames that pass as they came; None where there is none."""
@@ -145,7 +145,7 @@ class Mitigation(ABC):
         self.beyond_frames += count
         return beyond if count else None
 
-    def _process(self, batch: np.ndarray) -> np.ndarray:
+    def _processed(self, batch: np.ndarray) -> np.ndarray:
         """(n, N) complex64 frames cleaned; those that are not finite become NaN."""
         self.frames += batch.shape[0]
         finite = finite_frames(batch)
@@ -157,13 +157,13 @@ class Mitigation(ABC):
                 out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
         return out.astype(np.complex64, copy=False)
 
-    def _process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `_process`, into ``out``; for methods that know sooner whether a frame is finite."""
+    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """Like `_processed`, into ``out``; for methods that know sooner whether a frame is finite."""
         if finite_frames(frames).all():
             self.frames += len(frames)
             self._clean_into(frames, out)
         else:
-            out[:] = self._process(frames)
+            out[:] = self._processed(frames)
 
     def _clean_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """Like `_clean`, into ``out``; for methods that work in place."""

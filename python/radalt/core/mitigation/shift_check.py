@@ -53,7 +53,8 @@ class ShiftCheck:
 
         def altimeters(share: float) -> list[Altimeter]:
             settings = (
-                AltimeterSettings(max_vertical_speed_m_per_s=v, pfa_per_frame=share * pfa) for v, pfa in searches
+                AltimeterSettings(max_vertical_speed_m_per_s=v, pfa_per_frame=share * pfa)
+                for v, pfa in searches
             )
             return [shared_altimeter(waveform, each) for each in settings]
 

@@ -54,7 +54,9 @@ class Altimeter(BeatSpectra):
         cell_m = float(waveform.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
         self._near = max(_NEAR_M, 0.25 * waveform.range_resolution_m) / cell_m
         named = self.settings.max_vertical_speed_m_per_s
-        self.frame_speed_m_per_s = SPEED_M_PER_S if named is None else named  # allowed where a call names none
+        self.frame_speed_m_per_s = (
+            SPEED_M_PER_S if named is None else named
+        )  # allowed where a call names none
         self._search = self._search_within((-self.frame_speed_m_per_s, self.frame_speed_m_per_s))
         self.pair_threshold = self._search.pair_threshold  # on the sum of both half sweeps' significance
 
@@ -97,7 +99,9 @@ class Altimeter(BeatSpectra):
                 last=self._last,
                 apart=(least, most),
                 per_resolution=round(self._per_resolution),
-                cell_threshold=-float(np.log(s.pfa_per_frame * 0.5 * self._per_resolution / (self._last - self._first))),
+                cell_threshold=-float(
+                    np.log(s.pfa_per_frame * 0.5 * self._per_resolution / (self._last - self._first))
+                ),
                 pair_threshold=level,
                 spare=(level - lower) / float(np.log(4.0)),
                 flank=self._flank,

@@ -135,7 +135,9 @@ def pfa_is_per_frame(pfa: float, waveform: Waveform, settings: AltimeterSettings
     settings = settings.resolved(waveform)
     named = settings.max_vertical_speed_m_per_s
     doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S if named is None else named)
-    span_hz = waveform.altitude_to_beat_hz(settings.max_altitude_m - settings.min_altitude_m) + 2.0 * doppler_hz
+    span_hz = (
+        waveform.altitude_to_beat_hz(settings.max_altitude_m - settings.min_altitude_m) + 2.0 * doppler_hz
+    )
     per_frame = pfa * 2.0 * (float(span_hz) * waveform.half_sweep_s + 2.0)
     return (
         f"altimeter.pfa is {pfa:g}, false alarms per half resolution cell; give them per frame: pfa_per_frame: "
