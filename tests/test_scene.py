@@ -140,8 +140,8 @@ WRONG = [
     (
         {"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}},
         "altimeter.pfa is 0.0001",
-        "give them per frame",
-        "pfa_per_frame: 0.0163",
+        "pfa_per_frame: 0.0154",
+        "give",
     ),
     ({"altimeter": {"pfa": "low"}}, "altimeter.pfa", "low", "number"),
     (

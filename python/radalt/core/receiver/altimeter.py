@@ -203,8 +203,8 @@ class Altimeter(BeatSpectra):
             Copied into the results; default 0, 1, ...
         vertical_speed_m_per_s : (float, float), optional
             Least and greatest range rate that these frames can have, as a track knows it; default
-            ``-frame_speed_m_per_s..frame_speed_m_per_s``, at most ``speed_limit_m_per_s`` either way. A narrower interval lowers the threshold at equal false alarms
-            and leaves fewer grating lobes that pass for a speed.
+            ``-frame_speed_m_per_s..frame_speed_m_per_s``, at most ``speed_limit_m_per_s`` either way. A narrower
+            interval lowers the threshold at equal false alarms and leaves fewer grating lobes that pass for a speed.
 
         Returns
         -------

@@ -62,9 +62,10 @@ class AltimeterSettings:
         takes what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
     max_vertical_speed_m_per_s : float or None
         Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a
-        scene flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms 150 m/s costs 1 dB of sensitivity. Where a method leaves holes
-        in the sweep, one half's grating lobe beside the other's peak also passes for a speed. A caller that knows the
-        speed better gives it per call (`Altimeter.process`).
+        scene flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms
+        150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe beside the
+        other's peak also passes for a speed. A caller that knows the speed better gives it per call
+        (`Altimeter.process`).
     window : str
         ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
         lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
