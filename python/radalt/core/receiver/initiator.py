@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .deleter import Deleter
-from .gate import Gate, noise_threshold
+from .gate import Gate
 from .scan import Scan
 from .summed_block import Measurement
 from .track import Evidence, Kalman, Track
@@ -45,7 +45,7 @@ class Initiator:
     def __init__(self, gate: Gate, updater: Updater, deleter: Deleter, settings: TrackerSettings) -> None:
         self.gate, self.updater, self.deleter, self.settings = gate, updater, deleter, settings
         self.tables = gate.tables
-        self.threshold = noise_threshold(settings.search_pfa, self.tables.trials)
+        self.threshold = updater.integrity.search_threshold
         self.candidates: list[Track] = []
 
     def reset(self) -> None:

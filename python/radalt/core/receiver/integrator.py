@@ -72,7 +72,7 @@ class Integrator:
         self.first, self.last = max(2, int(inside[0])), min(self.beat_hz.size - 2, int(inside[-1]) + 1)
         self._plan_speeds()
         self._plan_pairs(altimeter)
-        self.peak_curve = self._peak_curve(altimeter)
+        self.peak_curve, self.point_shape = self._point_response(altimeter)
         self.background_cells = 2 * int(np.ceil(_BACKGROUND_CELLS * self.resolution_cells)) + 1
 
     def _plan_speeds(self) -> None:
@@ -116,16 +116,25 @@ class Integrator:
         # neighbours are correlated at twice the resolution's sampling: every other entry is a trial of its own
         self.trials = max(1.0, self.valid.sum() / self.resolution_cells**2)
 
-    def _peak_curve(self, altimeter: Altimeter) -> tuple[np.ndarray, np.ndarray]:
-        """Offset of a tone from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone."""
+    def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """How a point return shows in the cells around its peak, measured at the middle of the span.
+
+        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone; and
+        its power against the distance in cells, relative to the peak.
+        """
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))
-        cell = int(self.up_cell[0, middle])
+        cell, reach = int(self.up_cell[0, middle]), round(self.resolution_cells) + 1
         offset = np.linspace(-0.7, 0.7, 57)
         beat = self.beat_hz[cell] + offset * self.cell_hz
         frames = point_return(self.waveform, self.waveform.beats_to_altitude_m(beat, -beat))
-        left, here, right = altimeter.spectra(frames).power[:, 0, cell - 1 : cell + 2].T.astype(float)
-        return (right - left) / (2.0 * here - right - left), offset
+        power = altimeter.spectra(frames).power[:, 0, cell - reach : cell + reach + 1].astype(float)
+        left, here, right = power[:, reach - 1 : reach + 2].T
+        peak = (right - left) / (2.0 * here - right - left), offset
+        distance = np.arange(-reach, reach + 1) - offset[:, None]
+        power /= power[offset.size // 2, reach]
+        order = np.argsort(distance.ravel())
+        return peak, (distance.ravel()[order], power.ravel()[order])
 
     # -- one block ------------------------------------------------------------------------------------------------
 

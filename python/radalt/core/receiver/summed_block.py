@@ -40,6 +40,14 @@ _CONTRADICTION_SIGMAS = 4.0
 # Standard deviations by which a second return has to exceed its mirror image: one of the 60 cells examined does so by
 # noise in one of 60,000 blocks.
 _SECOND_SIGMAS = 5.0
+# Resolution cells around a return that are its own peak: the power there says nothing of another return.
+_OWN_CELLS = 0.35
+# One-sided power, as a share of the return's, that is another return's: -25 dB. A point's lobes are equal to -30 dB after
+# interpolation between cells.
+_ONE_SIDED_SHARE = 0.003
+# Fluctuation of one-sided power from frame to frame that is another return's: standard deviations of what noise gives,
+# and share of the return's power.
+_FLUCTUATION_SIGMAS, _FLUCTUATION_SHARE = 3.0, 0.03
 _MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
@@ -85,6 +93,19 @@ class Entry:
     cells: tuple[int, int]
     power: float
     row: int
+
+
+def _at(rows: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n, k) values of rows (n, J) at fractional cells (k,), by the cubic through the four nearest."""
+    whole = np.clip(np.floor(cells).astype(int), 1, rows.shape[-1] - 3)
+    x = np.clip(cells - whole, 0.0, 1.0)
+    weights = (
+        -x * (x - 1) * (x - 2) / 6,
+        (x + 1) * (x - 1) * (x - 2) / 2,
+        -(x + 1) * x * (x - 2) / 2,
+        (x + 1) * x * (x - 1) / 6,
+    )
+    return sum(weight * rows[:, whole + k - 1] for k, weight in enumerate(weights))
 
 
 class Block:
@@ -389,6 +410,60 @@ class Block:
         stands &= (over >= share * found.power) & (over - 2.0 * over[::-1] > _SECOND_SIGMAS * noise)
         return bool(np.any(apart & both & stands))
 
+    def stands_beside(self, found: Measurement, apart: float, window: float) -> bool:
+        """Whether something stands ``apart`` cells from a return, ``window`` to either side, beyond its own lobes.
+
+        A point has the same power on both sides, and so have its lobes behind a method, which weights the sweep by real
+        factors. Another return shows by power on one side. Nearer by, it shows by how that power fluctuates from frame
+        to frame: the phases of two returns rotate against each other. Interference that fluctuates as much counts as a
+        return: nothing is known then.
+        """
+        t = self.tables
+        k = int(t.rows[found.row, 0])
+        steps = np.arange(apart - window, apart + window + 0.5)
+        steps = steps[(np.abs(steps) >= _OWN_CELLS * t.resolution_cells) & (np.sign(steps) == np.sign(apart))]
+        if not steps.size:
+            return False
+        frames = self._aligned(k)
+        here = 0.5 * sum(_at(frames[:, h], found.cells[h] + steps) for h in range(2))
+        mirrored = 0.5 * sum(_at(frames[:, h], found.cells[h] - steps) for h in range(2))
+        excess = here - mirrored
+        level = 0.5 * float(self._sums(k)[1].sum()) / self.count
+        peak = found.power * level
+        fluctuation = excess.std(axis=0, ddof=1)
+        over = np.maximum(here, mirrored).mean(axis=0)
+        noise = np.sqrt(over * level + 0.5 * level**2)  # of one frame's excess, for a constant line in noise
+        fluctuates = fluctuation > np.maximum(_FLUCTUATION_SIGMAS * noise, _FLUCTUATION_SHARE * peak)
+        one_sided = excess.mean(
+            axis=0
+        ) > _ONE_SIDED_SHARE * peak + _CONTRADICTION_SIGMAS * fluctuation / np.sqrt(self.count)
+        return bool(np.any(fluctuates | one_sided))
+
+    def _aligned(self, k: int) -> np.ndarray:
+        """(m, 2, J) normalised spectra, each moved to the block's middle by speed ``k`` if that makes a difference."""
+        shifts = self._shifts[k]
+        return self.ratio if np.ptp(shifts) <= _UNMOVED else self.tables.moved(self.ratio, shifts)
+
+    def shape_deviation(self, found: Measurement) -> float:
+        """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
+
+        What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates by
+        its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        """
+        t = self.tables
+        frames = self._aligned(int(t.rows[found.row, 0]))
+        level = self._sums(int(t.rows[found.row, 0]))[1] / self.count
+        reach = round(t.resolution_cells)
+        shares = np.empty(2)
+        for half, at in enumerate(found.cells):
+            cells = np.clip(round(at) + np.arange(-reach, reach + 1), 0, frames.shape[2] - 1)
+            power = frames[:, half, cells].mean(axis=0) - level[half]
+            point = np.interp(cells - at, *t.point_shape)
+            rest = power - float(power @ point / (point @ point)) * point
+            noise = float(frames[:, half, cells].var(axis=0).sum()) / max(1, self.count - 1)
+            shares[half] = max(0.0, float(rest @ rest) - 2.0 * noise) / max(float(power @ power), 1e-12)
+        return min(1.0, float(shares.mean()))
+
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
         """Power over noise of the peak less that of cells ``-reach..reach`` from it.
 
@@ -396,8 +471,7 @@ class Block:
         holds whatever the interference is.
         """
         t = self.tables
-        shifts = self._shifts[int(t.rows[found.row, 0])]
-        power = self.ratio if np.ptp(shifts) <= _UNMOVED else t.moved(self.ratio, shifts)
+        power = self._aligned(int(t.rows[found.row, 0]))
         mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
         for half in range(2):
             whole = int(np.floor(found.cells[half]))

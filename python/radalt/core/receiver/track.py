@@ -182,9 +182,11 @@ class Track:
     evidence: Evidence
     hits: int = 1  # consecutive blocks with a measurement
     missed: int = 0  # consecutive blocks without one
+    vacant: int = 0  # consecutive blocks that show nothing at its place
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
     corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
     protection_m: float = np.inf  # bound of its altitude's error, computed when the altitude is to be given
+    deviation: float = 0.0  # of its peak from a point's shape, mean over as many blocks as its evidence
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement

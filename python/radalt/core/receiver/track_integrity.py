@@ -26,6 +26,7 @@ _SYSTEMATIC_M = 1.0
 # kinds of ground), and share of the altitude: the mean over a beam of 40 degrees on ground that scatters alike
 # in all directions.
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
+_ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
 _SPARE_EXTENT = 2.0  # times that extent, beyond which an asymmetric peak is another return's
 # Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
 # of some thousand entries of noise reaches that alone.
@@ -201,4 +202,5 @@ class Integrity:
         asymmetry = max(0.0, track.evidence.asymmetry(t.resolution_cells))
         extent = _EXTENT_CELLS * float(np.sqrt(asymmetry)) * t.waveform.range_resolution_m
         extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
-        return _SYSTEMATIC_M + noise + extent + cells * t.cell_m
+        echo = min(_ECHO_CELLS * np.sqrt(track.deviation), _MOST_ECHO_CELLS) * t.waveform.range_resolution_m
+        return _SYSTEMATIC_M + noise + max(extent, float(echo)) + cells * t.cell_m

@@ -83,7 +83,7 @@ class AltitudeTracker:
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
         self._updater = Updater(gate, self._integrity)
-        self._deleter = Deleter(settings)
+        self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
@@ -96,6 +96,7 @@ class AltitudeTracker:
         """Forget the track and the frames that wait for a whole block."""
         self._track: Track | None = None
         self._initiator.reset()
+        self._deleter.reset()
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
@@ -189,7 +190,7 @@ class AltitudeTracker:
     def _judge(self, last: int) -> tuple:
         """Output of the block whose last frame is ``last``."""
         s = self.settings
-        for track in (self._track, *self._initiator.candidates):
+        for track in (self._track, self._deleter.predecessor, *self._initiator.candidates):
             if track is not None:
                 track.filter.predict(s.output_s, s.acceleration_m_per_s2)
         at = np.nonzero(self._here == 1)[0]
@@ -230,12 +231,14 @@ class AltitudeTracker:
             measured = found or self._updater.keep(self._track, scan)
             state = State.TRACK if measured else self._missed()
             if measured and self._deleter.inconsistent(self._track):
-                found, state, self._track = None, State.LOST, None
+                found, state = None, State.LOST
+                self._end()
             normal = found is not None and self._integrity.undisputed(self._track, scan, found)
         measured_tracks = [self._track] if self._track is not None and self._track.missed == 0 else []
         self._initiator.update(scan, measured_tracks)
+        self._deleter.watch(self._track, scan)
         if self._track is not None and self._deleter.replaced(self._track, self._initiator.candidates):
-            self._track = None
+            self._end()
         self._initiator.search(scan, measured_tracks)
         if self._track is None and self._initiator.candidates:
             state = State.CONFIRM if state == State.SEARCH else state
@@ -243,6 +246,7 @@ class AltitudeTracker:
             if self._track is not None:
                 state = State.TRACK
                 normal = self._integrity.undisputed(self._track, scan, self._track.latest)
+        normal = normal and self._deleter.predecessor is None
         return (Status.NORMAL if normal else Status.NO_COMPUTED_DATA), state
 
     def _missed(self) -> int:
@@ -250,9 +254,14 @@ class AltitudeTracker:
         if self._track is None:
             return State.SEARCH
         if self._deleter.missed(self._track):
-            self._track = None
+            self._end()
             return State.LOST
         return State.COAST
+
+    def _end(self) -> None:
+        """End the track."""
+        self._deleter.end(self._track)
+        self._track = None
 
     def _output(self, last: int, status: int, state: int, strength: float, frames: int) -> tuple:
         """One record of `OUTPUT_DTYPE`; an altitude beyond the span or the highest protection level is not given."""

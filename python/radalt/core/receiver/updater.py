@@ -15,6 +15,8 @@ __all__ = ["Updater"]
 # Blocks in a row in which a track's altitudes contradict its Doppler: what stands there is a grating lobe. One alone
 # may be interference that pulls one half sweep.
 _LOBE_BLOCKS = 2
+# Power over noise, linear (16 dB), from which received frames show a return's shape and not interference's.
+_SHOWN = 40.0
 # Cells between the halves within which rivals leave the track's speed known: no grating lobe, which stands two
 # resolution cells off, passes for a speed.
 _KNOWN_SPEED_CELLS = 1.5
@@ -63,6 +65,7 @@ class Updater:
         found = scan.corrected(found)
         if cleaned:  # evidence is about what gives the altitude
             track.evidence.add(*block.differences(found, self.reach))
+            self._compare_shape(track, scan, found)
         track.seen = found.strength >= self.gate.threshold(mask) and not block.is_side_lobe(found)
         if not (track.seen and self._inside(track, found, scan)):
             return None
@@ -82,9 +85,15 @@ class Updater:
         track.filter.update(found, scan.lead_s, with_speed=with_speed)
         track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
         track.corrected_m = float(abs(track.filter.mean[0] - predicted_m))
-        track.hits, track.missed = track.hits + 1, 0
+        track.hits, track.missed, track.vacant = track.hits + 1, 0, 0
         track.resolved |= open_m == 0.0
         return found if track.resolved or not cleaned else self.resolve(track, scan, found)
+
+    def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
+        """Update the deviation of a track's peak from a point's, in the frames as received: a method changes the shape."""
+        block = scan.received
+        if scan.sum_received is None or block.power_at(found) >= _SHOWN:
+            track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
 
     def _inside(self, track: Track, found: Measurement, scan: Scan) -> bool:
         return self.gate.near(track, found, scan.lead_s) and (
