@@ -45,6 +45,9 @@ _OWN_CELLS = 0.35
 # One-sided power, as a share of the return's, that is another return's: -25 dB. A point's lobes are equal to -30 dB after
 # interpolation between cells.
 _ONE_SIDED_SHARE = 0.003
+# Least power over noise, linear (13 dB), and largest distance in resolution cells (3 m), of the peak by which received
+# frames show the return of the cleaned ones: interference seldom has a peak of both halves there.
+_CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
 # Fluctuation of one-sided power from frame to frame that is another return's: standard deviations of what noise gives,
 # and share of the return's power.
 _FLUCTUATION_SIGMAS, _FLUCTUATION_SHARE = 3.0, 0.03
@@ -351,6 +354,12 @@ class Block:
         if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
             return mixed and other.power > found.power
         return bool(near >= 1.0 and found.power < other.power * _SIDE_LOBE_SPARE / (np.pi * near) ** 2)
+
+    def shows(self, found: Measurement) -> bool:
+        """Whether the block shows another block's return clearly: 13 dB over noise, both halves at the same place."""
+        here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
+        apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
+        return here is not None and here.power >= _CLEAR and bool(np.abs(here.cells - found.cells).max() <= apart)
 
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.

@@ -15,8 +15,6 @@ __all__ = ["Updater"]
 # Blocks in a row in which a track's altitudes contradict its Doppler: what stands there is a grating lobe. One alone
 # may be interference that pulls one half sweep.
 _LOBE_BLOCKS = 2
-# Power over noise, linear (16 dB), from which received frames show a return's shape and not interference's.
-_SHOWN = 40.0
 # Cells between the halves within which rivals leave the track's speed known: no grating lobe, which stands two
 # resolution cells off, passes for a speed.
 _KNOWN_SPEED_CELLS = 1.5
@@ -92,7 +90,7 @@ class Updater:
     def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
         """Update the deviation of a track's peak from a point's, in the frames as received: a method changes the shape."""
         block = scan.received
-        if scan.sum_received is None or block.power_at(found) >= _SHOWN:
+        if scan.sum_received is None or block.shows(found):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
 
     def _inside(self, track: Track, found: Measurement, scan: Scan) -> bool:
