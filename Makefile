@@ -18,7 +18,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -40,6 +40,9 @@ test-debian12: ## `make test` and `make eval` on a bare Debian 12, from nothing 
 
 test-debian13: ## the same on a bare Debian 13
 	@tools/test-debian.sh trixie $(TARGETS)
+
+lock: ## write requirements.lock and requirements-test.lock anew, with the hash of every file (network)
+	@tools/lock.sh
 
 check-pins: $(VENV)/.test ## ask the package index for every pin of Python 3.10 to 3.13 (network)
 	@$(PYTHON) tools/check_pins.py
@@ -85,9 +88,9 @@ ctest: $(VENV)/.test ## the tests through CMake
 install: $(STAMPS)/debian ## install below PREFIX (default /usr/local; may need root), PACKAGES=no: without Python packages
 	@cmake -S . -B build -DCMAKE_INSTALL_PREFIX="$(PREFIX)" -DPYTHON_EXECUTABLE="$(SYSTEM_PYTHON)"
 	@cmake --install build
-	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.txt to $(PREFIX)/lib/gr-radalt" && \
+	@test "$(PACKAGES)" = no || { echo "gr-radalt: Python packages of requirements.lock to $(PREFIX)/lib/gr-radalt" && \
 	  "$(SYSTEM_PYTHON)" -m venv --system-site-packages "$(PREFIX)/lib/gr-radalt" && \
-	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install -r requirements.txt; }
+	  "$(PREFIX)/lib/gr-radalt/bin/python" $(PIP) install --require-hashes -r requirements.lock; }
 	@echo 'gr-radalt: "$(PREFIX)/bin/radalt" lists the commands; below an unusual prefix: eval "$$($(PREFIX)/bin/radalt env)"'
 
 uninstall: ## remove what the last install wrote
@@ -122,15 +125,15 @@ $(PYTHON): | $(STAMPS)/debian
 	@echo "gr-radalt set-up: environment $(VENV)"
 	@"$(SYSTEM_PYTHON)" -m venv --clear --system-site-packages $(VENV)
 
-$(VENV)/.runtime: requirements.txt | $(PYTHON)
-	@echo "gr-radalt set-up: Python packages of requirements.txt"
-	@$(PYTHON) $(PIP) install -r requirements.txt
+$(VENV)/.runtime: requirements.lock | $(PYTHON)
+	@echo "gr-radalt set-up: Python packages of requirements.lock"
+	@$(PYTHON) $(PIP) install --require-hashes -r requirements.lock
 	@$(PYTHON) -c 'import onnxruntime; from gnuradio import gr' || \
 	  { echo "gr-radalt set-up: GNU Radio does not import in $(VENV); make distclean, then try again" >&2; exit 2; }
 	@touch $@
 
-$(VENV)/.test: requirements-test.txt $(VENV)/.runtime
-	@$(PYTHON) $(PIP) install -r requirements.txt -r requirements-test.txt
+$(VENV)/.test: requirements-test.lock $(VENV)/.runtime
+	@$(PYTHON) $(PIP) install --require-hashes -r requirements-test.lock
 	@touch $@
 
 $(TRAIN_VENV)/.training: training/requirements.txt | $(STAMPS)/debian

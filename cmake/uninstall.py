@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 # Whole: Python compiles into them, and pip installs, what is in no manifest.
-OWN_FOLDERS = ("gnuradio/radalt", "share/gr-radalt", "share/doc/gr-radalt")
+OWN_FOLDERS = ("gnuradio/radalt", "-packages/radalt", "share/gr-radalt", "share/doc/gr-radalt")
 PACKAGES = "lib/gr-radalt"
 SYSTEM = (Path("/"), Path("/usr"), Path("/usr/local"), Path("/opt"))  # their empty folders stay
 

@@ -7,7 +7,7 @@ PYTHONPATH=python .venv/bin/python examples/first_flowgraph.py
 import numpy as np
 from gnuradio import gr, radalt
 
-from gnuradio.radalt.core.scene import parse_scene
+from radalt.core.scene import parse_scene
 
 # Everything the run depends on. What is not said has a default: docs/scene-reference.md
 scene = parse_scene(

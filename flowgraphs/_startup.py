@@ -36,6 +36,6 @@ for _name, _value in (
 _PACKAGE = Path(__file__).resolve().parent.parent / "python"
 if (_PACKAGE / "radalt").is_dir():
     sys.path.insert(0, str(_PACKAGE))
-elif importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.radalt") is None:
-    sys.stderr.write(f"{sys.executable} finds no gnuradio.radalt; use the Python it was installed for\n")
+elif importlib.util.find_spec("radalt") is None:
+    sys.stderr.write(f"{sys.executable} finds no radalt; use the Python it was installed for\n")
     sys.exit(2)

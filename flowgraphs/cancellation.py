@@ -13,7 +13,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 
 from collections.abc import Sequence
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     MAX_SEED,
     Parser,
     add_options,
@@ -32,7 +32,7 @@ def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     add = parser.add_argument
     add("--methods", default=METHODS, help="methods with commas (default: %(default)s)")
-    add("--cases", default="", help="cases with commas (default: all of evaluation/cancellation/cases.py)")
+    add("--cases", default="", help="cases with commas (default: all of studies/cancellation/cases.py)")
     add(
         "--frames",
         type=number(int, 1, 100_000),
@@ -59,11 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
-    from gnuradio.radalt.evaluation.cancellation.cases import CASES
-    from gnuradio.radalt.evaluation.cancellation.flights import FlightsStudy
-    from gnuradio.radalt.evaluation.cancellation.study import CancellationStudy
-    from gnuradio.radalt.evaluation.engine.command import main as run
+    from radalt.core.mitigation import METHODS as KNOWN
+    from radalt.evaluation.engine.command import main as run
+    from radalt.studies.cancellation.cases import CASES
+    from radalt.studies.cancellation.flights import FlightsStudy
+    from radalt.studies.cancellation.study import CancellationStudy
 
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     cases = names_of(parser, "--cases", args.cases, CASES) if args.cases else tuple(CASES)

@@ -27,9 +27,9 @@ _NO_PACKAGE = (
 )
 
 try:
-    from gnuradio.radalt.evaluation.engine.options import Parser, command, path
-    from gnuradio.radalt.evaluation.overlap.comparison import compare
-    from gnuradio.radalt.evaluation.overlap.pooling import collect
+    from radalt.evaluation.engine.options import Parser, command, path
+    from radalt.evaluation.overlap.comparison import compare
+    from radalt.evaluation.overlap.pooling import collect
 except ImportError as _error:
     print(_NO_PACKAGE.format(_error), file=sys.stderr)
     raise SystemExit(2) from None

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -92,11 +93,10 @@ def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> Non
         client.request("set", altitude_m=altitude)
         errors: dict[str, list[float | None]] = {}
         for message in client.messages(seconds):
-            if message["type"] == "result" and message["truth_m"] == altitude:
-                measured = message["altitude_m"]
-                errors.setdefault(message["method"], []).append(
-                    None if measured is None else abs(measured - altitude)
-                )
+            if message.get("type") == "result" and message.get("truth_m") == altitude:
+                measured, method = message.get("altitude_m"), str(message.get("method"))[:40]
+                known = isinstance(measured, (int, float))
+                errors.setdefault(method, []).append(abs(measured - altitude) if known else None)
         for method, values in errors.items():
             good = sum(v is not None and v < 5.0 for v in values)
             print(f"{altitude:8.1f} m  {method:12} Pd(5 m) {good / len(values):.3f} of {len(values)} frames")
@@ -164,6 +164,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 0
+    except BrokenPipeError:  # whoever reads has seen enough: | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

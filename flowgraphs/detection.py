@@ -12,7 +12,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 
 from collections.abc import Sequence
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     MAX_SEED,
     Parser,
     add_options,
@@ -49,9 +49,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
-    from gnuradio.radalt.evaluation.detection.study import DetectionStudy
-    from gnuradio.radalt.evaluation.engine.command import main as run
+    from radalt.core.mitigation import METHODS as KNOWN
+    from radalt.evaluation.engine.command import main as run
+    from radalt.studies.detection.study import DetectionStudy
 
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     if not (args.frames or args.null_frames or args.noise_frames):

@@ -20,7 +20,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 
 from collections.abc import Sequence
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     MAX_SEED,
     Parser,
     add_options,
@@ -64,10 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.core.paths import model_path
-    from gnuradio.radalt.evaluation.engine.command import main as run
-    from gnuradio.radalt.evaluation.overlap.points import parse_axis
-    from gnuradio.radalt.evaluation.runtime.study import INTERFERERS, RuntimeStudy, compared_chains
+    from radalt.core.paths import model_path
+    from radalt.evaluation.engine.command import main as run
+    from radalt.evaluation.overlap.points import parse_axis
+    from radalt.studies.runtime.study import INTERFERERS, RuntimeStudy, compared_chains
 
     interferers = args.interferers or list(INTERFERERS)
     stray = [name for name in interferers if name not in INTERFERERS]

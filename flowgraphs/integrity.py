@@ -17,7 +17,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     MAX_SEED,
     Parser,
     add_options,
@@ -76,11 +76,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--frames is {args.frames}; it has to be a multiple of 40, the frames of one output")
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
-    from gnuradio.radalt.evaluation.engine.command import main as run
-    from gnuradio.radalt.evaluation.integrity.cases import KINDS, cases
-    from gnuradio.radalt.evaluation.integrity.study import IntegrityStudy
-    from gnuradio.radalt.evaluation.results.folder import read_report
+    from radalt.core.mitigation import METHODS as KNOWN
+    from radalt.evaluation.engine.command import main as run
+    from radalt.evaluation.results.folder import read_report
+    from radalt.studies.integrity.cases import KINDS, cases
+    from radalt.studies.integrity.study import IntegrityStudy
 
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
@@ -106,8 +106,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _replay(study: object, text: str, parser: Parser) -> int:
     import dataclasses
 
-    from gnuradio.radalt.evaluation.integrity.cases import case_of
-    from gnuradio.radalt.evaluation.integrity.study import replay_lines
+    from radalt.studies.integrity.cases import case_of
+    from radalt.studies.integrity.study import replay_lines
 
     found = re.fullmatch(r"([^:]{1,200}):(\d{1,18})(?::(\d{1,9}))?", text)
     if not found:
@@ -121,7 +121,7 @@ def _replay(study: object, text: str, parser: Parser) -> int:
 
 def _keep(study: object, events: Sequence[dict], folder: Path) -> None:
     """A recording of every flight, up to its first hazardous output of any method."""
-    from gnuradio.radalt.evaluation.integrity.captures import write_capture
+    from radalt.studies.integrity.captures import write_capture
 
     first: dict[str, dict] = {}
     for event in events:

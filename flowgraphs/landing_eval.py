@@ -25,13 +25,13 @@ PROGRAM = "landing_eval"
 
 try:
     try:
-        from gnuradio.radalt.evaluation.engine import command, options
-        from gnuradio.radalt.evaluation.landing import config as landing
-        from gnuradio.radalt.evaluation.landing.study import LandingStudy
+        from radalt.evaluation.engine import command, options
+        from radalt.studies.landing import config as landing
+        from radalt.studies.landing.study import LandingStudy
     except ImportError:  # without GNU Radio the package is importable by its own name
         from radalt.evaluation.engine import command, options
-        from radalt.evaluation.landing import config as landing
-        from radalt.evaluation.landing.study import LandingStudy
+        from radalt.studies.landing import config as landing
+        from radalt.studies.landing.study import LandingStudy
 except ImportError as error:
     print(f"{PROGRAM}: {sys.executable}: {error}; run 'make setup', then .venv/bin/python", file=sys.stderr)
     sys.exit(2)

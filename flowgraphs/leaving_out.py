@@ -14,7 +14,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 from collections.abc import Sequence
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     Parser,
     add_options,
     command,
@@ -47,9 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.evaluation.engine.command import main as run
-    from gnuradio.radalt.evaluation.leaving_out.study import LeavingOutStudy
-    from gnuradio.radalt.evaluation.results.folder import read_report
+    from radalt.evaluation.engine.command import main as run
+    from radalt.evaluation.results.folder import read_report
+    from radalt.studies.leaving_out.study import LeavingOutStudy
 
     def after(folder: Path) -> int:
         summary = read_report(folder)["summary"]

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command
+from radalt.evaluation.engine.options import Parser, command
 
 HERE = Path(__file__).resolve().parent
 PROGRAM = "make_flowgraphs"
@@ -26,8 +26,8 @@ SIR_DB = -30  # at the scene's -10 dB every method of the first run would have a
 
 def made() -> dict[str, dict[str, Any]]:
     """File name -> flowgraph."""
-    from gnuradio.radalt.evaluation.flowgraph.embedded import embed
-    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, simulate
+    from radalt.evaluation.flowgraph.embedded import embed
+    from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
 
     air, live = load_grc(HERE / "ota_b210.grc"), load_grc(HERE / "ota_live.grc")
     simulated = simulate(air)
@@ -49,7 +49,7 @@ def _parser() -> Parser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the files beside this one."""
     _parser().parse_args(argv)
-    from gnuradio.radalt.evaluation.flowgraph.rewrite import save_grc
+    from radalt.evaluation.flowgraph.rewrite import save_grc
 
     for name, data in made().items():
         save_grc(data, HERE / name)

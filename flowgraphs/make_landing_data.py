@@ -17,8 +17,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 
 try:
-    from gnuradio.radalt.core.returns import terrain
-    from gnuradio.radalt.evaluation.engine.options import Parser, command, number, path
+    from radalt.core.returns import terrain
+    from radalt.evaluation.engine.options import Parser, command, number, path
 except ImportError:  # without GNU Radio the package is importable by its own name
     from radalt.core.returns import terrain
     from radalt.evaluation.engine.options import Parser, command, number, path

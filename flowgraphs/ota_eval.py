@@ -26,8 +26,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from gnuradio.radalt.core.interrupts import ctrl_c_waits
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.core.interrupts import ctrl_c_waits
+from radalt.evaluation.engine.options import (
     Options,
     Parser,
     add_options,
@@ -89,13 +89,13 @@ def _check_python() -> str | None:
             if importlib.util.find_spec(name) is None
         ]
         if missing:
-            from gnuradio.radalt.core.paths import remedy
+            from radalt.core.paths import remedy
 
             return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
         with ctrl_c_waits():
             from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
 
-            from gnuradio.radalt.core import scene  # noqa: F401
+            from radalt.core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
         return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {hint}"
     return None
@@ -103,8 +103,8 @@ def _check_python() -> str | None:
 
 def _scene(args: argparse.Namespace) -> Any:
     """The scene with the command line's changes; raises SceneError."""
-    from gnuradio.radalt.core.scene import SceneError, load_scene
-    from gnuradio.radalt.evaluation.overlap.points import parse_axis
+    from radalt.core.scene import SceneError, load_scene
+    from radalt.evaluation.overlap.points import parse_axis
 
     scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
 
@@ -154,7 +154,7 @@ def _require_radios(scene: Any, needed: int) -> None:
     """Raise SceneError unless enough of the scene's radios are connected."""
     from gnuradio import uhd
 
-    from gnuradio.radalt.core.scene import SceneError
+    from radalt.core.scene import SceneError
 
     limits = scene.radio.limits
     found = len(uhd.find(uhd.device_addr(f"type={limits.uhd_type}")))
@@ -177,8 +177,8 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
 
 def _print_pd(out: Path) -> None:
     """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
-    from gnuradio.radalt.evaluation.overlap.figures import panels
-    from gnuradio.radalt.evaluation.results.folder import read_report
+    from radalt.evaluation.overlap.figures import panels
+    from radalt.evaluation.results.folder import read_report
 
     report = read_report(out)
     rows, tracked = report["rows"], report["tracked"]
@@ -198,7 +198,7 @@ def _print_pd(out: Path) -> None:
 
 def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Frames per method whose altitude was declared and 5 m off or more."""
-    from gnuradio.radalt.evaluation.results.score import pool
+    from radalt.evaluation.results.score import pool
 
     out = []
     for method in dict.fromkeys(r["method"] for r in rows):
@@ -209,7 +209,7 @@ def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Availability and hazardous outputs per method."""
-    from gnuradio.radalt.evaluation.results.integrity import Integrity
+    from radalt.evaluation.results.integrity import Integrity
 
     out = []
     for method in dict.fromkeys(r["method"] for r in rows):
@@ -222,8 +222,8 @@ def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def _check(args: argparse.Namespace) -> int:
     """The plan for the radios; 0 if the interlock would allow it, else 2."""
-    from gnuradio.radalt.evaluation.overlap.study import check_scene
-    from gnuradio.radalt.evaluation.radios.setup import describe
+    from radalt.evaluation.overlap.study import check_scene
+    from radalt.evaluation.radios.setup import describe
 
     scene = _scene(args)
     check_scene(scene)
@@ -233,8 +233,8 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> int:
-    from gnuradio.radalt.evaluation.flowgraph.plan import make_plan
-    from gnuradio.radalt.evaluation.overlap.study import check_scene
+    from radalt.evaluation.flowgraph.plan import make_plan
+    from radalt.evaluation.overlap.study import check_scene
 
     scene = _scene(args)
     check_scene(scene)
@@ -243,7 +243,7 @@ def _plan(args: argparse.Namespace) -> int:
 
 
 def _calibrate(args: argparse.Namespace) -> int:
-    from gnuradio.radalt.evaluation.radios.hardware import calibrate
+    from radalt.evaluation.radios.hardware import calibrate
 
     scene = _scene(args)
     _require_radios(scene, 1)
@@ -254,7 +254,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     """Score a recording; prints one line per method."""
-    from gnuradio.radalt.evaluation.flowgraph.replay import score_recording
+    from radalt.evaluation.flowgraph.replay import score_recording
 
     out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     rows = score_recording(
@@ -278,8 +278,8 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, options: Options) -> int:
-    from gnuradio.radalt.evaluation.engine.command import main as run
-    from gnuradio.radalt.evaluation.overlap.study import OverlapStudy
+    from radalt.evaluation.engine.command import main as run
+    from radalt.evaluation.overlap.study import OverlapStudy
 
     scene = _scene(args)
     hardware = None if args.sim else {"transmit": args.transmit}

@@ -14,7 +14,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 
 from collections.abc import Sequence
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, names_of, number
+from radalt.evaluation.engine.options import Parser, command, names_of, number
 
 PROGRAM = "ota_remote"
 
@@ -42,9 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run until stopped; returns 0, or 2 after one line about what does not fit."""
     parser = _parser()
     args = parser.parse_args(argv)
-    from gnuradio.radalt.core.mitigation import METHODS
-    from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.radios.remote import drive_remotely
+    from radalt.core.mitigation import METHODS
+    from radalt.core.scene import load_scene
+    from radalt.evaluation.radios.remote import drive_remotely
 
     scene = load_scene(args.scene)
     state = drive_remotely(

@@ -3,7 +3,7 @@
     .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py
 
 `mitigate` gets (n, N) complex frames aligned with the sweep, and returns cleaned ones of the same shape. What it
-raises, or gives instead, is reported in one line. A subclass of `gnuradio.radalt.core.mitigation.Mitigation` may stand
+raises, or gives instead, is reported in one line. A subclass of `radalt.core.mitigation.Mitigation` may stand
 here as well.
 """
 

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, command_of, names_of, number, path
+from radalt.evaluation.engine.options import Parser, command, command_of, names_of, number, path
 
 PROGRAM = "realtime_benchmark"
 FREE, HELD = "as fast as it goes", "held to real time"
@@ -67,13 +67,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.held_only and args.out:
         parser.error("--out reports a run that goes as fast as it can; leave out --held-only")
-    from gnuradio.radalt.core.mitigation import METHODS
-    from gnuradio.radalt.core.scene import load_scene
-    from gnuradio.radalt.evaluation.realtime.alone import alone_seconds
-    from gnuradio.radalt.evaluation.realtime.gateway import gateway_seconds
-    from gnuradio.radalt.evaluation.realtime.kernels import kernel_seconds
-    from gnuradio.radalt.evaluation.realtime.report import Benchmark
-    from gnuradio.radalt.evaluation.realtime.study import (
+    from radalt.core.mitigation import METHODS
+    from radalt.core.scene import load_scene
+    from radalt.studies.realtime.alone import alone_seconds
+    from radalt.studies.realtime.gateway import gateway_seconds
+    from radalt.studies.realtime.kernels import kernel_seconds
+    from radalt.studies.realtime.report import Benchmark
+    from radalt.studies.realtime.study import (
         at_rate,
         fft_seconds,
         fly_benchmark,
@@ -125,17 +125,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
     """The result folder, made before anything is measured: what does not fit there is told at once."""
-    from gnuradio.radalt.core.scene import scene_to_mapping
-    from gnuradio.radalt.evaluation.results.folder import RunFolder, versions
+    from radalt.core.scene import scene_to_mapping
+    from radalt.evaluation.results.folder import RunFolder, versions
 
     head = {"study": "realtime", "command": typed, "scene": scene_to_mapping(scene), "methods": list(methods)}
     return RunFolder(out, head | options | {"versions": versions("tcae" in methods)}, replace=True)
 
 
 def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN001 - imported late
-    from gnuradio.radalt.evaluation.engine.run import peak_memory_bytes
-    from gnuradio.radalt.evaluation.engine.study import Run
-    from gnuradio.radalt.evaluation.realtime.report import write_report
+    from radalt.evaluation.engine.run import peak_memory_bytes
+    from radalt.evaluation.engine.study import Run
+    from radalt.studies.realtime.report import write_report
 
     command = folder.head["command"]
     run = Run(1, len(found), 0, round(wall_s, 3), peak_memory_bytes(), command)

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gnuradio.radalt.evaluation.engine.options import Parser, command, complain, number, path
+from radalt.evaluation.engine.options import Parser, command, complain, number, path
 
 if not os.environ.get("DISPLAY"):
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -97,9 +97,9 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     """The top block of the simulated live view, with the controls where the command line wants them."""
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
-    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, simulate
-    from gnuradio.radalt.evaluation.flowgraph.run import load_class
+    from radalt.evaluation.flowgraph.generate import Prepared, generate
+    from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
+    from radalt.evaluation.flowgraph.run import load_class
 
     data = simulate(load_grc(HERE / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
@@ -146,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _arguments(argv)
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation.flowgraph.live import SIZE
+    from radalt.evaluation.flowgraph.live import SIZE
 
     app = Qt.QApplication(sys.argv[:1])
     with tempfile.TemporaryDirectory() as folder:

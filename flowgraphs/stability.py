@@ -15,7 +15,7 @@ import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet 
 from collections.abc import Sequence
 from pathlib import Path
 
-from gnuradio.radalt.evaluation.engine.options import (
+from radalt.evaluation.engine.options import (
     Parser,
     add_options,
     command,
@@ -51,12 +51,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     options = options_of(args, parser, command=command_of(args, parser))
 
-    from gnuradio.radalt.core.mitigation import METHODS as KNOWN
-    from gnuradio.radalt.core.parsing import check_file
-    from gnuradio.radalt.core.paths import model_path
-    from gnuradio.radalt.evaluation.engine.command import main as run
-    from gnuradio.radalt.evaluation.results.folder import read_report
-    from gnuradio.radalt.evaluation.stability.study import StabilityStudy, compared_chains
+    from radalt.core.mitigation import METHODS as KNOWN
+    from radalt.core.parsing import check_file
+    from radalt.core.paths import model_path
+    from radalt.evaluation.engine.command import main as run
+    from radalt.evaluation.results.folder import read_report
+    from radalt.studies.stability.study import StabilityStudy, compared_chains
 
     methods = names_of(parser, "--methods", args.methods, KNOWN)
     groups = names_of(parser, "--groups", args.groups, GROUPS.split(","))

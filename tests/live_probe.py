@@ -94,9 +94,9 @@ def on_the_air(folder: Path) -> tuple[dict[str, object], list[tuple]]:
 def main() -> None:
     from PyQt5 import Qt
 
-    from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
-    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
-    from gnuradio.radalt.evaluation.flowgraph.run import load_class
+    from radalt.evaluation.flowgraph.generate import Prepared, generate
+    from radalt.evaluation.flowgraph.rewrite import load_grc
+    from radalt.evaluation.flowgraph.run import load_class
 
     app = Qt.QApplication(sys.argv[:1])
     folder, air = Path(sys.argv[1]), sys.argv[2:] == ["air"]

@@ -90,7 +90,7 @@ def test_every_module_has_its_room():
         ("from ..scene.thing import name", False),
         ("def f():\n    from .. import scene", True),
         ("import radalt.core.scene", False),
-        ("from gnuradio.radalt.core.scene import thing", False),
+        ("from radalt.core.scene import thing", False),
         ("if True:\n    from ..scene import thing", False),
         (
             "class C:\n    def f(self):\n        async def g():\n            import radalt.core.scene.thing",

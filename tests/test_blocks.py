@@ -14,14 +14,14 @@ import pytest
 from gnuradio import blocks, gr, radalt
 from waiting import wait_for
 
-from gnuradio.radalt.blocks._guard import guarded, in_turns, raise_stored
-from gnuradio.radalt.core.channel.simulated import SimulatedChannel
-from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.mitigation import Mitigation, create
-from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
-from gnuradio.radalt.core.receiver.frame import Frame
-from gnuradio.radalt.core.receiver.segmenter import FrameSegmenter
-from gnuradio.radalt.core.scene import parse_scene
+from radalt.blocks._guard import guarded, in_turns, raise_stored
+from radalt.core.channel.simulated import SimulatedChannel
+from radalt.core.interference.stream import JammerStream
+from radalt.core.mitigation import Mitigation, create
+from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
+from radalt.core.receiver.frame import Frame
+from radalt.core.receiver.segmenter import FrameSegmenter
+from radalt.core.scene import parse_scene
 
 N = 7500
 CHUNKS = [977, 7501, 100_000]  # largest number of items a call may produce
@@ -410,6 +410,50 @@ def test_a_second_without_a_sweep_is_one_line(capfd):
     assert "no sweep found in a second of signal" in line and sink.count == 0
 
 
+def test_a_tag_of_another_program_is_one_line_and_counted(capfd):
+    """rx_time, radalt_altitude and radalt_frame of other shapes: the frames are those of the stream without them."""
+    scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": 10})
+    radar, _ = transmitted(scene, scene.altitude.programme.total_frames)
+    foreign = (
+        pmt.intern("soon"),
+        pmt.from_double(1.0),
+        pmt.make_tuple(pmt.from_uint64(2**60), pmt.from_double(0)),
+    )
+    bad = [(9 * N + k, pmt.intern("rx_time"), value) for k, value in enumerate(foreign)]
+    bad += [(9 * N + 9, pmt.intern("radalt_altitude"), pmt.init_f64vector(1, [5.0]))]
+    (_, clean, _), (block, sink, _) = (segmented(scene, radar, tags, None) for tags in ([], bad))
+    assert sink.data.tobytes() == clean.data.tobytes() and len(sink.data) > 10
+    assert block.status()["bad_tags"] == 4
+    (line,) = lines(capfd.readouterr().out)
+    assert "it is ignored" in line
+    frames, tags, _ = frames_with_tags(5)
+    altimeter = radalt.altimeter_sink(scene)
+    run(Ragged(frames, None, (*tags[:4], (4, pmt.intern("radalt_frame"), pmt.from_long(1)))), altimeter)
+    assert list(altimeter.results()["frame_index"]) == [100, 101, 102, 103, -1]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 3e38], ids=str)
+def test_a_stream_that_no_receiver_gives_is_one_line(capfd, value):
+    scene = scene_of(interference=None)
+    segmenter, sink = radalt.frame_segmenter(scene), radalt.altimeter_sink(scene)
+    run(Ragged(np.full(40 * N, value, np.complex64), None), segmenter, sink)
+    (line,) = lines(capfd.readouterr().out)
+    assert (
+        "0.04 s of signal without a frame: samples are not finite, or beyond 1e+15" in line
+        and sink.count == 0
+    )
+
+
+@pytest.mark.parametrize("value", ["x", float("nan"), 10**400, None])
+def test_a_setting_that_is_no_number_is_named(value):
+    segmenter = radalt.frame_segmenter(scene_of())
+    for setter in (segmenter.set_calibration, segmenter.set_full_scale, segmenter.set_start_time):
+        if value is None and setter == segmenter.set_calibration:
+            continue  # no calibration
+        with pytest.raises(ValueError, match="it has to be a number within"):
+            setter(value)
+
+
 def test_a_second_without_altitudes_is_one_line_and_so_is_their_return(capfd):
     """Method and count are named; a jammed second among seconds of clean frames."""
     scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": 10})
@@ -574,7 +618,7 @@ def test_altimeter_sink_gives_the_altimeters_results_and_one_message_a_frame(see
 
 
 def test_range_profile_shows_every_so_many_frames_in_any_chunks():
-    from gnuradio.radalt.core.scene.live import RangeProfile
+    from radalt.core.scene.live import RangeProfile
 
     scene = scene_of()
     frames, tags, _ = frames_with_tags(40)

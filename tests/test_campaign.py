@@ -6,15 +6,15 @@ import integrity as program
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference import QpskEmitter
-from gnuradio.radalt.core.interference.stream import Continued
-from gnuradio.radalt.core.radio.recording import open_capture
-from gnuradio.radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
-from gnuradio.radalt.evaluation.engine import estimate as estimates
-from gnuradio.radalt.evaluation.integrity.cases import KINDS, Case, case_of, cases, fly, received
-from gnuradio.radalt.evaluation.integrity.report import summarise
-from gnuradio.radalt.evaluation.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
-from gnuradio.radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
+from radalt.core.interference import QpskEmitter
+from radalt.core.interference.stream import Continued
+from radalt.core.radio.recording import open_capture
+from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
+from radalt.evaluation.engine import estimate as estimates
+from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
+from radalt.studies.integrity.cases import KINDS, Case, case_of, cases, fly, received
+from radalt.studies.integrity.report import summarise
+from radalt.studies.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m
 
 SMALL = IntegrityStudy(methods=("none", "whitening"), frames=480)
 

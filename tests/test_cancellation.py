@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 from gnuradio import radalt
 
-from gnuradio.radalt.core.interference import Interferer, QpskEmitter
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.mitigation.ofdm.lattice import nearest
-from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, Antennas, received
-from gnuradio.radalt.evaluation.cancellation.flights import FlightsStudy
-from gnuradio.radalt.evaluation.cancellation.known_symbols import (
+from radalt.core.interference import Interferer, QpskEmitter
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.stream import JammerStream
+from radalt.core.mitigation.ofdm.lattice import nearest
+from radalt.core.scene import parse_scene
+from radalt.evaluation.engine import estimate as estimates
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.results.score import SCORE_COLUMNS
+from radalt.studies.cancellation.cases import CASES, WAVEFORM, Antennas, received
+from radalt.studies.cancellation.flights import FlightsStudy
+from radalt.studies.cancellation.known_symbols import (
     BLANKED_BURST,
     KNOWN,
     misread_share,
@@ -22,14 +26,10 @@ from gnuradio.radalt.evaluation.cancellation.known_symbols import (
     weak_return_gain_db,
     with_known_symbols,
 )
-from gnuradio.radalt.evaluation.cancellation.mixtures import MIXTURES, measure_mixture
-from gnuradio.radalt.evaluation.cancellation.report import _within
-from gnuradio.radalt.evaluation.cancellation.study import SIRS_DB, CancellationStudy
-from gnuradio.radalt.evaluation.cancellation.tracked import FLIGHTS
-from gnuradio.radalt.evaluation.engine import estimate as estimates
-from gnuradio.radalt.evaluation.engine.options import Options
-from gnuradio.radalt.evaluation.engine.run import run
-from gnuradio.radalt.evaluation.results.score import SCORE_COLUMNS
+from radalt.studies.cancellation.mixtures import MIXTURES, measure_mixture
+from radalt.studies.cancellation.report import _within
+from radalt.studies.cancellation.study import SIRS_DB, CancellationStudy
+from radalt.studies.cancellation.tracked import FLIGHTS
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_interference_has_the_power_that_the_sir_says(name):
 
 
 def test_qpsk_is_read_by_its_own_method(monkeypatch):
-    monkeypatch.setattr("gnuradio.radalt.evaluation.cancellation.study.SIRS_DB", SIRS_DB[1::3])
+    monkeypatch.setattr("radalt.studies.cancellation.study.SIRS_DB", SIRS_DB[1::3])
     study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=1, flights=0, seed=6)
     for point in study.points():
         held = study.measure(point)
@@ -125,7 +125,7 @@ def test_bursts_and_locked_jammers_start_anew():
 
 
 def test_study_end_to_end(tmp_path, monkeypatch):
-    module = "gnuradio.radalt.evaluation.cancellation.study"
+    module = "radalt.studies.cancellation.study"
     # all kinds, and a second of each, take a minute
     monkeypatch.setattr(f"{module}.FLIGHTS", dict(list(FLIGHTS.items())[:1]))
     monkeypatch.setattr(f"{module}.FRAMES", 120)
@@ -135,7 +135,7 @@ def test_study_end_to_end(tmp_path, monkeypatch):
         "_LONG_LEAD": 2,
         "_LONG": 2,
     }.items():  # times are no matter of this test
-        monkeypatch.setattr(f"gnuradio.radalt.evaluation.cancellation.costs.{name}", count)
+        monkeypatch.setattr(f"radalt.studies.cancellation.costs.{name}", count)
     monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and 5 s
     study = CancellationStudy(
         ("none", "ofdm_cancel"), ("nr10_qpsk", "nr10_64qam"), frames=1, flights=1, seed=5
@@ -164,7 +164,7 @@ def test_study_end_to_end(tmp_path, monkeypatch):
 
 
 def test_flights_alone(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("gnuradio.radalt.evaluation.cancellation.flights.FRAMES", 120)
+    monkeypatch.setattr("radalt.studies.cancellation.flights.FRAMES", 120)
     monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)
     page = run(FlightsStudy(("none",), flights=2, length_s=1, seed=5), Options(tmp_path / "a", jobs=1))
     assert "2 flights of 1 s" in page.read_text(encoding="utf-8")

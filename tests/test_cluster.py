@@ -242,7 +242,7 @@ def test_a_worker_that_is_killed_changes_no_row(dask, sweep, tmp_path):
     options, whole = sweep
     process = start(*options, "--out", tmp_path / "run", "--scheduler", dask.address)
     wait_for(written(tmp_path / "run" / "points.jsonl"), "the first point", process=process)
-    os.killpg(dask.workers[2].pid, signal.SIGKILL)
+    os.killpg(dask.workers[-1].pid, signal.SIGKILL)  # one of two that live, whatever ran before
     out, err = end_of(process, limit_s=100)
     assert (process.returncode, err) == (0, "")
     assert stable(tmp_path / "run") == stable(whole)

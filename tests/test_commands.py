@@ -14,7 +14,7 @@ from pathlib import Path
 import make_recording
 import pytest
 
-from gnuradio.radalt.evaluation.engine import estimate as estimates
+from radalt.evaluation.engine import estimate as estimates
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]

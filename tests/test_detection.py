@@ -9,10 +9,10 @@ from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene
 from radalt.core.waveform import Waveform
-from radalt.evaluation.detection import study
-from radalt.evaluation.detection.report import null_table, return_table
-from radalt.evaluation.detection.textbook import textbook_altitudes
 from radalt.evaluation.results.proportion import clopper_pearson, mcnemar
+from radalt.studies.detection import study
+from radalt.studies.detection.report import null_table, return_table
+from radalt.studies.detection.textbook import textbook_altitudes
 
 W = Waveform()
 FRAMES = 160

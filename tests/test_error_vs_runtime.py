@@ -6,13 +6,13 @@ import error_vs_runtime
 import numpy as np
 import pytest
 
-from gnuradio.radalt.evaluation.engine.options import Options
-from gnuradio.radalt.evaluation.engine.run import run
-from gnuradio.radalt.evaluation.results.chain import Chain
-from gnuradio.radalt.evaluation.results.folder import FolderError
-from gnuradio.radalt.evaluation.runtime import study as runtime
-from gnuradio.radalt.evaluation.runtime.figure import pareto, place_labels
-from gnuradio.radalt.evaluation.runtime.study import RuntimePoint, RuntimeStudy
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.results.chain import Chain
+from radalt.evaluation.results.folder import FolderError
+from radalt.studies.runtime import study as runtime
+from radalt.studies.runtime.figure import pareto, place_labels
+from radalt.studies.runtime.study import RuntimePoint, RuntimeStudy
 
 TONES = "5 tones, all"
 CHAINS = ("none", "whitening", "nlms", "none, centroid", "none, span 6 km")

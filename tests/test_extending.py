@@ -100,7 +100,7 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
 def test_method_has_its_name_and_style_in_figures(outside):
     _, env = outside
     code = (
-        "from gnuradio.radalt.evaluation.overlap.figures import series_style\n"
+        "from radalt.evaluation.overlap.figures import series_style\n"
         "style = series_style('clipper', ['none', 'clipper'])\n"
         "print(style['label'], style['color'], style['marker'], style['linestyle'])"
     )
@@ -111,8 +111,8 @@ def test_method_computes_in_a_process_of_its_own(outside):
     _, env = outside
     code = (
         "import numpy as np\n"
-        "from gnuradio.radalt.core.mitigation import OwnProcess, create\n"
-        "from gnuradio.radalt.core.waveform import Waveform\n"
+        "from radalt.core.mitigation import OwnProcess, create\n"
+        "from radalt.core.waveform import Waveform\n"
         "w = Waveform()\n"
         "frames = np.stack([w.beat_shifted(a) for a in (100.0, 300.0)])\n"
         "beside = OwnProcess('clipper', w)\n"
@@ -142,8 +142,8 @@ def test_study_runs_on_the_engine_to_the_precision_asked_for(outside, tmp_path):
     _, env = outside
     code = (
         "import sys\nfrom pathlib import Path\n"
-        "from gnuradio.radalt.evaluation.engine.options import Options\n"
-        "from gnuradio.radalt.evaluation.engine.run import run\n"
+        "from radalt.evaluation.engine.options import Options\n"
+        "from radalt.evaluation.engine.run import run\n"
         "from my_study import NoiseStudy\n"
         "if __name__ == '__main__': run(NoiseStudy(), Options(Path(sys.argv[1]), jobs=2, precision=0.12))\n"
     )

@@ -21,12 +21,12 @@ import pytest
 import yaml
 from gnuradio import gr, radalt
 
-from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-from gnuradio.radalt.evaluation.flowgraph.generate import generate, prepare
-from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
-from gnuradio.radalt.evaluation.flowgraph.run import run_point, write_scene
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.core.scene import load_scene, parse_scene
+from radalt.evaluation.flowgraph import FlowgraphError
+from radalt.evaluation.flowgraph.generate import generate, prepare
+from radalt.evaluation.flowgraph.rewrite import load_grc, prune, simulate
+from radalt.evaluation.flowgraph.run import run_point, write_scene
+from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
@@ -214,7 +214,7 @@ def rendered(platform, key: str, **values: str) -> tuple[str, list[str]]:
     graph = platform.make_flow_graph()
     scene = graph.new_block("variable")
     scene.params["id"].set_value("scene")
-    scene.params["value"].set_value("__import__('gnuradio.radalt.core.scene', fromlist=['Scene']).Scene()")
+    scene.params["value"].set_value("__import__('radalt.core.scene', fromlist=['Scene']).Scene()")
     block = graph.new_block(key)
     block.params["id"].set_value("it")
     for name, value in values.items():
@@ -426,7 +426,7 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
 
 
 def test_error_in_a_block_comes_out_of_the_run_as_it_was(clear, monkeypatch, capfd):
-    from gnuradio.radalt.core.receiver.altimeter import Altimeter
+    from radalt.core.receiver.altimeter import Altimeter
 
     def fail(self, *args, **kwargs):
         raise FloatingPointError("as it was")
@@ -527,7 +527,7 @@ def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
 def test_run_button_of_every_flowgraph_is_the_one_that_is_tested_here(path):
     command = load_grc(path)["options"]["parameters"]["run_command"]
-    assert command == "{python} -u -m gnuradio.radalt.evaluation.flowgraph.companion {filename}"
+    assert command == "{python} -u -m radalt.evaluation.flowgraph.companion {filename}"
 
 
 def test_run_button_answers_a_wrong_scene_with_one_line(tmp_path):
@@ -544,7 +544,7 @@ def test_run_button_ends_with_1_and_a_line_where_a_block_fails(tmp_path):
     module.write_text(
         "import numpy as np\n"
         "from gnuradio import blocks, gr\n"
-        "from gnuradio.radalt.blocks._guard import guarded\n"
+        "from radalt.blocks._guard import guarded\n"
         "class broken(gr.sync_block):\n"
         "    def __init__(self):\n"
         "        gr.sync_block.__init__(self, 'broken', [np.complex64], None)\n"

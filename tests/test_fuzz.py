@@ -25,9 +25,9 @@ from hostile import assert_line, assert_refused, ended
 from test_engine import Coins, Options, command, rows_of, run
 from test_report import FolderError, finished, scene_of
 
-from gnuradio.radalt.core.parsing import InputError, load_yaml
-from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
-from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.core.parsing import InputError, load_yaml
+from radalt.core.radio.recording import RecordingError, open_capture
+from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.options import complain
 from radalt.evaluation.overlap.pooling import PoolError, pool_runs, read_run
 

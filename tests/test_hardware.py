@@ -10,25 +10,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import uhd_double
-from gnuradio import radalt
+from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.radio.calibration import (
+from radalt.core.radio.calibration import (
     CalibrationError,
     CalibrationKey,
     load_latency_samples,
     store_latency_samples,
 )
-from gnuradio.radalt.core.radio.interlock import InterlockError, require_enclosure
-from gnuradio.radalt.core.radio.levels import drive, rx_level_dbm
-from gnuradio.radalt.core.radio.transmit_gate import TransmitGate
-from gnuradio.radalt.core.scene import SceneError, parse_scene
-from gnuradio.radalt.evaluation.flowgraph import FlowgraphError
-from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate
-from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
-from gnuradio.radalt.evaluation.flowgraph.run import load_class, write_scene
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
-from gnuradio.radalt.evaluation.radios.hardware import calibrate, run_hardware
-from gnuradio.radalt.evaluation.radios.setup import describe, plan
+from radalt.core.radio.interlock import InterlockError, require_enclosure
+from radalt.core.radio.levels import drive, rx_level_dbm
+from radalt.core.radio.transmit_gate import TransmitGate
+from radalt.core.scene import SceneError, parse_scene
+from radalt.evaluation.flowgraph import FlowgraphError
+from radalt.evaluation.flowgraph.generate import Prepared, generate
+from radalt.evaluation.flowgraph.rewrite import load_grc
+from radalt.evaluation.flowgraph.run import load_class, write_scene
+from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.radios.hardware import calibrate, run_hardware
+from radalt.evaluation.radios.setup import describe, plan
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -463,9 +463,37 @@ def test_class_without_main_transmits_what_the_scene_and_the_caller_allow(genera
 @pytest.mark.parametrize("gate", ["radar_gate", "jammer_gate"])
 def test_set_up_refuses_a_flowgraph_whose_gate_was_bypassed(generated, press_run, gate):
     cls = generated("ota_b210", bypassed=gate)
-    with pytest.raises(FlowgraphError, match=f"no block {gate} before"):
+    with pytest.raises(FlowgraphError, match=f"no Transmit Gate {gate} before"):
         press_run(cls, a_scene())
     assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+def test_a_block_that_is_called_like_the_gate_is_none(generated, press_run):
+    class Impostor(generated("ota_b210")):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.radar_gate = blocks.copy(gr.sizeof_gr_complex)
+
+    Impostor.__module__ = generated("ota_b210").__module__
+    with pytest.raises(FlowgraphError, match="no Transmit Gate radar_gate before"):
+        press_run(Impostor, a_scene())
+    assert "start" not in {call[1] for call in press_run.air.calls}
+
+
+def test_a_gate_beside_the_path_stops_the_flowgraph_before_the_radios_start(generated, press_run, capsys):
+    class Around(generated("ota_b210")):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            self.nowhere = blocks.null_sink(gr.sizeof_gr_complex)
+            self.disconnect((self.jammer_gate, 0), (self.jammer_usrp_sink, 0))
+            self.connect(self.jammer_gate, self.nowhere)
+            self.connect(self.jammer_source, self.jammer_usrp_sink)
+
+    Around.__module__ = generated("ota_b210").__module__
+    press_run(Around, a_scene())
+    printed = capsys.readouterr().out
+    assert "stopped: jammer_usrp_sink is not fed by its Transmit Gate alone" in printed
+    assert "12 of 12" not in printed
 
 
 class Clock:
@@ -481,6 +509,15 @@ def passed(gate, samples=None) -> bool:
     gate.pass_into(given, out)
     assert np.array_equal(out, given) or not out.any()
     return bool(out.any())
+
+
+def test_gate_closes_at_a_sample_beyond_the_converters_full_scale():
+    gate = TransmitGate(a_scene(), True)
+    gate.full_scale = 1.5
+    assert passed(gate, np.full(8, 1.5 - 1.5j, np.complex64))
+    assert not passed(gate, np.full(8, -1.51j, np.complex64))
+    assert "a sample of 1.51, and the converter's full scale is 1.5" in gate.why_closed
+    assert not passed(gate)
 
 
 def test_gate_closes_for_good_when_control_is_silent_for_a_second():

@@ -30,12 +30,12 @@ import stability
 from hostile import assert_line, assert_refused, ended
 from waiting import end_of
 
-from gnuradio.radalt.core.mitigation import MitigationError, create, rehearsal
-from gnuradio.radalt.core.parsing import InputError, load_yaml, shown
-from gnuradio.radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
-from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.overlap.points import point_seed, sweep_points
+from radalt.core.mitigation import MitigationError, create, rehearsal
+from radalt.core.parsing import InputError, load_yaml, shown
+from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
+from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.overlap.points import point_seed, sweep_points
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -581,7 +581,7 @@ def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
 def in_this_process(monkeypatch, first) -> None:
     """Points are measured here, after ``first()``: when the command has read what it reads."""
     monkeypatch.setattr(
-        "gnuradio.radalt.evaluation.engine.run.run_tasks",
+        "radalt.evaluation.engine.run.run_tasks",
         lambda function, tasks, **_: (first(), ((k, function(task)) for k, task in enumerate(tasks)))[1],
     )
 

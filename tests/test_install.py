@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_identity import ONE_PACKAGE
 
 from radalt.evaluation.programs import PROGRAMS
 
@@ -57,7 +58,7 @@ def prefix(build: Path, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def package(prefix: Path) -> Path:
-    (folder,) = (file.parent for file in prefix.rglob("gnuradio/radalt/__init__.py"))
+    (folder,) = (file.parent for file in prefix.rglob("*-packages/radalt/__init__.py"))
     return folder
 
 
@@ -65,7 +66,7 @@ def package(prefix: Path) -> Path:
 def environment(package: Path) -> dict[str, str]:
     """The environment of a user who knows of the scratch prefix and of no source tree."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
-    return kept | {"PYTHONPATH": str(package.parent.parent)}
+    return kept | {"PYTHONPATH": str(package.parent)}
 
 
 def test_package_is_installed_whole_and_without_compiled_files(root: Path, package: Path):
@@ -75,7 +76,7 @@ def test_package_is_installed_whole_and_without_compiled_files(root: Path, packa
 
 def test_namespace_of_gnu_radio_stays_open(package: Path):
     """An __init__.py beside the package would hide GNU Radio itself."""
-    assert [entry.name for entry in package.parent.iterdir()] == ["radalt"]
+    assert [entry.name for entry in (package.parent / "gnuradio").iterdir()] == ["radalt"]
 
 
 def test_companion_descriptions_flowgraphs_and_models_are_installed(root: Path, prefix: Path):
@@ -102,7 +103,7 @@ def test_default_prefix_is_searched_by_the_python_of_gnu_radio(cache, tmp_path):
 
 def test_installed_module_imports_with_every_block_and_the_core(root, cache, package, environment, tmp_path):
     statements = (
-        "from gnuradio import radalt; import gnuradio.radalt.core as core\n"
+        "from gnuradio import radalt; import radalt.core as core\n"
         "print(radalt.__file__, core.__file__, radalt.__version__, sep='\\n')\n"
         "print(*(name for name in radalt.__all__ if isinstance(getattr(radalt, name), type)))"
     )
@@ -113,6 +114,12 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     assert set(" ".join(blocks).split()) == {
         file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")
     }
+
+
+def test_both_names_are_one_package(environment, tmp_path):
+    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
+        code = ONE_PACKAGE.format(first=names[0], second=names[1])
+        run(sys.executable, "-W", "error", "-c", code, cwd=tmp_path, env=environment)
 
 
 def test_every_block_imports_in_the_python_of_the_companion(cache, package, environment, tmp_path):
@@ -177,7 +184,7 @@ def test_shell_lines_lead_python_and_companion_to_the_prefix(prefix, package, tm
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
     shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH"'
     python, blocks = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
-    assert Path(python) == package.parent.parent
+    assert Path(python) == package.parent
     assert Path(blocks) == prefix / "share/gnuradio/grc/blocks"
 
 

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.mitigation.joint import JointCancel
-from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
-from gnuradio.radalt.core.mitigation.qpsk.clock import find_clocks
-from gnuradio.radalt.core.mitigation.qpsk.equaliser import Equaliser, nearest
-from gnuradio.radalt.core.mitigation.qpsk.sequence import decide_sequence, other_decisions
-from gnuradio.radalt.core.mitigation.qpsk.trains import Impulses, Pulse, Steps
-from gnuradio.radalt.core.receiver.altimeter import Altimeter
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.waveform import Waveform
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from radalt.core.mitigation import create
+from radalt.core.mitigation.joint import JointCancel
+from radalt.core.mitigation.ofdm.tones import without_tones
+from radalt.core.mitigation.qpsk.clock import find_clocks
+from radalt.core.mitigation.qpsk.equaliser import Equaliser, nearest
+from radalt.core.mitigation.qpsk.sequence import decide_sequence, other_decisions
+from radalt.core.mitigation.qpsk.trains import Impulses, Pulse, Steps
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
 
 W = Waveform()
 N, RATE_HZ = W.samples_per_frame, W.rate_hz

@@ -20,13 +20,13 @@ from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
-from radalt.evaluation.landing import config as landing
-from radalt.evaluation.landing import points as landing_points
-from radalt.evaluation.landing import report as landing_report
-from radalt.evaluation.landing.assumptions import ASSUMPTIONS
-from radalt.evaluation.landing.study import LandingStudy
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m, score_frames
+from radalt.studies.landing import config as landing
+from radalt.studies.landing import points as landing_points
+from radalt.studies.landing import report as landing_report
+from radalt.studies.landing.assumptions import ASSUMPTIONS
+from radalt.studies.landing.study import LandingStudy
 
 SMALL = """
 seed: 3

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.core.mitigation import create
+from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
+from radalt.core.returns.point import point_return
+from radalt.core.scene import load_scene, parse_scene
+from radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
+from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 W = Waveform()
@@ -285,7 +285,7 @@ def test_window_fits_the_screen_without_scroll_bars(view):
 
 def test_status_names_who_measures_nothing():
     """Three altimeters: all right, a tenth wrong, silent."""
-    from gnuradio.radalt.evaluation.flowgraph.live import StatusLine
+    from radalt.evaluation.flowgraph.live import StatusLine
 
     def altimeter(valid, altitude_m):
         results = np.zeros(1000, dtype=RESULT_DTYPE)
@@ -361,8 +361,8 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
 @pytest.mark.parametrize("name", ["ota_live", "ota_b210", "ota_embedded"])
 def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
     """main() of the generated Python: construction (interlock first), set-up, start."""
-    from gnuradio.radalt.evaluation.flowgraph.generate import generate
-    from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc
+    from radalt.evaluation.flowgraph.generate import generate
+    from radalt.evaluation.flowgraph.rewrite import load_grc
 
     text = generate(load_grc(ROOT / f"flowgraphs/{name}.grc"), tmp_path).read_text()
     main = text[text.index("def main(") :]
@@ -379,10 +379,10 @@ def test_view_transmits_nothing_without_an_enclosure(tmp_path):
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1] + '/python')\n"
         "from PyQt5 import Qt; app = Qt.QApplication([])\n"
         "from gnuradio import uhd\n"
-        "from gnuradio.radalt.core.radio.interlock import InterlockError\n"
-        "from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate\n"
-        "from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc\n"
-        "from gnuradio.radalt.evaluation.flowgraph.run import load_class\n"
+        "from radalt.core.radio.interlock import InterlockError\n"
+        "from radalt.evaluation.flowgraph.generate import Prepared, generate\n"
+        "from radalt.evaluation.flowgraph.rewrite import load_grc\n"
+        "from radalt.evaluation.flowgraph.run import load_class\n"
         "uhd.usrp_sink = uhd.usrp_source = lambda *args: print('a radio was made')\n"
         "data = load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
         "made = Prepared(generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"

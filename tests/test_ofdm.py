@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
-from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.mitigation import MitigationError, create, ofdm_cancel
-from gnuradio.radalt.core.mitigation.interference_detector import InterferenceDetector
-from gnuradio.radalt.core.mitigation.joint import JointCancel
-from gnuradio.radalt.core.mitigation.ofdm import demodulator
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import find_prefix
-from gnuradio.radalt.core.mitigation.ofdm.burst import whole
-from gnuradio.radalt.core.mitigation.ofdm.carrier import carrier_step, course, whole_subcarriers
-from gnuradio.radalt.core.mitigation.ofdm.front_end import front_end
-from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL, decide, misread, nearest
-from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge, expected_return
-from gnuradio.radalt.core.mitigation.ofdm.tones import without_tones
-from gnuradio.radalt.core.mitigation.ofdm.under_noise import mean_points
-from gnuradio.radalt.core.mitigation.ofdm.upright import true_up, turned
-from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, Case, received
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.stream import JammerStream
+from radalt.core.mitigation import MitigationError, create, ofdm_cancel
+from radalt.core.mitigation.interference_detector import InterferenceDetector
+from radalt.core.mitigation.joint import JointCancel
+from radalt.core.mitigation.ofdm import demodulator
+from radalt.core.mitigation.ofdm.acquisition import find_prefix
+from radalt.core.mitigation.ofdm.burst import whole
+from radalt.core.mitigation.ofdm.carrier import carrier_step, course, whole_subcarriers
+from radalt.core.mitigation.ofdm.front_end import front_end
+from radalt.core.mitigation.ofdm.lattice import CELL, decide, misread, nearest
+from radalt.core.mitigation.ofdm.numerology import Numerology
+from radalt.core.mitigation.ofdm.ridge import Ridge, expected_return
+from radalt.core.mitigation.ofdm.tones import without_tones
+from radalt.core.mitigation.ofdm.under_noise import mean_points
+from radalt.core.mitigation.ofdm.upright import true_up, turned
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
+from radalt.studies.cancellation.cases import CASES, Case, received
 
 W = Waveform()
 ALTIMETER = Altimeter(W, AltimeterSettings())

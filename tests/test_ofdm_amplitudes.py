@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import acquire, find_prefix
-from gnuradio.radalt.core.mitigation.ofdm.amplitudes import decide_scaled, levelled
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import MORE, SCALED, demodulate, once_more
-from gnuradio.radalt.core.mitigation.ofdm.lattice import decide, nearest
-from gnuradio.radalt.core.mitigation.ofdm.numerology import SPACINGS_HZ, Numerology
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
-from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, received
+from radalt.core.mitigation import create
+from radalt.core.mitigation.ofdm.acquisition import acquire, find_prefix
+from radalt.core.mitigation.ofdm.amplitudes import decide_scaled, levelled
+from radalt.core.mitigation.ofdm.demodulator import MORE, SCALED, demodulate, once_more
+from radalt.core.mitigation.ofdm.lattice import decide, nearest
+from radalt.core.mitigation.ofdm.numerology import SPACINGS_HZ, Numerology
+from radalt.core.mitigation.ofdm.ridge import Ridge
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 
 HALVES = np.repeat([0, 1], [5, 8])
 USERS = np.repeat(np.arange(10), 50)  # of each subcarrier

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.mitigation.ofdm.channel_fit import _solved, best_order, fit, smooth_fit, sums
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import times_of
-from gnuradio.radalt.core.mitigation.ofdm.lattice import box
+from radalt.core.mitigation.ofdm.channel_fit import _solved, best_order, fit, smooth_fit, sums
+from radalt.core.mitigation.ofdm.demodulator import times_of
+from radalt.core.mitigation.ofdm.lattice import box
 
 
 def noise(rng, *shape):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import Grid
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import AGAIN, demodulate
-from gnuradio.radalt.core.mitigation.ofdm.echoes import grown
-from gnuradio.radalt.core.mitigation.ofdm.lattice import SCALE, nearest
-from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
+from radalt.core.mitigation.ofdm.acquisition import Grid
+from radalt.core.mitigation.ofdm.demodulator import AGAIN, demodulate
+from radalt.core.mitigation.ofdm.echoes import grown
+from radalt.core.mitigation.ofdm.lattice import SCALE, nearest
+from radalt.core.mitigation.ofdm.numerology import Numerology
 
 NUMEROLOGY = Numerology(7.5e6, 15e3)
 STARTS = np.array([20 + 535 * n + n // 7 for n in range(13)])

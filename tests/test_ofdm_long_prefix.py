@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import acquire, acquired, find_prefix
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import FIRST, demodulate
-from gnuradio.radalt.core.mitigation.ofdm.first_reading import Opened
-from gnuradio.radalt.core.mitigation.ofdm.lattice import unit
-from gnuradio.radalt.core.mitigation.ofdm.long_prefix import well_placed
-from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge
-from gnuradio.radalt.evaluation.cancellation.cases import CASES, WAVEFORM, received
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.mitigation.ofdm.acquisition import acquire, acquired, find_prefix
+from radalt.core.mitigation.ofdm.demodulator import FIRST, demodulate
+from radalt.core.mitigation.ofdm.first_reading import Opened
+from radalt.core.mitigation.ofdm.lattice import unit
+from radalt.core.mitigation.ofdm.long_prefix import well_placed
+from radalt.core.mitigation.ofdm.numerology import Numerology
+from radalt.core.mitigation.ofdm.ridge import Ridge
+from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
 
 
 def every(starts):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.waveform import Waveform
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.mitigation import create
+from radalt.core.waveform import Waveform
 
 W = Waveform()
 TIME_S = np.arange(7500) / 7.5e6

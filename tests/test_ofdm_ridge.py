@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from gnuradio.radalt.core.mitigation.ofdm.lattice import DENSE, nearest
-from gnuradio.radalt.core.mitigation.ofdm.received import Received
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Density, NearPoints, few_beside, modulus_of
+from radalt.core.mitigation.ofdm.lattice import DENSE, nearest
+from radalt.core.mitigation.ofdm.received import Received
+from radalt.core.mitigation.ofdm.ridge import Density, NearPoints, few_beside, modulus_of
 
 SHAPE = (13, 500)
 NOISE = 1e-4

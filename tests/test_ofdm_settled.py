@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.mitigation import create, ofdm_cancel
-from gnuradio.radalt.core.mitigation.ofdm import settled
-from gnuradio.radalt.core.mitigation.ofdm.acquisition import transforms
-from gnuradio.radalt.core.mitigation.ofdm.emission import Emission
-from gnuradio.radalt.core.mitigation.ofdm.lattice import CELL
-from gnuradio.radalt.core.mitigation.ofdm.modulator import Modulator
-from gnuradio.radalt.core.mitigation.ofdm.numerology import Numerology
-from gnuradio.radalt.core.mitigation.ofdm.ridge import Ridge, read_around
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.waveform import Waveform
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.mitigation import create, ofdm_cancel
+from radalt.core.mitigation.ofdm import settled
+from radalt.core.mitigation.ofdm.acquisition import transforms
+from radalt.core.mitigation.ofdm.emission import Emission
+from radalt.core.mitigation.ofdm.lattice import CELL
+from radalt.core.mitigation.ofdm.modulator import Modulator
+from radalt.core.mitigation.ofdm.numerology import Numerology
+from radalt.core.mitigation.ofdm.ridge import Ridge, read_around
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
 
 W = Waveform()
 N = W.samples_per_frame

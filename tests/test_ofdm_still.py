@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.mitigation.ofdm import still
-from gnuradio.radalt.core.mitigation.ofdm.channel_fit import standing
-from gnuradio.radalt.core.mitigation.ofdm.demodulator import again
-from gnuradio.radalt.core.mitigation.ofdm.lattice import DENSE, SPARSE_POINTS, decide, nearest
-from gnuradio.radalt.core.waveform import Waveform
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.mitigation import create
+from radalt.core.mitigation.ofdm import still
+from radalt.core.mitigation.ofdm.channel_fit import standing
+from radalt.core.mitigation.ofdm.demodulator import again
+from radalt.core.mitigation.ofdm.lattice import DENSE, SPARSE_POINTS, decide, nearest
+from radalt.core.waveform import Waveform
 
 W = Waveform()
 TIME_S = np.arange(7500) / 7.5e6

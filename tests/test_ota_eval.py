@@ -12,11 +12,11 @@ import ota_eval
 import pytest
 from waiting import end_of, wait_for, written
 
-from gnuradio.radalt.core.scene import SweepSpec, load_scene
-from gnuradio.radalt.evaluation.overlap.points import sweep_points
-from gnuradio.radalt.evaluation.overlap.rows import COLUMNS
-from gnuradio.radalt.evaluation.overlap.study import OverlapStudy
-from gnuradio.radalt.evaluation.results.folder import FolderError, read_report
+from radalt.core.scene import SweepSpec, load_scene
+from radalt.evaluation.overlap.points import sweep_points
+from radalt.evaluation.overlap.rows import COLUMNS
+from radalt.evaluation.overlap.study import OverlapStudy
+from radalt.evaluation.results.folder import FolderError, read_report
 
 SWEEP = "--methods none,whitening,lms --overlap 0,0.5,1 --sir-db=-28 --altitudes 600,40 --frames 3".split()
 pytestmark = pytest.mark.timeout(150)

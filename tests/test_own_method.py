@@ -12,21 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.mitigation import MitigationError, create
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.scene import load_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph.embedded import embed
-from gnuradio.radalt.evaluation.flowgraph.generate import Prepared, generate, prepare
-from gnuradio.radalt.evaluation.flowgraph.rewrite import (
+from radalt.core.mitigation import MitigationError, create
+from radalt.core.returns.point import point_return
+from radalt.core.scene import load_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.embedded import embed
+from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare
+from radalt.evaluation.flowgraph.rewrite import (
     from_recording,
     load_grc,
     prune,
     simulate,
     with_chain,
 )
-from gnuradio.radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.flowgraph.run import load_class, run_point, write_scene
+from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = ROOT / "flowgraphs"
@@ -70,7 +70,7 @@ def test_function_of_a_file_cleans_the_frames(tmp_path):
 
 def test_class_of_a_file_keeps_its_state_until_it_is_reset(tmp_path):
     source = (
-        "from gnuradio.radalt.core.mitigation import Mitigation\n"
+        "from radalt.core.mitigation import Mitigation\n"
         "class Counting(Mitigation):\n"
         "    def reset(self):\n"
         "        super().reset()\n"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core import cores
-from gnuradio.radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.core import cores
+from radalt.core.mitigation import METHODS, MitigationError, OwnProcess, create
+from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.watch import run_to_end
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -116,7 +116,7 @@ def test_the_process_has_no_threads_of_linear_algebra(beside, monkeypatch):
 
 
 def test_one_core_computes_in_place(monkeypatch):
-    import gnuradio.radalt.core.mitigation as package
+    import radalt.core.mitigation as package
 
     monkeypatch.setattr(package, "allowed_cores", lambda: [3])
     assert not isinstance(create("blanking", W, own_process=True), OwnProcess)
@@ -143,7 +143,7 @@ def test_the_interpreter_keeps_to_one_core_while_something_runs_beside_it(monkey
 def test_in_a_flowgraph(tmp_path):
     from gnuradio import blocks, gr, radalt
 
-    from gnuradio.radalt.core.scene import load_scene
+    from radalt.core.scene import load_scene
 
     scene = load_scene("paper_qpsk")
     frames = received(21)

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 import yaml
 
-from radalt.evaluation.cancellation.study import CancellationStudy
-from radalt.evaluation.detection.study import DetectionStudy
 from radalt.evaluation.engine.run import head_of
 from radalt.evaluation.engine.study import Run
-from radalt.evaluation.integrity.study import IntegrityStudy
-from radalt.evaluation.landing import config as landing
-from radalt.evaluation.landing.study import LandingStudy
-from radalt.evaluation.leaving_out.study import LeavingOutStudy
-from radalt.evaluation.realtime.outside import Outside
-from radalt.evaluation.realtime.report import Benchmark
-from radalt.evaluation.realtime.report import write_report as write_benchmark
-from radalt.evaluation.realtime.study import Measurement
 from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.markdown import to_html
-from radalt.evaluation.runtime.study import RuntimeStudy
-from radalt.evaluation.stability.study import StabilityStudy, compared_chains
+from radalt.studies.cancellation.study import CancellationStudy
+from radalt.studies.detection.study import DetectionStudy
+from radalt.studies.integrity.study import IntegrityStudy
+from radalt.studies.landing import config as landing
+from radalt.studies.landing.study import LandingStudy
+from radalt.studies.leaving_out.study import LeavingOutStudy
+from radalt.studies.realtime.outside import Outside
+from radalt.studies.realtime.report import Benchmark
+from radalt.studies.realtime.report import write_report as write_benchmark
+from radalt.studies.realtime.study import Measurement
+from radalt.studies.runtime.study import RuntimeStudy
+from radalt.studies.stability.study import StabilityStudy, compared_chains
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -43,7 +43,7 @@ def _landing(root):
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
     """Flights of four outputs, costs of two frames."""
-    package = "radalt.evaluation.cancellation"
+    package = "radalt.studies.cancellation"
     short = {
         "study.FRAMES": 160,
         "costs._ROUNDS": 1,

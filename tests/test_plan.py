@@ -6,23 +6,23 @@ import sys
 import ota_eval
 import pytest
 
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.paths import share_dir
-from gnuradio.radalt.core.receiver import altimeter
-from gnuradio.radalt.core.scene import load_scene, parse_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.engine.options import Options
-from gnuradio.radalt.evaluation.engine.run import run
-from gnuradio.radalt.evaluation.flowgraph.plan import left_out, make_plan
-from gnuradio.radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
-from gnuradio.radalt.evaluation.leaving_out import study as leaving_out
-from gnuradio.radalt.evaluation.leaving_out.report import summarise
+from radalt.core.mitigation import create
+from radalt.core.paths import share_dir
+from radalt.core.receiver import altimeter
+from radalt.core.scene import load_scene, parse_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.flowgraph.plan import left_out, make_plan
+from radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
+from radalt.studies.leaving_out import study as leaving_out
+from radalt.studies.leaving_out.report import summarise
 
 RUN = """
 import sys, tempfile
-from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.generate import prepare
-from gnuradio.radalt.evaluation.flowgraph.run import run_point
+from radalt.core.scene import parse_scene
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.run import run_point
 scene = parse_scene({"altitude": {"programme_m": [200.0], "frames": 3}, "methods": ["none", "whitening"]})
 with tempfile.TemporaryDirectory() as folder:
     result = run_point(prepare(scene, scene.methods, folder), scene)

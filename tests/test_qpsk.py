@@ -3,23 +3,23 @@
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from gnuradio.radalt.core.interference.emitters.fmcw import FmcwEmitter
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
-from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from gnuradio.radalt.core.mitigation import MitigationError, create, qpsk_cancel
-from gnuradio.radalt.core.mitigation.qpsk.clock import Clock, clock_line, find_clocks
-from gnuradio.radalt.core.mitigation.qpsk.equaliser import Equaliser
-from gnuradio.radalt.core.mitigation.qpsk.follower import Follower
-from gnuradio.radalt.core.mitigation.qpsk.held import astray
-from gnuradio.radalt.core.mitigation.qpsk.pulse import Train
-from gnuradio.radalt.core.receiver.altimeter import Altimeter
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.scene import SceneError, parse_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.cancellation.cases import CASES
-from gnuradio.radalt.evaluation.cancellation.cases import received as through_radios
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.mitigation import MitigationError, create, qpsk_cancel
+from radalt.core.mitigation.qpsk.clock import Clock, clock_line, find_clocks
+from radalt.core.mitigation.qpsk.equaliser import Equaliser
+from radalt.core.mitigation.qpsk.follower import Follower
+from radalt.core.mitigation.qpsk.held import astray
+from radalt.core.mitigation.qpsk.pulse import Train
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.core.returns.point import point_return
+from radalt.core.scene import SceneError, parse_scene
+from radalt.core.waveform import Waveform
+from radalt.studies.cancellation.cases import CASES
+from radalt.studies.cancellation.cases import received as through_radios
 
 W = Waveform()
 N, RATE_HZ = W.samples_per_frame, W.rate_hz

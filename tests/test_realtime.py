@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import realtime_benchmark
 
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
-from gnuradio.radalt.core.scene import load_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.realtime.outside import OutsideWatch
-from gnuradio.radalt.evaluation.realtime.study import (
+from radalt.core.mitigation import create
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.scene import load_scene
+from radalt.core.waveform import Waveform
+from radalt.studies.realtime.outside import OutsideWatch
+from radalt.studies.realtime.study import (
     at_rate,
     fly_benchmark,
     long_scene,

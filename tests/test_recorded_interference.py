@@ -7,16 +7,16 @@ import make_recording
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference import Interferer, interference_frame
-from gnuradio.radalt.core.interference.emitters.nr import NrEmitter
-from gnuradio.radalt.core.interference.emitters.qpsk import QpskEmitter
-from gnuradio.radalt.core.interference.emitters.recording import RecordingEmitter
-from gnuradio.radalt.core.interference.emitters.tones import ToneEmitter
-from gnuradio.radalt.core.interference.multipath import FadedEmitter, FadingChannel
-from gnuradio.radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
-from gnuradio.radalt.core.interference.stream import JammerStream
-from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
-from gnuradio.radalt.core.waveform import Waveform
+from radalt.core.interference import Interferer, interference_frame
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk import QpskEmitter
+from radalt.core.interference.emitters.recording import RecordingEmitter
+from radalt.core.interference.emitters.tones import ToneEmitter
+from radalt.core.interference.multipath import FadedEmitter, FadingChannel
+from radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
+from radalt.core.interference.stream import JammerStream
+from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.core.waveform import Waveform
 
 RATE_HZ = 7.5e6
 

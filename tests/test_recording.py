@@ -10,17 +10,17 @@ import pytest
 import sigmf
 import uhd_double
 
-from gnuradio.radalt.core.mitigation import CUSTOM, METHODS
-from gnuradio.radalt.core.radio.calibration import CalibrationKey, store_latency_samples
-from gnuradio.radalt.core.radio.recording import RecordingError, open_capture
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.flowgraph.generate import prepare
-from gnuradio.radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
-from gnuradio.radalt.evaluation.flowgraph.run import run_point
-from gnuradio.radalt.evaluation.radios.hardware import run_hardware
-from gnuradio.radalt.evaluation.results.folder import FolderError, read_report
+from radalt.core.mitigation import CUSTOM, METHODS
+from radalt.core.radio.calibration import CalibrationKey, store_latency_samples
+from radalt.core.radio.recording import RecordingError, open_capture
+from radalt.core.returns.point import point_return
+from radalt.core.scene import parse_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.generate import prepare
+from radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
+from radalt.evaluation.flowgraph.run import run_point
+from radalt.evaluation.radios.hardware import run_hardware
+from radalt.evaluation.results.folder import FolderError, read_report
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -166,7 +166,7 @@ def test_foreign_recordings_give_the_altitude(tmp_path, replayer, rate_hz, datat
 def test_resampling_in_blocks_is_resampling_at_once(tmp_path, monkeypatch):
     from scipy import signal
 
-    from gnuradio.radalt.core.radio import recording
+    from radalt.core.radio import recording
 
     rng = np.random.default_rng(1)
     samples = rng.standard_normal(40_000) + 1j * rng.standard_normal(40_000)

@@ -2,6 +2,9 @@
 
 import contextlib
 import json
+import socket
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -13,13 +16,14 @@ import numpy as np
 import pytest
 import uhd_double
 import zmq
-from gnuradio import radalt
+from gnuradio import gr, radalt
 from waiting import wait_for
 
-from gnuradio.radalt.core.radio.control import RequestError, check_endpoint, parse_request
-from gnuradio.radalt.core.scene import parse_scene
-from gnuradio.radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
-from gnuradio.radalt.evaluation.radios.remote import drive_remotely
+from radalt.core.radio.control import RequestError, parse_request
+from radalt.core.radio.endpoint import check_endpoint
+from radalt.core.scene import parse_scene
+from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
+from radalt.evaluation.radios.remote import drive_remotely
 
 pytestmark = pytest.mark.timeout(150)
 
@@ -86,6 +90,12 @@ def test_an_endpoint_of_this_machine_needs_none(endpoint):
 def test_what_is_no_endpoint_is_named(endpoint):
     with pytest.raises(ValueError, match="expected tcp://ADDRESS:PORT"):
         check_endpoint("control", endpoint, network=True)
+
+
+@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:70000", "tcp://127.0.0.1:0"])
+def test_a_port_that_is_none_is_named(endpoint):
+    with pytest.raises(ValueError, match="a port is within 1..65535"):
+        check_endpoint("control", endpoint, network=False)
 
 
 def test_a_request_is_read():
@@ -171,9 +181,9 @@ def test_jammer_and_methods_are_set(loop):
 def test_malformed_requests_are_answered_and_change_nothing(loop):
     client, endpoints, _, _ = loop
     before = client.request("get")
-    with zmq.Context.instance().socket(zmq.REQ) as socket:
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(endpoints["control"])
+    with zmq.Context.instance().socket(zmq.REQ) as asking:
+        asking.setsockopt(zmq.LINGER, 0)
+        asking.connect(endpoints["control"])
         for parts in (
             [b""],
             [b"{"],
@@ -183,9 +193,9 @@ def test_malformed_requests_are_answered_and_change_nothing(loop):
             [b'{"version": 1, "command": "get"}', b"and more"],
             [b""] * 100,
         ):
-            socket.send_multipart(parts)
-            assert socket.poll(2000)
-            reply = json.loads(socket.recv())
+            asking.send_multipart(parts)
+            assert asking.poll(2000)
+            reply = json.loads(asking.recv())
             assert reply["ok"] is False
             assert reply["version"] == 1
             assert "\n" not in reply["error"]
@@ -208,13 +218,100 @@ def test_while_a_flowgraph_starts_the_scheduler_is_not_asked(bench):
 def test_a_message_of_many_parts_is_bounded_in_all_of_them(bench, parts):
     """The socket's own limit is on one part; what is beyond is not read on, and the next client is answered."""
     control = bench.start()
-    with zmq.Context.instance().socket(zmq.REQ) as socket:
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(control._control)
-        socket.send_multipart(parts)
-        wait_for(lambda: control.errors == 1, "the counted error")
+    with zmq.Context.instance().socket(zmq.REQ) as asking:
+        asking.setsockopt(zmq.LINGER, 0)
+        asking.connect(control._control)
+        asking.send_multipart(parts)
+        wait_for(lambda: control.errors + control.refused == 1, "the counted refusal")
     assert bench.ask(b'{"version": 1, "command": "get"}')["error"].startswith("the flowgraph has not started")
     wait_for(lambda: bench.gates[0].why_closed is None, "an open gate")
+
+
+def test_a_message_without_end_takes_no_memory(bench):
+    """libzmq gathers all parts of a message, however many, before anybody sees them; the connection is cut instead."""
+    control = bench.start()
+    part = (
+        b"\x03" + (60_000).to_bytes(8, "big") + b"x" * 60_000
+    )  # ZMTP 3.0 (RFC 23): a long frame, more to come
+    with socket.socket(socket.AF_UNIX) as peer:
+        peer.connect(bench.address())
+        peer.sendall(b"\xff" + b"\x00" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + b"\x00" * 32)
+        peer.sendall(b"\x04\x19\x05READY\x0bSocket-Type\x00\x00\x00\x03REQ")
+        with pytest.raises(OSError):
+            for _ in range(1000):
+                peer.sendall(part)
+    assert control.refused == 1
+    assert bench.ask(b'{"version": 1, "command": "get"}')["ok"] is False
+
+
+def test_peers_that_say_nothing_keep_nobody_out(bench):
+    bench.start()
+    address = bench.address()
+    idle = []
+    for _ in range(115):
+        idle.append(socket.socket(socket.AF_UNIX))
+        idle[-1].connect(address)
+    assert "has not started" in bench.ask(b'{"version": 1, "command": "get"}')["error"]
+    for peer in idle:
+        peer.close()
+
+
+def test_subscriptions_without_measure_leave_control_answering(loop):
+    client, endpoints, _, _ = loop
+    with zmq.Context.instance().socket(zmq.SUB) as greedy:
+        greedy.setsockopt(zmq.LINGER, 0)
+        greedy.connect(endpoints["telemetry"])
+        for k in range(200):
+            greedy.subscribe(b"%d" % k + b"x" * 60_000)
+        wait_for(lambda: client.request("get")["refused"] >= 1, "a refused subscriber")
+    assert results(client, 1.0)
+
+
+def test_a_file_is_never_replaced_and_a_path_has_one_owner(bench, tmp_path):
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    with pytest.raises(ValueError, match="exists and is no socket; name a new one"):
+        radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{notes}")
+    assert notes.read_text() == "mine"
+    bench.start()
+    with pytest.raises(ValueError, match="in use by another program"):
+        radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{bench.address()}")
+    assert "has not started" in bench.ask(b'{"version": 1, "command": "get"}')["error"]  # the first goes on
+    dead = socket.socket(socket.AF_UNIX)
+    dead.bind(f"{tmp_path}/dead")
+    dead.close()
+    radalt.remote_control(bench.top, parse_scene({}), "", f"ipc://{tmp_path}/dead").close()
+
+
+def test_the_address_of_ipv6_is_bound():
+    with contextlib.closing(
+        radalt.remote_control(SimpleNamespace(), parse_scene({}), "", "tcp://[::1]:*")
+    ) as it:
+        assert it._replier.listener.address.startswith("tcp://[::1]:")
+
+
+def test_the_client_outlives_the_telemetry_of_another_program(tmp_path, root):
+    with zmq.Context.instance().socket(zmq.PUB) as other, zmq.Context.instance().socket(zmq.REP) as replier:
+        other.bind(f"ipc://{tmp_path}/t")
+        replier.bind(f"ipc://{tmp_path}/c")
+        ends = ["--telemetry", f"ipc://{tmp_path}/t", "--control", f"ipc://{tmp_path}/c"]
+        command = [sys.executable, str(root / "flowgraphs/control_client.py"), *ends]
+        descent = subprocess.Popen(
+            [*command, "descend", "--altitudes", "9"], stderr=subprocess.PIPE, text=True
+        )
+        replier.recv()
+        replier.send(b'{"ok": true, "state": {}}')
+        while descent.poll() is None:
+            for message in (b'{"weather": "fine"}', b'{"type": "result", "truth_m": 9, "altitude_m": "x"}'):
+                other.send(message)
+            time.sleep(0.05)
+        assert (descent.returncode, descent.stderr.read()) == (0, "")
+        words = " ".join([*command, "watch", "--count", "1000"])
+        watch = subprocess.Popen(["sh", "-c", f"{words} | head -n 1"], stderr=subprocess.PIPE, text=True)
+        while watch.poll() is None:
+            other.send(b"{}")
+            time.sleep(0.001)
+        assert watch.stderr.read() == ""
 
 
 def test_a_subscriber_that_never_reads_slows_nothing(loop):
@@ -251,14 +348,17 @@ def bench(tmp_path, capfd):
         return made[-1]
 
     def ask(*parts: bytes) -> dict:
-        with zmq.Context.instance().socket(zmq.REQ) as socket:
-            socket.setsockopt(zmq.LINGER, 0)
-            socket.connect(f"ipc://{tmp_path}/control{len(made) - 1}")
-            socket.send_multipart(parts)
-            assert socket.poll(60_000)
-            return json.loads(socket.recv())
+        with zmq.Context.instance().socket(zmq.REQ) as asking:
+            asking.setsockopt(zmq.LINGER, 0)
+            asking.connect(f"ipc://{tmp_path}/control{len(made) - 1}")
+            asking.send_multipart(parts)
+            assert asking.poll(60_000)
+            return json.loads(asking.recv())
 
-    yield SimpleNamespace(top=top, gates=(top.radar_gate.gate, top.jammer_gate.gate), start=start, ask=ask)
+    yield SimpleNamespace(
+        top=top, gates=(top.radar_gate.gate, top.jammer_gate.gate), start=start, ask=ask,
+        address=lambda: f"{tmp_path}/control{len(made) - 1}",
+    )  # fmt: skip
     for control in made:
         control.close()
 
@@ -290,10 +390,10 @@ def test_gates_close_when_the_serving_thread_hangs(bench, monkeypatch):
     opened(bench)
     hung = threading.Event()
     monkeypatch.setattr(control, "_answer", lambda parts: hung.wait(20) and "")
-    with zmq.Context.instance().socket(zmq.REQ) as socket:
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(control._control)
-        socket.send(b"{}")
+    with zmq.Context.instance().socket(zmq.REQ) as asking:
+        asking.setsockopt(zmq.LINGER, 0)
+        asking.connect(control._control)
+        asking.send(b"{}")
         closed(bench, "")
         hung.set()
 
@@ -306,10 +406,10 @@ def test_the_thread_survives_every_exception_and_counts_it(bench, monkeypatch):
     reply = bench.ask(b'{"version": 1, "command": "get"}')
     assert reply["ok"] is False and "ZeroDivisionError" in reply["error"]
     monkeypatch.setattr(control, "_answer", lambda parts: 1 / 0)  # not even an answer: the socket is replaced
-    with zmq.Context.instance().socket(zmq.REQ) as socket:
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.connect(control._control)
-        socket.send(b"{}")
+    with zmq.Context.instance().socket(zmq.REQ) as asking:
+        asking.setsockopt(zmq.LINGER, 0)
+        asking.connect(control._control)
+        asking.send(b"{}")
         wait_for(lambda: control.errors == 2, "the second counted error")
     monkeypatch.undo()
 
@@ -337,6 +437,30 @@ def test_stop_is_carried_out_before_the_first_sample(bench):
 def test_gates_close_when_nobody_asks_for_as_long_as_agreed(bench):
     bench.start(keep_alive_s=0.5)
     closed(bench, "no request for more than 0.5 s")
+
+
+def test_garbage_keeps_no_transmission_alive(bench):
+    bench.start(keep_alive_s=0.5)
+    for _ in range(20):
+        assert bench.ask(b"{")["ok"] is False
+        time.sleep(0.05)
+    closed(bench, "no request for more than 0.5 s")
+
+
+def test_gates_within_hierarchical_blocks_are_closed_too(bench):
+    class Transmitter(gr.hier_block2):
+        def __init__(self) -> None:
+            signature = gr.io_signature(1, 1, gr.sizeof_gr_complex)
+            gr.hier_block2.__init__(self, "transmitter", signature, gr.io_signature(0, 0, 0))
+            self.gates = [radalt.transmit_gate(parse_scene({}), True, True)]
+
+    bench.top.transmitter = Transmitter()
+    inside = bench.top.transmitter.gates[0].gate
+    inside._closed = None  # as if the scene stated an enclosure
+    bench.start()
+    wait_for(lambda: inside.why_closed is None, "an open gate")
+    bench.ask(b'{"version": 1, "command": "stop"}')
+    assert inside.why_closed == "transmit stopped: by request"
 
 
 class Listened(uhd_double.Air):
@@ -387,12 +511,12 @@ def test_transmission_of_a_running_flowgraph_ends_where_control_is_lost(tmp_path
     )
     thread.start()
     try:
-        with zmq.Context.instance().socket(zmq.REQ) as socket:
-            socket.setsockopt(zmq.LINGER, 0)
-            socket.connect(options["control"])
+        with zmq.Context.instance().socket(zmq.REQ) as asking:
+            asking.setsockopt(zmq.LINGER, 0)
+            asking.connect(options["control"])
             wait_for(lambda: len(air.loud) == 2, "power from both radios")
             if lost != "the client is silent":
-                socket.send(b"lose")
+                asking.send(b"lose")
             began = time.monotonic()
             time.sleep(2.0)
             last, taken = dict(air.loud), dict(air.taken)

@@ -424,6 +424,37 @@ def edit(path, **changes):
     return path
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"title": "\ud800"}, "title is"),
+        ({"title": "x" * 2_000_000}, "title is"),
+        ({"title": "<script>alert(1)</script>"}, "title is"),
+        ({"name": "a\nb | c"}, "name is"),
+        ({"created": "\x1b[2J"}, "created is"),
+        ({"versions": {"radalt": "<b>"}}, "versions holds 'radalt': '<b>'"),
+    ],
+    ids=["surrogate", "2 MB", "markup", "newline", "escape", "version"],
+)
+def test_a_strangers_text_that_no_page_can_show_is_refused(tmp_path, changes, message):
+    with pytest.raises(PoolError, match=message) as caught:
+        collect([edit(finished(tmp_path / "a", scene_of()), **changes)], tmp_path / "all")
+    assert len(str(caught.value)) < 600 and str(caught.value).isprintable()
+
+
+def test_a_strangers_report_has_bounds(tmp_path):
+    folder = finished(tmp_path / "a", scene_of())
+    rows = read_report(folder)["rows"]
+    for key, values, message in (
+        ("overlap", [-5.0], "overlap is -5"),
+        ("method", ["<i>"], "method is '<i>'"),
+        ("sir_db", [-k / 10 for k in range(100)], "100 panels, and a page shows 60"),
+        ("overlap", [k / 2000 for k in range(2000)], "2000 overlaps, and a page shows 1000"),
+    ):
+        with pytest.raises(PoolError, match=message):
+            collect([edit(folder, rows=[rows[0] | {key: value} for value in values])], tmp_path / "all")
+
+
 def test_other_schemas_unfinished_runs_and_other_files_are_refused(tmp_path):
     with pytest.raises(PoolError, match="schema is 1, this program reads 2"):
         collect([edit(finished(tmp_path / "a", scene_of()), schema=1)], tmp_path / "all")

@@ -1,6 +1,7 @@
 """Set-up: one pin for each package on each Python, package names that differ between releases, and its one-liners."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -34,6 +35,25 @@ def test_every_package_has_one_pin_for_each_python(root, python):
     assert {r.name for r in wanted} == {r.name for r in found}
     assert len(wanted) == len({r.name for r in found})
     assert all(str(r.specifier).startswith("==") for r in wanted)
+
+
+@pytest.mark.parametrize(
+    ("lock", "names", "pythons"),
+    [
+        ("requirements.lock", ("requirements.txt",), PYTHONS),
+        ("requirements-test.lock", ("requirements.txt", "requirements-test.txt"), PYTHONS[1:]),
+    ],
+)
+def test_every_pin_is_in_the_lock_with_the_hashes_of_its_files(root, lock, names, pythons):
+    text = (root / lock).read_text()
+    locked = set(re.findall(r"^([\w.-]+==[^ ]+)", text, re.MULTILINE))
+    for wanted in (r for name in names for r in requirements(root / name)):
+        needed = wanted.marker is None or any(wanted.marker.evaluate({"python_version": v}) for v in pythons)
+        if needed:
+            assert f"{wanted.name}{wanted.specifier}" in locked, "run: make lock"
+    entries = re.split(r"^(?=[\w.-]+==)", text, flags=re.MULTILINE)[1:]
+    assert entries and all("--hash=sha256:" in entry for entry in entries)
+    assert "http" not in text
 
 
 # -- Debian packages --------------------------------------------------------------------------------------------------

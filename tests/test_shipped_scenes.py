@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from gnuradio.radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
-from gnuradio.radalt.evaluation.flowgraph.watch import run_to_end
-from gnuradio.radalt.evaluation.overlap.points import OverlapPoint
-from gnuradio.radalt.evaluation.overlap.study import OverlapStudy, capture_name
+from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.overlap.points import OverlapPoint
+from radalt.evaluation.overlap.study import OverlapStudy, capture_name
 
 SCENES = ("nr5", "nr10", "tones", "mixture", "faa_mask", "fmcw", "qpsk_shaped", "paper_qpsk")
 FRAMES = 12

@@ -300,8 +300,8 @@ class TestThroughTheBlock:
         import pmt
         from gnuradio import blocks, gr, radalt
 
-        from gnuradio.radalt.blocks._frames import time_tag
-        from gnuradio.radalt.core.scene import parse_scene
+        from radalt.blocks._frames import time_tag
+        from radalt.core.scene import parse_scene
 
         stream = random_stream(10_000 + seed)
         p = stream.programme

@@ -6,22 +6,22 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from gnuradio.radalt.core.interference.placement import interference_frames
-from gnuradio.radalt.core.mitigation import create
-from gnuradio.radalt.core.mitigation.base import Mitigation
-from gnuradio.radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from gnuradio.radalt.core.returns.point import point_return
-from gnuradio.radalt.core.scene import load_scene
-from gnuradio.radalt.core.waveform import Waveform
-from gnuradio.radalt.evaluation.engine.options import Options
-from gnuradio.radalt.evaluation.engine.run import run
-from gnuradio.radalt.evaluation.engine.study import Run
-from gnuradio.radalt.evaluation.results.chain import Chain
-from gnuradio.radalt.evaluation.results.folder import RunFolder
-from gnuradio.radalt.evaluation.stability import cases, checks
-from gnuradio.radalt.evaluation.stability.judge import judge, judge_all
-from gnuradio.radalt.evaluation.stability.report import failures, write_report
-from gnuradio.radalt.evaluation.stability.study import StabilityStudy, compared_chains
+from radalt.core.interference.placement import interference_frames
+from radalt.core.mitigation import create
+from radalt.core.mitigation.base import Mitigation
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
+from radalt.core.returns.point import point_return
+from radalt.core.scene import load_scene
+from radalt.core.waveform import Waveform
+from radalt.evaluation.engine.options import Options
+from radalt.evaluation.engine.run import run
+from radalt.evaluation.engine.study import Run
+from radalt.evaluation.results.chain import Chain
+from radalt.evaluation.results.folder import RunFolder
+from radalt.studies.stability import cases, checks
+from radalt.studies.stability.judge import judge, judge_all
+from radalt.studies.stability.report import failures, write_report
+from radalt.studies.stability.study import StabilityStudy, compared_chains
 
 W = Waveform()
 
@@ -143,7 +143,7 @@ def test_a_block_that_fails_in_the_flowgraph_is_a_row_that_says_why(monkeypatch,
     def fail(self, *args, **kwargs):
         raise FloatingPointError("as it was")
 
-    monkeypatch.setattr("gnuradio.radalt.core.mitigation.whitening.Whitening.process", fail)
+    monkeypatch.setattr("radalt.core.mitigation.whitening.Whitening.process", fail)
     monkeypatch.setattr(checks, "create", lambda name, waveform: create("none", waveform))
     row = checks.flowgraph_row("whitening")
     assert (row["value"], row["verdict"]) == (None, "FAIL as it was")
@@ -183,7 +183,7 @@ class Overflow(Mitigation):
 @pytest.mark.parametrize("method", [Grudge, Overflow])
 def test_a_method_that_keeps_a_grudge_or_overflows_fails(case, method, monkeypatch):
     monkeypatch.setattr(
-        "gnuradio.radalt.evaluation.results.chain.create", lambda name, waveform, **_: method(waveform)
+        "radalt.evaluation.results.chain.create", lambda name, waveform, **_: method(waveform)
     )
     assert judge(case, Chain("bad", "bad"))["verdict"] == "FAIL"
 

@@ -413,7 +413,7 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
     from gnuradio import radalt
     from test_blocks import Messages, Ragged, run
 
-    from gnuradio.radalt.core.scene import parse_scene
+    from radalt.core.scene import parse_scene
 
     scene = parse_scene(
         {
@@ -451,7 +451,7 @@ def test_block_takes_the_received_frames_on_a_second_input():
     from gnuradio import radalt
     from test_blocks import Ragged, run
 
-    from gnuradio.radalt.core.scene import parse_scene
+    from radalt.core.scene import parse_scene
 
     rng = np.random.default_rng(21)
     cleaned = flight(rng, np.full(240, 300.0), 0.0).astype(np.complex64)
@@ -469,7 +469,7 @@ def test_block_says_failure_when_the_segmenter_loses_lock():
     import pmt
     from gnuradio import radalt
 
-    from gnuradio.radalt.core.scene import parse_scene
+    from radalt.core.scene import parse_scene
 
     block = radalt.altitude_tracker(parse_scene({}))
     said = []
@@ -483,7 +483,7 @@ def test_block_says_failure_when_the_segmenter_loses_lock():
 
 
 def test_a_scene_settles_whether_speed_shows_as_doppler():
-    from gnuradio.radalt.core.scene import parse_scene
+    from radalt.core.scene import parse_scene
 
     assert parse_scene({}).tracker_settings.doppler is False
     assert parse_scene({"altitude": {"mode": "true_delay"}}).tracker_settings.doppler is True

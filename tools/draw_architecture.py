@@ -36,6 +36,7 @@ ROOMS = (
     "core.radio",
     "blocks",
     "evaluation",
+    "studies",
 )
 
 
@@ -142,7 +143,7 @@ _NARROW = {
     "core.receiver": 2,
     "core.mitigation": 2,
 }
-_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6"}
+_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "stud": "#E9E2F3"}
 
 
 def contents(room: str, package: Path = PACKAGE) -> str:
@@ -151,7 +152,7 @@ def contents(room: str, package: Path = PACKAGE) -> str:
     if not folder.is_dir():
         return "numbers of each type of radio"
     other = {r.rpartition(".")[2] for r in ROOMS if r.rpartition(".")[0] == room}
-    files = [] if room == "evaluation" else [f.stem for f in sorted(folder.glob("[!_]*.py"))]
+    files = [] if room in ("evaluation", "studies") else [f.stem for f in sorted(folder.glob("[!_]*.py"))]
     folders = [f.name + "/" for f in sorted(folder.iterdir()) if (f / "__init__.py").is_file()]
     return ", ".join(name for name in folders + files if name.rstrip("/") not in other)
 

@@ -14,7 +14,7 @@ git clone -q "$tree" "$work/gr-radalt"
 cd "$work/gr-radalt"
 if [ -n "$environment" ]; then
     ln -s "$environment" .venv
-    touch -d @0 requirements.txt # or make would bring the environment up to date
+    touch -d @0 requirements.lock # or make would bring the environment up to date
 fi
 make help
 make eval ARGS="--overlap 0,1 --altitudes 100,300 --frames 5 --out results/first"

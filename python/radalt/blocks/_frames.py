@@ -12,11 +12,13 @@ __all__ = [
     "FRAME_KEY",
     "RX_TIME_KEY",
     "SENT_KEY",
+    "TagError",
     "frame_ring",
     "frame_tag",
     "gather_frames",
     "read_frame_tags",
     "read_sent_tag",
+    "say_once",
     "sent_tag",
     "time_counter",
     "time_tag",
@@ -38,15 +40,25 @@ def sent_tag(first_index: int, altitude_m: float | None):  # noqa: ANN201 - a pm
 
 
 def read_sent_tag(value, sent: SentAltitudes) -> None:  # noqa: ANN001 - a pmt
-    """Note an altitude that was set by hand."""
-    index, altitude_m = pmt.f64vector_elements(value)
+    """Note an altitude that was set by hand; raises `TagError`."""
+    index, altitude_m = _numbers(SENT_KEY, value, 2)
+    if not 0 <= index < 2**62:
+        raise TagError(f"tag radalt_altitude names the sweep {index:g}; it is ignored")
     sent.set(int(index), None if np.isnan(altitude_m) else altitude_m)
 
 
 def read_frame_tags(block, count: int) -> np.ndarray:  # noqa: ANN001
-    """(count, 4) tag values of the next ``count`` items of input 0, as `frame_tag`; NaN in rows without a tag."""
+    """(count, 4) tag values of the next ``count`` items of input 0, as `frame_tag`; NaN in rows without a tag.
+
+    Of a malformed tag the block's log has one line; its frame counts as one without a tag.
+    """
     tags = block.get_tags_in_window(0, 0, count, FRAME_KEY)
-    values = [pmt.f64vector_elements(tag.value) for tag in tags]
+    try:
+        values = [_numbers(FRAME_KEY, tag.value, 4) for tag in tags]
+    except TagError as error:
+        say_once(block, error)
+        tags = [tag for tag in tags if _is_vector(tag.value, 4)]
+        values = [pmt.f64vector_elements(tag.value) for tag in tags]
     if len(values) == count:  # one each, in order
         return np.array(values)
     out = np.full((count, 4), np.nan)
@@ -63,9 +75,35 @@ def time_tag(counter: int, rate_hz: float):  # noqa: ANN201 - a pmt
 
 
 def time_counter(value, rate_hz: float) -> int:  # noqa: ANN001 - a pmt
-    """Sample counter of an ``rx_time`` tag."""
-    seconds = pmt.to_uint64(pmt.tuple_ref(value, 0))
-    return round(seconds * rate_hz) + round(pmt.to_double(pmt.tuple_ref(value, 1)) * rate_hz)
+    """Sample counter of an ``rx_time`` tag; raises `TagError`."""
+    try:
+        seconds, fraction = pmt.to_uint64(pmt.tuple_ref(value, 0)), pmt.to_double(pmt.tuple_ref(value, 1))
+    except Exception:  # pmt's errors have no class of their own
+        raise TagError("tag rx_time is no (whole seconds, fraction); it is ignored") from None
+    if not (0 <= seconds < 2**40 and 0 <= fraction < 1):
+        raise TagError(f"tag rx_time says {seconds} s and {fraction:g}; it is ignored")
+    return round(seconds * rate_hz) + round(fraction * rate_hz)
+
+
+class TagError(ValueError):
+    """A stream tag that does not say what its key promises; one line."""
+
+
+def _is_vector(value, count: int) -> bool:  # noqa: ANN001 - a pmt
+    return pmt.is_f64vector(value) and pmt.length(value) == count
+
+
+def _numbers(key, value, count: int):  # noqa: ANN001, ANN202 - pmts in, floats out
+    if not _is_vector(value, count):
+        raise TagError(f"tag {pmt.symbol_to_string(key)} is no vector of {count} float64; it is ignored")
+    return pmt.f64vector_elements(value)
+
+
+def say_once(block, error: TagError) -> None:  # noqa: ANN001
+    """Log a malformed tag, and count the rest in ``bad_tags``."""
+    block.bad_tags = getattr(block, "bad_tags", 0) + 1
+    if block.bad_tags == 1:
+        block.logger.warn(str(error))
 
 
 _GATHER = 64  # frames per call, as far as a ring of twice as many fits `_RING_BYTES`

@@ -9,11 +9,13 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
-from ..core.radio.control import check_endpoint
+from ..core.radio.control import MAX_REQUEST_BYTES
+from ..core.radio.endpoint import check_endpoint
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason, Spectra, shared_altimeter
 from ..core.scene import Scene
 from ._frames import read_frame_tags
 from ._guard import guarded
+from ._zmq import BoundSocket
 
 __all__ = ["altimeter_sink"]
 
@@ -92,24 +94,12 @@ class altimeter_sink(gr.sync_block):
             name: pmt.intern(name) for name in (*RESULT_DTYPE.names, "truth_m", "method", "version")
         }
         self._method_pmt = pmt.intern(method)
-        self._socket = self._open(endpoint) if endpoint else None
-
-    def _open(self, endpoint: str):  # noqa: ANN202 - a zmq socket, imported only when asked for
-        import zmq
-
-        socket = zmq.Context.instance().socket(zmq.PUB)
-        socket.setsockopt(
-            zmq.SNDHWM, 1000
-        )  # a slow or dead subscriber loses messages, it never slows the radio
-        socket.setsockopt(zmq.LINGER, 0)
-        try:
-            socket.bind(endpoint)
-        except zmq.ZMQError as error:
-            socket.close()
-            raise ValueError(
-                f"altimeter_sink.endpoint {endpoint!r} cannot be bound: {error}; use another port"
-            ) from None
-        return socket
+        # a slow or dead subscriber loses messages, it never slows the radio
+        self._socket = (
+            BoundSocket("PUB", "altimeter_sink", endpoint, limit_bytes=MAX_REQUEST_BYTES)
+            if endpoint
+            else None
+        )
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
@@ -173,7 +163,7 @@ class altimeter_sink(gr.sync_block):
 
     def _publish(self, result: np.void, truth_m: float) -> None:
         if self._socket is not None:
-            self._socket.send_string(json.dumps(self._as_mapping(result, truth_m)))
+            self._socket.socket.send_string(json.dumps(self._as_mapping(result, truth_m)))
         if self._messages:
             self.message_port_pub(self._port, self._as_pmt(result, truth_m))
 

@@ -10,6 +10,7 @@ import numpy as np
 import pmt
 from gnuradio import gr
 
+from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
@@ -18,9 +19,11 @@ from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
     SENT_KEY,
+    TagError,
     frame_ring,
     frame_tag,
     read_sent_tag,
+    say_once,
     time_counter,
 )
 from ._guard import guarded
@@ -32,6 +35,7 @@ _STATUS_EVERY = 1000  # frames between unsolicited status messages
 # frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
 _SLOW_S = 1.0
+_LARGEST = 1e15  # of a sample: its square and a frame's sum of them stay within float32
 _POLL_S = 1e-3
 # Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
 # it halves its offer down to this number and asks `forecast` each time, which cost more than the calls that found
@@ -88,6 +92,8 @@ class frame_segmenter(gr.basic_block):
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0
+        self.bad_tags = 0
+        self._unusable = False
         self._start_counter = 0
         self._calibrated: float | None = None
         self._latency = float("nan")
@@ -133,15 +139,24 @@ class frame_segmenter(gr.basic_block):
         self.segmenter.follow(sent)
 
     def set_full_scale(self, full_scale: float) -> None:
-        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's."""
-        self._full_scale = float(full_scale)
+        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's. Raises ValueError."""
+        self._full_scale = _number("full_scale", full_scale, 1e-30, 1e30)
 
     def set_start_time(self, seconds: float) -> None:
-        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start."""
+        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start.
+
+        Raises ValueError.
+        """
+        seconds = _number("start time", seconds, 0.0, 1e12)
         self._start_counter = round(seconds * self._rate)
 
     def set_calibration(self, latency_samples: float | None) -> None:
-        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts."""
+        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts.
+
+        Raises ValueError.
+        """
+        if latency_samples is not None:
+            latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
 
     @property
@@ -151,7 +166,11 @@ class frame_segmenter(gr.basic_block):
 
     def status(self) -> dict[str, object]:
         """State, lock quality and counters."""
-        own = {"dropped_slow": self.dropped_slow, "saturated_frames": self.saturated_frames}
+        own = {
+            "dropped_slow": self.dropped_slow,
+            "saturated_frames": self.saturated_frames,
+            "bad_tags": self.bad_tags,
+        }
         return self.segmenter.status() | own
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
@@ -172,6 +191,10 @@ class frame_segmenter(gr.basic_block):
             bite = bite[: max(1, room) * out.shape[1]]
         elif not bite.size:
             time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
+        if self.segmenter.state == ACQUIRING and bite.size and not self._unusable:
+            self._unusable = (
+                not np.abs(bite.view(np.float32)).max() <= _LARGEST
+            )  # NaN is no less than anything
         lend = room > 0  # frames are views of the input then, until they are in the output
         self._take(bite, lend)
         self.has_heard |= bite.size > 0
@@ -201,13 +224,21 @@ class frame_segmenter(gr.basic_block):
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
         """Take an altitude set by hand from the source's tag, unless `follow` was called with another."""
-        read_sent_tag(value, self._sent)
+        try:
+            read_sent_tag(value, self._sent)
+        except TagError as error:
+            say_once(self, error)
+            return
         if self._known is None or self._known == self._sent.at:
             self.follow(self._sent.at)
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
         """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock taken before it."""
-        counter = time_counter(value, self._rate) - self._start_counter
+        try:
+            counter = time_counter(value, self._rate) - self._start_counter
+        except TagError as error:
+            say_once(self, error)
+            return []
         if not self._started:
             self._started = True
             if self.segmenter.sample_counter:
@@ -295,6 +326,7 @@ class frame_segmenter(gr.basic_block):
         """Log one line when a second of signal has come in without a sweep in it."""
         seg = self.segmenter
         if seg.state == LOCKED:
+            self._unusable = False
             self._silent_from, self._said = None, False
         elif self._silent_from is None:
             self._silent_from = seg.sample_counter
@@ -302,7 +334,40 @@ class frame_segmenter(gr.basic_block):
             seg.state == ACQUIRING and not self._said and seg.sample_counter - self._silent_from >= self._rate
         ):
             self._said = True
+            self.logger.warn(f"no sweep found in a second of signal, so no frames: {self._why_silent()}")
+
+    def _why_silent(self) -> str:
+        if self._unusable:
+            return f"samples are not finite, or beyond {_LARGEST:g}; look at what feeds the segmenter"
+        return (
+            "is the radar transmitting the scene's waveform, at altitude zero (timing is acquired there), and received "
+            "above the noise?"
+        )
+
+    def start(self) -> bool:
+        """A second start is a flowgraph that was locked and unlocked: what lay in its rings is gone."""
+        if self.has_heard:
             self.logger.warn(
-                "no sweep found in a second of signal, so no frames: is the radar transmitting the scene's waveform, "
-                "at altitude zero (timing is taken there), and received above the noise?"
+                "the flowgraph was reconfigured while it ran, which loses samples and with them the timing: stop and "
+                "start it instead, or send the command reacquire at altitude zero"
             )
+        return True
+
+    def stop(self) -> bool:
+        """Say why there is nothing, where a stream has ended without one frame."""
+        seg = self.segmenter
+        if self.has_heard and not seg.counters["frames"] and not self._said:
+            seconds = seg.sample_counter / self._rate
+            self.logger.warn(f"{seconds:.3g} s of signal without a frame: {self._why_silent()}")
+        return True
+
+
+def _number(what: str, value: float, low: float, high: float) -> float:
+    """A finite number within limits; raises ValueError with one line."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = float("nan")
+    if not low <= number <= high:
+        raise ValueError(f"{what} is {shown(value)}; it has to be a number within {low:g}..{high:g}")
+    return number

@@ -10,7 +10,7 @@ from gnuradio import gr
 from .. import __version__
 from ..core.radio.recording import Stretch, write_metadata
 from ..core.scene import Scene
-from ._frames import RX_TIME_KEY, time_counter
+from ._frames import RX_TIME_KEY, TagError, say_once, time_counter
 from ._guard import guarded
 from ._writer import BoundedWriter
 
@@ -65,9 +65,13 @@ class iq_recorder(gr.sync_block):
         first, at = self.nitems_read(0), 0
         tags = self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY)
         for tag in sorted(tags, key=lambda t: t.offset):
+            try:
+                counter = time_counter(tag.value, self._rate) - self._start_counter
+            except TagError as error:
+                say_once(self, error)
+                continue
             self._write(samples[at : tag.offset - first])
             at = tag.offset - first
-            counter = time_counter(tag.value, self._rate) - self._start_counter
             self._broken |= counter != self._counter
             self._counter = counter
         self._write(samples[at:])

@@ -21,7 +21,7 @@ class mitigation(MitigationBlock):
     scene : Scene
         Waveform; ``method_options`` of the scene give the method's parameters.
     method : str
-        Name as in `gnuradio.radalt.core.mitigation.create`. Live.
+        Name as in `radalt.core.mitigation.create`. Live.
     options : dict, optional
         Parameters that override the scene's.
 

@@ -15,31 +15,34 @@ from ..core.radio.control import (
     MAX_REQUEST_BYTES,
     Request,
     RequestError,
-    check_endpoint,
     parse_request,
 )
+from ..core.radio.endpoint import check_endpoint
 from ..core.receiver.altimeter import RESULT_DTYPE, Reason
 from ..core.scene import Scene, burst_db
-from .transmit_gate import transmit_gate
+from ._zmq import BoundSocket
+from .transmit_gate import gates_of
 
 __all__ = ["remote_control"]
 
 _POLL_MS = 20
 _STATE_EVERY = 50  # polls between state messages: one second
 _WAIT_S = 0.1  # after an error, before the thread tries again
-_MOST_PARTS = 1000  # of a message that is read to its end, to be answered
+_MOST_PARTS = 1000  # of a message that is taken to its end, to be answered
+_FRAMING_BYTES = 65_536  # what ZMTP adds to a request of a thousand parts, with the handshake before it
 _QUEUED = 10_000  # messages a slow subscriber may lag behind before it loses some
 
 
 class remote_control:
     """Publishes a flowgraph's results and state, and lets any language drive it.
 
-    It reads the altimeters' stored results from a thread of its own, so no subscriber and no request holds up the
-    signal path. A subscriber that is slow or dead loses messages.
+    Two threads of its own take the altimeters' stored results to subscribers and answer requests, so neither holds up
+    the signal path or the other. A subscriber that is slow or dead loses messages. Connections, what a peer may send
+    and what may lie unsent are bounded (`BoundedListener`).
 
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
-    `gnuradio.radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
+    `radalt.core.radio.control`; the reply is ``{"version": 1, "ok": true, "state": {...}}`` or
     ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works
     before the first sample, too. Errors in the thread are counted in ``errors`` and do not end it.
 
@@ -93,84 +96,86 @@ class remote_control:
         self.errors = 0
         self._sir_db = self._overlap = None
         self._closing = threading.Event()
-        self._publisher = self._bind("PUB", telemetry) if telemetry else None
-        self._replier = self._bind("REP", control) if control else None
-        self._thread = threading.Thread(target=self._serve, daemon=True, name="radalt_remote")
+        self._replier = self._bind_control() if control else None
+        try:
+            self._publisher = (
+                BoundSocket("PUB", "telemetry", telemetry, limit_bytes=MAX_REQUEST_BYTES, queued=_QUEUED)
+                if telemetry
+                else None
+            )
+        except ValueError:
+            if self._replier is not None:
+                self._replier.close()
+            raise
+        self._thread = threading.Thread(target=self._serve, daemon=True, name="radalt_control")
+        self._telemetry_thread = threading.Thread(target=self._tell, daemon=True, name="radalt_telemetry")
         if telemetry or control:
             self._thread.start()
+        if telemetry:
+            self._telemetry_thread.start()
 
-    def _bind(self, kind: str, endpoint: str):  # noqa: ANN202 - a zmq socket, imported only when asked for
-        import zmq
-
-        socket = zmq.Context.instance().socket(getattr(zmq, kind))
-        socket.setsockopt(zmq.LINGER, 0)
-        socket.setsockopt(zmq.SNDHWM, _QUEUED)
-        socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
-        try:
-            socket.bind(endpoint)
-        except zmq.ZMQError as error:
-            socket.close()
-            raise ValueError(
-                f"remote_control endpoint {endpoint!r} cannot be bound: {error}; use another"
-            ) from None
-        return socket
+    def _bind_control(self) -> BoundSocket:
+        return BoundSocket(
+            "REP", "control", self._control, limit_bytes=MAX_REQUEST_BYTES + _FRAMING_BYTES, queued=_QUEUED
+        )
 
     def close(self) -> None:
-        """End the thread and free the endpoints."""
+        """End the threads and free the endpoints."""
         self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        for socket in (self._publisher, self._replier):
-            if socket is not None:
-                socket.close()
+        for thread in (self._thread, self._telemetry_thread):
+            if thread.is_alive():
+                thread.join()
+        for bound in (self._publisher, self._replier):
+            if bound is not None:
+                bound.close()
         self._publisher = self._replier = None
 
-    # -- the thread ---------------------------------------------------------------------------------------------------
+    # -- the thread of control: it never touches telemetry, which may be slow ------------------------------------------
 
     def _serve(self) -> None:
-        polls = 0
         while not self._closing.is_set():
             # whatever happens here, the thread that answers 'stop' has to outlive it
             try:
-                self._serve_once(polls)
+                self._serve_once()
             except Exception as error:
-                self._count_error("telemetry" if self._replier else "control", error)
+                self._count_error("control", error)
                 self._closing.wait(_WAIT_S)
-            polls += 1
 
-    def _serve_once(self, polls: int) -> None:
+    def _serve_once(self) -> None:
         if self._replier is None and self._control:
-            self._replier = self._bind("REP", self._control)  # given up after an error
+            self._replier = self._bind_control()  # closed after an error
         if self._replier is None:
             self._closing.wait(_POLL_MS / 1000)
-        elif self._replier.poll(_POLL_MS):
+        elif self._replier.socket.poll(_POLL_MS):
             self._reply()
-        self._beat()
-        if self._publisher is not None and self._running():
-            self._publish_results()
-            if polls % _STATE_EVERY == 0:
-                self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
+        if self._replier is None or self._replier.listener.alive:
+            self._beat()
 
     def _reply(self) -> None:
         """Take one message and answer it; a socket that fails is replaced."""
         try:
-            self._replier.send_string(self._answer(self._receive()))
+            self._replier.socket.send_string(self._answer(self._receive()))
         except Exception:
             self._replier.close()
             self._replier = None
             raise
 
     def _receive(self) -> list[bytes]:
-        """The parts of one message, limited in their total size; the socket limits each part alone."""
+        """The parts of one message, limited in their number and total size."""
         parts = []
         while True:
-            parts.append(self._replier.recv())
-            if not self._replier.rcvmore:
+            parts.append(self._replier.socket.recv())
+            if not self._replier.socket.rcvmore:
                 return parts
             if len(parts) >= _MOST_PARTS or sum(map(len, parts)) > MAX_REQUEST_BYTES:
                 raise RequestError(
                     f"a message of more than {_MOST_PARTS} parts or {MAX_REQUEST_BYTES} bytes; send one part"
                 )
+
+    @property
+    def refused(self) -> int:
+        """Connections closed for what they sent, or dropped for newer ones."""
+        return sum(b.listener.refused for b in (self._publisher, self._replier) if b is not None)
 
     def _count_error(self, where: str, error: Exception) -> None:
         self.errors += 1
@@ -179,7 +184,7 @@ class remote_control:
             print(f"remote_control: {where}: {type(error).__name__}: {text}", file=sys.stderr, flush=True)
 
     def _gates(self) -> list[Any]:
-        return [b.gate for b in list(vars(self._top).values()) if isinstance(b, transmit_gate)]
+        return gates_of(self._top)
 
     def _beat(self) -> None:
         """Tell the transmit gates that control is alive."""
@@ -191,8 +196,23 @@ class remote_control:
                 )
             gate.beat()
 
+    # -- the thread of telemetry --------------------------------------------------------------------------------------
+
+    def _tell(self) -> None:
+        polls = 0
+        while not self._closing.wait(_POLL_MS / 1000):
+            try:
+                if self._running():
+                    self._publish_results()
+                    if polls % _STATE_EVERY == 0:
+                        self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
+            except Exception as error:  # a flowgraph that is ending; the thread outlives it
+                self._count_error("telemetry", error)
+                self._closing.wait(_WAIT_S)
+            polls += 1
+
     def _publish(self, message: dict[str, Any]) -> None:
-        self._publisher.send_string(json.dumps(_finite(message)))
+        self._publisher.socket.send_string(json.dumps(_finite(message)))
         self.published += 1
 
     def _publish_results(self) -> None:
@@ -208,7 +228,6 @@ class remote_control:
     def _answer(self, parts: list[bytes]) -> str:
         """Reply to one message; whatever is wrong with it goes into the reply."""
         self.requests += 1
-        self._asked_s = time.monotonic()
         try:
             if len(parts) != 1:
                 raise RequestError(f"a message of {len(parts)} parts; a request has one")
@@ -218,6 +237,7 @@ class remote_control:
                 methods=tuple(self._altimeters()),
                 jammer=hasattr(self._top, "jammer_source"),
             )
+            self._asked_s = time.monotonic()  # by a client that can control: garbage keeps nothing alive
             if request.command == "stop":  # before the first sample, too: a receiver may never hear one
                 return self._stop()
             if not self._running():
@@ -306,6 +326,7 @@ class remote_control:
             "published": self.published,
             "requests": self.requests,
             "errors": self.errors,
+            "refused": self.refused,
             "transmit": self._transmit_state(),
         }
 

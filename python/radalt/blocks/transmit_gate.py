@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 import numpy as np
 from gnuradio import gr
@@ -11,7 +12,7 @@ from ..core.radio.transmit_gate import TransmitGate
 from ..core.scene import Scene
 from ._guard import guarded
 
-__all__ = ["transmit_gate"]
+__all__ = ["gates_of", "transmit_gate"]
 
 
 class transmit_gate(gr.sync_block):
@@ -52,3 +53,30 @@ class transmit_gate(gr.sync_block):
         """Pass samples, or zeros."""
         self.gate.pass_into(input_items[0], output_items[0])
         return len(output_items[0])
+
+
+def gates_of(top: Any) -> list[TransmitGate]:
+    """Every gate of a flowgraph, those inside its hierarchical blocks included.
+
+    A Python block lives only while an attribute (or a list or dictionary in one) holds it, so that is where they are.
+    """
+    found: dict[int, TransmitGate] = {}
+    seen: set[int] = set()
+
+    def walk(value: Any) -> None:
+        if id(value) in seen:
+            return
+        seen.add(id(value))
+        if isinstance(value, transmit_gate):
+            found[id(value)] = value.gate
+        elif isinstance(value, (list, tuple)):
+            for item in value:
+                walk(item)
+        elif isinstance(value, dict):
+            for item in list(value.values()):
+                walk(item)
+        elif value is top or isinstance(value, gr.hier_block2):
+            walk(vars(value))
+
+    walk(top)
+    return list(found.values())

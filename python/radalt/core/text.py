@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import re
+
 __all__ = ["MOST", "one_line", "said"]
 
 MOST = 300  # characters of a message
+# of an absolute path, all but its last name
+_FOLDERS = re.compile(r"""(?<![\w.:/])(?:/[^\s/,;:"'()]+){2,}/""")
 
 
 def one_line(text: str, most: int = MOST) -> str:
-    """Printable, on one line, of at most ``most`` characters: of a longer one the middle goes, the remedy stands last.
+    """Printable, on one line, of at most ``most`` characters.
+
+    Of a longer one the folders of paths go first, then the middle: cause and remedy stand at the ends.
 
     Examples
     --------
     >>> one_line("altimeter.window is 'wwwwwwwwwwww'; allowed: boxcar, hann", 40)
-    'altimeter.window i ...  boxcar, hann'
+    'altimeter.window  ... wed: boxcar, hann'
+    >>> one_line("/a/very/long/folder/file.py: no such key", 30)
+    '.../file.py: no such key'
     """
     text = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    if len(text) <= most:
+        return text
+    text = _FOLDERS.sub(".../", text)
     if len(text) <= most:
         return text
     half = (most - 5) // 2

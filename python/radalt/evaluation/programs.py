@@ -108,9 +108,8 @@ def _environment() -> str:
     from .flowgraph.generate import grc_dirs
 
     package = Path(__file__).absolute().parent.parent
-    folder = package.parents[1] if package.parent.name == "gnuradio" else package.parent
     lines = []
-    for name, value in (("PYTHONPATH", str(folder)), ("GRC_BLOCKS_PATH", grc_dirs()[0])):
+    for name, value in (("PYTHONPATH", str(package.parent)), ("GRC_BLOCKS_PATH", grc_dirs()[0])):
         text = shlex.quote(value)
         lines.append(f'export {name}={text}"${{{name}:+:${name}}}"')
     return "\n".join(lines)

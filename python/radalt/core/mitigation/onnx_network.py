@@ -148,6 +148,11 @@ def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types
         names = tuple(name for name in wanted if name in there)
         session = _session(str(model), threads, names, (written.st_mtime_ns, written.st_size))
     except Exception as error:  # see OnnxNetwork.run
+        if "xternal data" in str(error):
+            raise MitigationError(
+                f"tcae model {model} keeps weights outside its file, where no digest covers them; "
+                "save it in one file: onnx.save(onnx.load(FILE), FILE)"
+            ) from None
         raise MitigationError(f"tcae model {model} is no readable ONNX file: {_first_line(error)}") from None
     if wanted[0] not in session.get_providers():
         _LOG.warning("tcae: no %s in this onnxruntime; the network runs on the processor", wanted[0])
@@ -159,11 +164,14 @@ def _session(model: str, threads: int, providers: tuple[str, ...], written: tupl
     import onnxruntime
 
     del written  # another file of the same name is another key
+    content = Path(model).read_bytes()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    return onnxruntime.InferenceSession(model, options, providers=list(providers))
+    # A digest of the file has to cover its weights: none is taken from files beside it.
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    return onnxruntime.InferenceSession(content, options, providers=list(providers))
 
 
 def _first_line(error: Exception) -> str:

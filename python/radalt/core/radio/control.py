@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
@@ -22,7 +21,6 @@ __all__ = [
     "MAX_REQUEST_BYTES",
     "Request",
     "RequestError",
-    "check_endpoint",
     "parse_request",
 ]
 
@@ -30,9 +28,6 @@ CONTROL_VERSION = 1
 COMMANDS = ("get", "set", "reacquire", "stop")
 MAX_REQUEST_BYTES = 65_536
 SIR_LIMIT_DB = 100.0
-# of this machine alone: a file or the loopback interface
-_LOCAL = re.compile(r"(ipc|inproc)://.+|tcp://(127(\.\d{1,3}){3}|localhost|lo|\[::1\]):(\d{1,5}|\*)")
-_ENDPOINT = re.compile(r"(ipc|inproc)://.+|tcp://[^\s/]+:(\d{1,5}|\*)")
 
 
 class RequestError(ValueError):
@@ -45,25 +40,6 @@ class Request:
 
     command: str
     changes: dict[str, Any] = field(default_factory=dict)
-
-
-def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
-    """Refuse a ZMQ endpoint that other machines reach, unless ``network`` says that this is meant.
-
-    Raises
-    ------
-    ValueError
-        One line: there is no authentication: whoever reaches an endpoint reads the results, or drives the transmitters.
-    """
-    if not endpoint:
-        return
-    if not _ENDPOINT.fullmatch(endpoint) or len(endpoint) > 200:
-        raise ValueError(f"{name} is {shown(endpoint)}; expected tcp://ADDRESS:PORT or ipc://FILE")
-    if not network and not _LOCAL.fullmatch(endpoint):
-        raise ValueError(
-            f"{name} is {shown(endpoint)}: other machines reach it, and there is no authentication; use "
-            "tcp://127.0.0.1:PORT, or add --network (the block's parameter network) if that is meant"
-        )
 
 
 def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str], jammer: bool) -> Request:

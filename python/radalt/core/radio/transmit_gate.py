@@ -26,10 +26,10 @@ class TransmitGate:
 
     - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked once)
     - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
-    - nobody has called `close`, and every sample so far was finite.
+    - nobody has called `close`, and every sample so far was finite and within `full_scale`.
 
-    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite. Who has
-    lost control starts the program again.
+    A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite or
+    beyond full scale. Who has lost control starts the program again.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ class TransmitGate:
         self._beat_s: float | None = None
         self._closed: str | None = None
         self.zeroed_samples = 0
+        self.full_scale = float("inf")  # largest value of I and Q, which the radios' set-up knows
         try:
             require_enclosure(scene, transmit is True)
         except InterlockError as error:
@@ -96,9 +97,17 @@ class TransmitGate:
 
     def pass_into(self, samples: np.ndarray, out: np.ndarray) -> None:
         """(n,) complex64 ``samples``, or zeros, into ``out`` of the same shape."""
-        if self.why_closed is None and not np.isfinite(samples.view(np.float32)).all():
-            # UHD's conversion of NaN to the converter's integers is undefined
-            self.close("transmit stopped: a sample that is not finite; start again")
+        if self.why_closed is None and len(samples):
+            rails = samples.view(np.float32)
+            largest = max(float(rails.max()), -float(rails.min()))  # NaN stays NaN, and is within nothing
+            if not np.isfinite(largest):
+                # UHD's conversion of NaN to the converter's integers is undefined
+                self.close("transmit stopped: a sample that is not finite; start again")
+            elif largest > self.full_scale:
+                self.close(
+                    f"transmit stopped: a sample of {largest:.3g}, and the converter's full scale is "
+                    f"{self.full_scale:.3g}; start again with a scene of that level"
+                )
         if self.why_closed is None:
             out[:] = samples
         else:

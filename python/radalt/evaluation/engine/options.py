@@ -12,6 +12,7 @@ import os
 import shlex
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -102,6 +103,21 @@ def terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+@contextlib.contextmanager
+def a_home() -> Iterator[None]:
+    """A home for a user without one (``nobody``, a container): GNU Radio and its compiler write there at each start."""
+    home = os.path.expanduser("~")
+    if os.access(home, os.W_OK | os.X_OK):
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="radalt_home_", ignore_cleanup_errors=True) as folder:
+        os.environ["HOME"] = folder
+        try:
+            yield
+        finally:
+            os.environ["HOME"] = home
+
+
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """A ``main`` whose refusals are one line and status 2, Ctrl-C 130 and SIGTERM 143, imports included.
 
@@ -112,8 +128,11 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     def decorate(main: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(main)
         def guarded(*args: object, **options: object) -> int:
+            for stream in (sys.stdout, sys.stderr):
+                if hasattr(stream, "reconfigure"):  # a terminal of another encoding ends no run
+                    stream.reconfigure(errors="backslashreplace")
             try:
-                with terminable():
+                with terminable(), a_home():
                     return main(*args, **options)
             except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
                 complain(program, error)
@@ -310,7 +329,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ...core.returns.terrain import TerrainError, TrajectoryError
     from ...core.scene import SceneError
     from ..flowgraph import FlowgraphError
-    from ..landing.config import StudyError
     from ..results.folder import FolderError
     from .pool import WorkerError
     from .precision import PrecisionError
@@ -328,7 +346,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
         *own,
         TrajectoryError,
         FlowgraphError,
-        StudyError,
         FolderError,
         WorkerError,
         PrecisionError,

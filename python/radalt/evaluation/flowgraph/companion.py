@@ -1,6 +1,6 @@
 """What the companion's Run button starts: a generated flowgraph, whose refusals are one line.
 
-    python -m gnuradio.radalt.evaluation.flowgraph.companion ota_sim.py [arguments of the flowgraph]
+    python -m radalt.evaluation.flowgraph.companion ota_sim.py [arguments of the flowgraph]
 
 The flowgraphs name this in their option *Run Command*. Run by itself, a generated program answers a wrong scene or a
 missing radio with a traceback above that line, and ends with 0 when a block has failed.
@@ -23,7 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         print(
-            "usage: python -m gnuradio.radalt.evaluation.flowgraph.companion FLOWGRAPH.py [arguments]",
+            "usage: python -m radalt.evaluation.flowgraph.companion FLOWGRAPH.py [arguments]",
             file=sys.stderr,
         )
         return 2

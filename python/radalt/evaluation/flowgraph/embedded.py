@@ -61,10 +61,10 @@ def source_of(block_id: str) -> str:
     lines = ["from gnuradio import radalt"]
     if name == "tcae":
         lines += [
-            "from gnuradio.radalt.blocks import _mitigation",
-            "from gnuradio.radalt.core.mitigation import create",
+            "from radalt.blocks import _mitigation",
+            "from radalt.core.mitigation import create",
         ]
-    lines += ["from gnuradio.radalt.core.scene import load_scene"] if has_scene else []
+    lines += ["from radalt.core.scene import load_scene"] if has_scene else []
     lines += [
         "",
         "",

@@ -266,7 +266,7 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     value = blocks["scene"]["parameters"]["value"]
     blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
     states = blocks["scene"]["states"]
-    imports = {"imports": "from gnuradio.radalt.core.scene.live import by_hand"}
+    imports = {"imports": "from radalt.core.scene.live import by_hand"}
     added = [("import_by_hand", "import", imports)]
     for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
         added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))

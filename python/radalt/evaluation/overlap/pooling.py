@@ -43,6 +43,8 @@ _NEEDED = {
 }
 # columns that may hold nothing: no interference, no noise, no detection
 _OPEN = frozenset(COLUMNS.names) - COLUMNS.text - COLUMNS.whole - {"overlap"}
+# of a report that is pooled: what a page can show, and its figures can draw in a minute
+_MOST_ROWS, _MOST_PANELS, _MOST_OVERLAPS, _MOST_TEXT = 100_000, 60, 1_000, 300
 _NOT_EMITTER = ("sir_db", "overlap")  # those are the axes of the report
 
 
@@ -99,6 +101,18 @@ def read_run(folder: str | Path) -> Run:
             raise PoolError(
                 f"{folder}: row {number} of report.json does not hold: {problem}; measure it again"
             )
+    for what, most, count in (
+        (
+            "panels",
+            _MOST_PANELS,
+            len({(r["interference"], r["snr_db"], r["sir_db"]) for r in report["rows"]}),
+        ),
+        ("overlaps", _MOST_OVERLAPS, len({r["overlap"] for r in report["rows"]})),
+    ):
+        if count > most:
+            raise PoolError(
+                f"{folder}: report.json has {count} {what}, and a page shows {most} at most; pool parts"
+            )
     return Run(str(folder), report)
 
 
@@ -112,6 +126,15 @@ def _malformed(report: dict[str, Any]) -> str:
             value = value[part]
         if not isinstance(value, kind) or isinstance(value, bool):
             return f"{key} is {shown(value)}"
+    if len(report["rows"]) > _MOST_ROWS:
+        return f"it has {len(report['rows'])} rows, more than {_MOST_ROWS}"
+    for key in ("source", "name", "title", "created"):
+        if not _showable(report[key]):
+            return f"{key} is {shown(report[key])}"
+    for key in ("methods", "versions"):
+        for name, value in report[key].items():
+            if not _showable(name) or (key == "versions" and not _showable(value)):
+                return f"{key} holds {shown(name)}: {shown(value)}"
     scene = report["scene"]
     inner = [*report["methods"].items(), *((m, given or {}) for m, given in scene["method_options"].items())]
     for entry in scene["interference"]:
@@ -146,10 +169,22 @@ def _fits(name: str, value: Any) -> bool:
     if value is None or isinstance(value, bool):
         return value is None and name in _OPEN
     if name in COLUMNS.text:
-        return isinstance(value, str)
+        return _showable(value)
+    if name == "overlap":
+        return isinstance(value, (int, float)) and 0 <= value <= 1
     if name in COLUMNS.whole:
         return isinstance(value, int) and 0 <= value <= LARGEST
     return isinstance(value, (int, float)) and abs(value) <= LARGEST
+
+
+def _showable(text: Any) -> bool:
+    """Whether it is a short text that stands in a page as it is: printable, and neither markup nor a table's edge."""
+    return (
+        isinstance(text, str)
+        and len(text) <= _MOST_TEXT
+        and text.isprintable()
+        and not set("<>|") & set(text)
+    )
 
 
 def pool_runs(runs: Sequence[Run]) -> tuple[list[dict[str, Any]], list[str]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.paths import share_dir
-from ...core.radio.control import check_endpoint
+from ...core.radio.endpoint import check_endpoint
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...blocks.transmit_gate import gates_of, transmit_gate
 from ...core.radio.calibration import CalibrationKey, load_latency_samples
 from ...core.radio.interlock import InterlockError, require_enclosure
 from ...core.radio.levels import drive, rx_level_dbm
@@ -42,6 +43,7 @@ FULL_SCALE = 1.0  # rail of a UHD source's samples
 _LOCK_S = 2.0  # how long an LO or reference may take to lock
 _PPS_S = 1.5  # a pulse comes every second
 _CATCH_UP_S = 1.0  # of signal
+_STARTED_S = 30.0  # how long a flowgraph may take from its set-up to its start
 _POLL_S = 0.02  # between looks at how far a programme has got
 _GAIN_DB = 1.0  # a radio's steps are finer
 _ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
@@ -214,8 +216,11 @@ def set_up(
     key = _check_radios(top, scene)
     for entry in bring_up(top, scene, uhd, sleep):
         log(str(entry))
+    levels = drive(scene)
+    getattr(top, RADAR_GATE).gate.full_scale = levels.radar_full_scale
     if scene.has_jammer:
         top.jammer_source.hold_drive()
+        getattr(top, JAMMER_GATE).gate.full_scale = levels.jammer_full_scale
     segmenter = top.frame_segmenter
     segmenter.set_full_scale(FULL_SCALE)
     latency = None
@@ -224,6 +229,7 @@ def set_up(
     segmenter.set_calibration(latency)
     start_s = start_together(top, scene, uhd)
     segmenter.set_start_time(start_s)
+    _watch_edges(top, log)
     return Ready(start_s, latency, key)
 
 
@@ -245,10 +251,9 @@ def _check_radios(top: Any, scene: Scene) -> CalibrationKey:
 def _check_blocks(top: Any, scene: Scene) -> None:
     """Refuse a flowgraph without its gates, or with another jammer than the scene's: an unset radio just starts."""
     for sink, gate in ((RADAR_SINK, RADAR_GATE), (JAMMER_SINK, JAMMER_GATE)):
-        if hasattr(top, sink) and not hasattr(top, gate):
+        if hasattr(top, sink) and not isinstance(getattr(top, gate, None), transmit_gate):
             raise FlowgraphError(
-                f"the flowgraph has no block {gate} before {sink}; put a Transmit Gate "
-                "of that name between source and sink"
+                f"the flowgraph has no Transmit Gate {gate} before {sink}; put one of that name between source and sink"
             )
     if hasattr(top, JAMMER_SINK) == scene.has_jammer:
         return
@@ -261,6 +266,39 @@ def _check_blocks(top: Any, scene: Scene) -> None:
         f"the scene has no jammer and the flowgraph has the block {JAMMER_SINK}; disable it, its gate and its source "
         "in the companion, or run ota_eval.py, which leaves them out"
     )
+
+
+def ungated_sinks(top: Any) -> list[str]:
+    """Transmitting sinks of a running flowgraph that something else than their gate feeds."""
+    feeds: dict[str, set[str]] = {}
+    for line in top.edge_list().splitlines():
+        source, arrow, target = line.partition("->")
+        if arrow:
+            feeds.setdefault(target.rpartition(":")[0], set()).add(source.rpartition(":")[0])
+    pairs = [(s, g) for s, g in ((RADAR_SINK, RADAR_GATE), (JAMMER_SINK, JAMMER_GATE)) if hasattr(top, s)]
+    return [s for s, g in pairs if feeds.get(getattr(top, s).alias()) != {getattr(top, g).alias()}]
+
+
+def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
+    """Stop a flowgraph whose sinks are not fed by their gates.
+
+    Edges are known once it runs. Its radios start by the clock, a second later at the earliest (`start_together`).
+    """
+
+    def watch() -> None:
+        until = time.monotonic() + _STARTED_S
+        while not top.edge_list() and time.monotonic() < until:
+            time.sleep(_POLL_S)
+        wrong = ungated_sinks(top) if top.edge_list() else []
+        if wrong:
+            for gate in gates_of(top):
+                gate.close(f"transmit stopped: {wrong[0]} is not fed by its Transmit Gate")
+            log(
+                f"stopped: {wrong[0]} is not fed by its Transmit Gate alone; connect the gate directly before the sink"
+            )
+            top.stop()
+
+    threading.Thread(target=watch, daemon=True, name="radalt_edges").start()
 
 
 def programme_over(top: Any, scene: Scene) -> bool:

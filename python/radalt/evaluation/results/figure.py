@@ -38,9 +38,13 @@ def save_figure(figure: Any, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.text import Text
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6}):
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # names of files and methods may hold a dollar
+    # fonts as TrueType (42): publishers take no Type 3
+    with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}):
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.axes:

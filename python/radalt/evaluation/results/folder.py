@@ -13,6 +13,7 @@ import json
 import math
 import os
 import platform
+import tempfile
 from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -34,6 +35,7 @@ __all__ = [
 SCHEMA = 2
 _JOURNAL_VERSION = 2  # a digest without the marker would let rows of another run in
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
+TEMPORARY = ".tmp"  # how names of files end that are still being written
 MAX_REPORT_BYTES = 256 << 20  # of any file of a result folder that is read back
 
 
@@ -90,12 +92,20 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    fresh = path.with_name(path.name + ".tmp")
-    with fresh.open("w", encoding="utf-8", newline="") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    fresh.replace(path)
+    # made exclusively, under a name that nobody can have put a link at; with the rights of any new file
+    descriptor, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
+    try:
+        with open(descriptor, "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0o077)
+        os.umask(umask)
+        os.chmod(fresh, 0o666 & ~umask)
+        os.replace(fresh, path)
+    except BaseException:
+        os.unlink(fresh)
+        raise
 
 
 def _read(file: Path, hint: str) -> bytes:
@@ -179,6 +189,7 @@ class RunFolder:
             raise FolderError(f"--out {path} is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
+            self._check_links()
             self._check_kinds()
             self._lock = (path / _LOCK).open("a")
         except FolderError:
@@ -193,6 +204,12 @@ class RunFolder:
                 f"another process writes into {path}; wait for it, or name another --out"
             ) from None
         self._claim(resume, holds)
+
+    def _check_links(self) -> None:
+        """No file in it leads elsewhere: what is written here would be written through it."""
+        for found in self.path.rglob("*"):
+            if found.is_symlink():
+                raise FolderError(f"{found} is a link, through which files elsewhere would be overwritten; remove it")
 
     def _check_kinds(self) -> None:
         """Every file of ours is a file: a pipe would be waited at for ever."""
@@ -216,7 +233,7 @@ class RunFolder:
             self._check(held)
             self._read(holds)
             return
-        strange = sorted(f.name for f in self.path.iterdir() if f.name not in (_LOCK, marker.name + ".tmp"))
+        strange = sorted(f.name for f in self.path.iterdir() if f.name != _LOCK and not f.name.endswith(TEMPORARY))
         if strange:
             raise FolderError(
                 f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"

@@ -1,0 +1,52 @@
+"""A ZMQ socket behind a `BoundedListener`, with a context of its own: what fills one socket slows no other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.radio.endpoint import BoundedListener
+
+__all__ = ["BoundSocket"]
+
+
+class BoundSocket:
+    """A bound PUB or REP socket.
+
+    Parameters
+    ----------
+    kind : str
+        ``PUB`` or ``REP``.
+    name, endpoint : str
+        See `BoundedListener`.
+    limit_bytes : int
+        Longest request with its framing, or all subscriptions of a peer.
+    queued : int
+        Messages that a slow subscriber may lag behind before it loses some.
+
+    Raises
+    ------
+    ValueError
+        One line, if the endpoint cannot be bound.
+    """
+
+    def __init__(self, kind: str, name: str, endpoint: str, *, limit_bytes: int, queued: int = 1000) -> None:
+        import zmq  # only who asks for an endpoint needs it
+
+        self.listener = BoundedListener(name, endpoint, limit_bytes=limit_bytes, answered=kind == "REP")
+        inproc = endpoint.startswith("inproc://")  # such names belong to one context
+        self._context: Any = None if inproc else zmq.Context()
+        self.socket = (self._context or zmq.Context.instance()).socket(getattr(zmq, kind))
+        for option, value in ((zmq.LINGER, 0), (zmq.SNDHWM, queued), (zmq.MAXMSGSIZE, limit_bytes)):
+            self.socket.setsockopt(option, value)
+        try:
+            self.socket.bind(self.listener.behind)
+        except zmq.ZMQError as error:
+            self.close()
+            raise ValueError(f"{name} endpoint {endpoint!r} cannot be bound: {error}; use another") from None
+
+    def close(self) -> None:
+        """Free the endpoint."""
+        self.listener.close()
+        self.socket.close()
+        if self._context is not None:
+            self._context.term()

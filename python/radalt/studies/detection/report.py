@@ -1,0 +1,78 @@
+"""The page of the altimeter per frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...evaluation.engine.study import Run
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.page import write_pages
+from ...evaluation.results.proportion import mcnemar
+from ...evaluation.results.table import number, table
+
+if TYPE_CHECKING:
+    from .study import DetectionStudy
+
+__all__ = ["null_table", "return_table", "write_report"]
+
+
+def write_report(
+    folder: RunFolder, study: DetectionStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
+) -> Path:
+    """Write ``report.md`` and ``report.json``; returns the page."""
+    report = folder.head | {"run": run.as_dict()}
+    tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
+    folder.write_report(report | {name: list(values) for name, values in rows.items()})
+    return page
+
+
+def return_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Declared / forced Pd and error, wrong and valid; the textbook's beside them, and frames that one has alone."""
+    found = ("declared / forced", "RMSE, m", "wrong")
+    header = ["method, interference", "allowed, m/s", *found, *(f"textbook: {word}" for word in found)]
+    header += ["declared by one alone", "forced by one alone"]
+    return table(header, [_line(row) for row in rows])
+
+
+def _line(row: dict[str, Any]) -> list[str]:
+    level = f"SNR {row['snr_db']:g}" if row["scene"] == "none" else f"{row['scene']} {row['sir_db']:g}"
+    cells = []
+    for of in ("", "textbook_"):
+        cells.append(f"{number(row[of + 'declared'], 3)} / {number(row[of + 'forced'], 3)}")
+        cells += [number(row[of + "rmse_m"]), number(row[of + "wrong"], 3)]
+    for of in ("declared_alone", "forced_alone"):
+        ours, theirs = row[of], row["textbook_" + of]
+        chance = mcnemar(ours, theirs)
+        cells.append(f"{ours} : {theirs}, p {'< 0.01' if chance < 0.01 else number(chance)}")
+    return [f"{row['method']}, {level} dB", f"{row['allowed_m_per_s']:g}", *cells]
+
+
+def null_table(rows: Sequence[dict[str, Any]]) -> str:
+    """False altitudes per frame by method and speed: noise alone, all interference, its worst case."""
+    header = [
+        "method", "allowed, m/s", "noise alone", "interference alone, all cases", "worst case", "its rate", "bound",
+    ]  # fmt: skip
+    lines = []
+    for method, speed in dict.fromkeys((r["method"], r["allowed_m_per_s"]) for r in rows):
+        mine = [r for r in rows if (r["method"], r["allowed_m_per_s"]) == (method, speed)]
+        noise = [r for r in mine if r["scene"] == "none"]
+        jammed = [r for r in mine if r["scene"] != "none"]
+        worst = max(jammed, key=lambda r: r["rate"], default=None)
+        total = sum(r["frames"] for r in jammed)
+        lines.append(
+            [
+                method,
+                f"{speed:g}",
+                number(noise[0]["rate"], 4) if noise else number(None),
+                number(sum(r["false"] for r in jammed) / total, 4) if jammed else number(None),
+                f"{worst['scene']}, INR {worst['inr_db']:g} dB, overlap {worst['overlap']:g}"
+                if worst
+                else "",
+                f"{worst['rate']:.4f} ({worst['low']:.4f}..{worst['high']:.4f})" if worst else "",
+                number(mine[0]["bound"], 4),
+            ]
+        )
+    return table(header, lines)

@@ -1,0 +1,261 @@
+"""The page of the integrity campaign: pooled cases, every hazardous output, two figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...evaluation.engine.study import Run
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.integrity import Integrity
+from ...evaluation.results.page import write_pages
+from ...evaluation.results.score import Score, clopper_pearson_bound
+from ...evaluation.results.table import DASH, number, table
+from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
+from .study import BY_KIND, EVENTS, POOLED
+
+if TYPE_CHECKING:
+    from .study import IntegrityStudy
+
+__all__ = ["events_of", "pooled", "summarise", "write_report"]
+
+Row = Mapping[str, Any]
+_START = 2  # outputs of a flight before a track can be confirmed
+_LISTED = 200  # flights with hazardous outputs that the page lists; events.csv has all
+
+
+def _frame_score(rows: Sequence[Row]) -> Score:
+    return Score(*(sum(r[name] for r in rows) for name in ("trials", "detections", "correct")))
+
+
+def _after_start(total: Integrity, flights: int) -> float:
+    """Availability without the outputs of each flight that no tracker can give."""
+    outputs = total.outputs - _START * flights
+    return (total.computed - total.unbounded) / outputs if outputs > 0 else float("nan")
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, Any]:
+    """One row from several: counts added, rates and bounds anew, median time to the first output, worst to alert."""
+    total = sum((Integrity.of_row(r) for r in rows), Integrity())
+    frames = _frame_score(rows)
+    first = [r["first_s"] for r in rows if r["first_s"] is not None]
+    alert = [r["alert_s"] for r in rows if r["alert_s"] is not None]
+    ground = all(case_of(r["case"]).ground for r in rows)
+    return {
+        **rows[0],
+        **total.row(),
+        "parts": len(rows),
+        "after_start": _after_start(total, len(rows)),
+        "first_s": float(np.median(first)) if first else None,
+        "alert_s": max(alert, default=None),
+        "unalerted": sum(r["unalerted"] for r in rows),
+        "trials": frames.trials,
+        "detections": frames.detections,
+        "correct": frames.correct,
+        "pd": frames.pd if ground else None,
+        "wrong": frames.wrong,
+        "wrong_bound": frames.wrong_bound,
+    }
+
+
+def pooled(rows: Sequence[Row], key: Callable[[Row], Any]) -> list[dict[str, Any]]:
+    """`summarise` of all rows that share a key, in the order of the first of each."""
+    groups: dict[Any, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return [summarise(mine) for mine in groups.values()]
+
+
+def _cause(row: Row, last: int, study: IntegrityStudy) -> str:
+    """Which limit that docs/tracker.md states a hazardous output comes of; empty for none."""
+    case = case_of(row["case"])
+    if case.known or case.kind not in ("step", "landing"):
+        return case.known
+    steps = fly(case, study.seed, row["batch"], study.frames).steps
+    late = any(last - BLOCK // 4 < k <= last for k in steps)
+    return "step in the block's last quarter" if late else ""
+
+
+def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]]:
+    """Every hazardous output, a row of `EVENTS` each."""
+    out = []
+    for row in rows:
+        for event in (row["events"] or "").split():
+            values = dict(zip(EVENTS.names[4:9], event.split(","), strict=True))
+            numbers = {k: float(v) if v else None for k, v in values.items()}
+            where = {"replay": f"{row['case']}:{study.seed}:{row['batch']}", "seed": study.seed}
+            where["cause"] = _cause(row, int(numbers["frame_index"]), study)
+            out.append(EVENTS.row({**row, **numbers, **where}))
+    return out
+
+
+def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], run: Run) -> Path:
+    """Write figures, tables, ``report.md`` and ``report.json``; returns the page."""
+    from .figures import draw_sir, draw_stanford
+
+    by_case = pooled(rows, lambda r: (r["case"], r["method"]))
+    events = events_of(rows, study)
+    by_kind = _by_kind(rows)
+    folder.write_text("cases.csv", POOLED.csv(map(POOLED.row, by_case)))
+    folder.write_text("kinds.csv", BY_KIND.csv(map(BY_KIND.row, by_kind)))
+    folder.write_text("events.csv", EVENTS.csv(events))
+    draw_stanford(rows, folder.path / "figures" / "integrity_stanford.png")
+    draw_sir(rows, folder.path / "figures" / "integrity_sir.png")
+    default = "tcae" if "tcae" in study.methods else study.methods[-1]
+    report = folder.head | {
+        "run": run.as_dict(),
+        "headline": _headline(rows, by_case, events, default),
+        "hazardous": len(events),
+    }
+    values = report | {
+        "flight_s": study.frames * WAVEFORM.sweep_s,
+        "kind_table": _kind_table(by_kind),
+        "unavailable_table": _unavailable_table(by_case, default),
+        "event_table": _event_table(events),
+        "flights_listed": _LISTED,
+        "flights_with_events": len({(e["replay"], e["cause"]) for e in events}),
+        "times": _times(rows),
+    }
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
+    folder.write_report(report | {"events": events})
+    return page
+
+
+def _headline(
+    rows: Sequence[Row], by_case: Sequence[Row], events: Sequence[Row], default: str
+) -> dict[str, Any]:
+    """Numbers of the first paragraph: all methods, the default method, and both without what is known to be open."""
+    open_ = [r for r in rows if not case_of(r["case"]).known]
+    names = {r["case"] for r in _visible(by_case, default)}
+    seen = [r for r in rows if r["method"] == default and r["case"] in names]
+    jammed = [r for r in seen if r["kind"] == "jammed"]
+
+    def share(mine: Sequence[Row]) -> dict[str, float]:
+        total = sum((Integrity.of_row(r) for r in mine), Integrity())
+        return {"all": total.availability, "after_start": _after_start(total, len(mine))}
+
+    def judged(method: str = "") -> dict[str, Any]:
+        outputs = sum(r["outputs"] for r in open_ if r["method"] == method or not method)
+        count = sum(not e["cause"] for e in events if e["method"] == method or not method)
+        return {"outputs": outputs, "hazardous": count, "bound": clopper_pearson_bound(count, outputs)}
+
+    return {
+        "default": default,
+        "cases": len({r["case"] for r in rows}),
+        "outputs": sum(r["outputs"] for r in rows),
+        "open": judged(),
+        "of_default": judged(default),
+        "visible_cases": len(names),
+        "flights": len({(r["case"], r["batch"]) for r in rows}),
+        "availability": share(seen),
+        "availability_jammed": share(jammed),
+    }
+
+
+def _visible(by_case: Sequence[Row], default: str) -> list[Row]:
+    """Cases of the default method whose Pd per frame is one half or more."""
+    return [r for r in by_case if r["method"] == default and (r["pd"] or 0.0) >= 0.5]
+
+
+def _unavailable_table(by_case: Sequence[Row], default: str) -> str:
+    """Cases of the default method that are seen in most frames and available in less than 0.99 after the start."""
+    mine = [r for r in _visible(by_case, default) if not r["after_start"] >= 0.99]
+    lines = [
+        [
+            f"`{r['case']}`",
+            number(r["pd"], 3),
+            number(r["after_start"], 3),
+            r["failures"],
+            r["outputs"] - r["computed"] - r["failures"],
+            r["unbounded"],
+        ]
+        for r in mine
+    ]
+    header = [
+        "case",
+        "Pd",
+        "available after the start",
+        "failure",
+        "no computed data",
+        "beyond the alert limit",
+    ]
+    return table(header, lines) if lines else ""
+
+
+def _rate(value: float) -> str:
+    return f"{value:.1e}" if value else "0"
+
+
+def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """`summarise` by kind and method; what is known to be open stands in rows of its own."""
+    found = pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"]))
+    for row in found:
+        row["known_limit"] = int(bool(case_of(row["case"]).known))
+    return sorted(found, key=lambda r: (list(KINDS).index(r["kind"]), r["known_limit"]))
+
+
+def _kind_table(found: Sequence[Row]) -> str:
+    """A line per kind, its methods side by side."""
+    methods = list(dict.fromkeys(r["method"] for r in found))
+    lines = []
+    for kind, known in dict.fromkeys((r["kind"], r["known_limit"]) for r in found):
+        at = {r["method"]: r for r in found if (r["kind"], r["known_limit"]) == (kind, known)}
+        mine = [at[m] for m in methods]
+        lines.append(
+            [
+                KINDS[kind] + (" (known limit)" if known else ""),
+                mine[0]["outputs"],
+                " / ".join(number(r["availability"]) for r in mine),
+                " / ".join(number(r["after_start"]) for r in mine),
+                " / ".join(str(r["misleading"]) for r in mine),
+                " / ".join(str(r["hazardous"]) for r in mine),
+                _rate(max(r["hazardous_bound"] for r in mine)),
+                " / ".join(number(r["pd"]) for r in mine),
+                " / ".join(_rate(r["wrong"] / r["trials"] if r["trials"] else 0.0) for r in mine),
+            ]
+        )
+    header = [
+        "case",
+        "outputs per method",
+        "available",
+        "after the start",
+        "misleading",
+        "hazardous",
+        "its bound",
+    ]
+    return table([*header, "Pd per frame", "wrong per frame"], lines)
+
+
+def _event_table(events: Sequence[Row]) -> str:
+    """A line per flight: how many outputs of each method in how long, the worst error, and how to see it again."""
+    events = sorted(events, key=lambda e: bool(e["cause"]))  # what nobody stated first
+    flights: dict[tuple[str, ...], list[Row]] = {}
+    for event in events:
+        flights.setdefault((event["replay"], event["cause"]), []).append(event)
+    lines = []
+    for (replay, cause), mine in list(flights.items())[:_LISTED]:
+        errors = [abs(e["altitude_m"] - e["truth_m"]) for e in mine if e["truth_m"] is not None]
+        frames = [e["frame_index"] for e in mine]
+        methods = dict.fromkeys(e["method"] for e in mine)
+        lines.append(
+            [
+                f"`{replay}`",
+                ", ".join(f"{m} {sum(e['method'] == m for e in mine)}" for m in methods),
+                f"{min(frames)}{DASH}{max(frames)}",
+                number(max(errors), 1) if errors else "no return",
+                number(max(e["protection_level_m"] for e in mine), 1),
+                cause or "**none stated**",
+            ]
+        )
+    header = ["case:seed:batch", "outputs of", "frames", "worst error / m", "level / m"]
+    return table([*header, "stated limit"], lines)
+
+
+def _times(rows: Sequence[Row]) -> str:
+    """Milliseconds a frame of each method with its altimeter and tracker, as measured."""
+    methods = dict.fromkeys(r["method"] for r in rows)
+    medians = {m: np.median([r["ms_per_frame"] for r in rows if r["method"] == m]) for m in methods}
+    return ", ".join(f"{m} {v:.2f} s" for m, v in medians.items()) + f" ({BLOCK} frames at a time)"

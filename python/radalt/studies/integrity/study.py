@@ -1,0 +1,301 @@
+"""Study: tracked and per-frame altitudes of all methods over the campaign's cases, each flight received once."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...core.receiver.altimeter import RESULT_DTYPE, AltimeterSettings, shared_altimeter
+from ...core.receiver.tracker import OUTPUT_DTYPE, AltitudeTracker, Status, TrackerSettings
+from ...evaluation.engine.study import Point, Run, Study
+from ...evaluation.results.chain import Chain, seconds_per_frame
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.integrity import (
+    COUNTS,
+    Integrity,
+    alert_limit_m,
+    error_m,
+    integrity,
+    is_hazardous,
+    stanford,
+    time_to_alert_s,
+    time_to_first_s,
+)
+from ...evaluation.results.rows import Columns
+from ...evaluation.results.score import score_frames
+from .cases import BLOCK, KINDS, WAVEFORM, Case, Flight, case_of, cases, fly, received
+
+__all__ = [
+    "BY_KIND",
+    "EDGES",
+    "EVENTS",
+    "POOLED",
+    "IntegrityPoint",
+    "IntegrityStudy",
+    "Judged",
+    "judge",
+    "replay_lines",
+]
+
+TRACKER = TrackerSettings(doppler=True)
+EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # of the Stanford diagram, in alert limits
+_STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")
+_FRAMES = ("trials", "detections", "correct")
+_EVENT = ("frame_index", "altitude_m", "truth_m", "protection_level_m", "alert_limit_m")
+_WORDS = frozenset({"case", "kind", "method", "scene", "events", "stanford", "replay", "cause"})
+_WHOLE = frozenset({*COUNTS, *_FRAMES, "batch", "seed", "frame_index", "unalerted", "parts"})
+EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
+_TIMES = ("first_s", "alert_s", "unalerted")
+POOLED = Columns(
+    tuple(
+        dict.fromkeys(
+            (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *_FRAMES)
+        )
+    )
+    + ("pd", "wrong", "wrong_bound"),
+    _WORDS,
+    _WHOLE | {"wrong"},
+)
+BY_KIND = Columns(
+    ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]),
+    _WORDS,
+    POOLED.whole | {"known_limit"},
+)
+_ROWS = Columns(
+    (*_STATED, *COUNTS, *_TIMES, *_FRAMES, "events", "stanford", "ms_per_frame"),
+    _WORDS,
+    _WHOLE,
+    frozenset({"ms_per_frame"}),
+)
+# milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
+_SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
+_BASE_S = 8e-4
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One method's outputs of a flight, one for every 40 ms, its results per frame, and milliseconds per frame."""
+
+    outputs: np.ndarray
+    results: np.ndarray
+    ms_per_frame: float
+
+
+@lru_cache(maxsize=16)
+def _method(chain: Chain) -> Any:
+    return chain.build(WAVEFORM)
+
+
+def judge(
+    frames_of_flight: Iterable[tuple[np.ndarray, ...]], frames: int, chains: Sequence[Chain]
+) -> dict[str, Judged]:
+    """Every chain's tracked and per-frame altitudes of the same received frames."""
+    altimeter = shared_altimeter(WAVEFORM, chains[0].settings)
+    trackers = {chain: AltitudeTracker(altimeter, TRACKER) for chain in chains}
+    outputs, results = {c: [] for c in chains}, {c: [] for c in chains}
+    spent = dict.fromkeys(chains, 0.0)
+    for chain in chains:
+        _method(chain).reset()
+    for index, samples, offset_s in frames_of_flight:
+        received = altimeter.spectra(samples)
+        for chain in chains:
+            begin = time.thread_time()
+            spectra = altimeter.spectra(_method(chain).process(samples))
+            timing = {"frame_index": index, "timing_offset_s": offset_s}
+            before = None if chain.method == "none" else received
+            outputs[chain].append(trackers[chain].process(spectra, received=before, **timing))
+            results[chain].append(altimeter.detect(spectra, **timing))
+            spent[chain] += time.thread_time() - begin
+    return {
+        c.label: Judged(
+            _complete(outputs[c], frames),
+            np.concatenate([*results[c], np.empty(0, RESULT_DTYPE)]),
+            1e3 * spent[c] / frames,
+        )
+        for c in chains
+    }
+
+
+def _complete(parts: list[np.ndarray], frames: int) -> np.ndarray:
+    """An output for every 40 ms: where no frame came any more, the equipment says FAILURE."""
+    out = np.zeros(frames // BLOCK, dtype=OUTPUT_DTYPE)
+    out["frame_index"] = BLOCK * np.arange(1, out.size + 1) - 1
+    out["status"] = Status.FAILURE
+    for name in ("altitude_m", "vertical_speed_m_per_s", "protection_level_m", "age_s"):
+        out[name] = np.nan
+    given = np.concatenate([*parts, np.empty(0, OUTPUT_DTYPE)])
+    out[given["frame_index"] // BLOCK] = given
+    return out
+
+
+@dataclass(frozen=True)
+class IntegrityPoint(Point):
+    """One flight through a case: ``part`` counts those of the same case."""
+
+    case: str = ""
+    part: int = 0
+
+
+@dataclass(frozen=True)
+class IntegrityStudy(Study):
+    """The campaign.
+
+    Attributes
+    ----------
+    methods : tuple of str
+        Registry names; the last is the default method of the headline, unless `tcae` is among them.
+    kinds : tuple of str
+        Of `cases.KINDS`.
+    frames : int
+        Of one flight, a multiple of 40.
+    allowed_m_per_s : float
+        Vertical speed that altimeter and tracker have to expect; up to 10 m/s are flown.
+    parts : int
+        Flights through each case. No row depends on it: a run is resumed with more.
+    seed : int
+    """
+
+    methods: tuple[str, ...] = ("none", "whitening", "tcae", "hybrid")
+    kinds: tuple[str, ...] = tuple(KINDS)
+    frames: int = 2000
+    parts: int = 1
+    seed: int = 1
+    allowed_m_per_s: float = 20.0
+
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": _ROWS}
+    published: ClassVar[Mapping[str, str]] = {
+        "report.md": "integrity.md",
+        "cases.csv": "data/integrity.csv",
+        "kinds.csv": "data/integrity_kinds.csv",
+        "events.csv": "data/integrity_events.csv",
+        "figures/integrity_stanford.png": "figures/integrity_stanford.png",
+        "figures/integrity_sir.png": "figures/integrity_sir.png",
+    }
+
+    @property
+    def settings(self) -> AltimeterSettings:
+        """Of the altimeter behind every method."""
+        return AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=self.allowed_m_per_s)
+
+    @property
+    def chains(self) -> tuple[Chain, ...]:
+        """The methods with the altimeter behind them."""
+        return tuple(Chain.live(m, self.settings) for m in self.methods)
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        known = {k: v for k, v in vars(self).items() if k != "parts"}
+        chains = {chain.label: chain.head(WAVEFORM) for chain in self.chains}
+        return known | {"chains": chains, "tracker": dataclasses.asdict(TRACKER)}
+
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a method cannot be built."""
+        self.head()
+
+    def points(self) -> Sequence[IntegrityPoint]:
+        """The first flight of every case, then the second, and so on."""
+        return [
+            IntegrityPoint(f"{case.name}:{part}", self.frames, case=case.name, part=part)
+            for part in range(self.parts)
+            for case in cases(self.kinds)
+        ]
+
+    def flown(self, case: Case, batch: int) -> tuple[Flight, dict[str, Judged]]:
+        """One flight and what every method makes of it."""
+        flight = fly(case, self.seed, batch, self.frames)
+        return flight, judge(received(case, flight, self.seed, batch), self.frames, self.chains)
+
+    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+        """A row per method."""
+        case = case_of(point.case)
+        flight, judged = self.flown(case, point.part)
+        stated = vars(case) | {"case": case.name, "batch": point.part}
+        return [stated | {"method": m} | _row(flight, j) for m, j in judged.items()]
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        from .report import write_report
+
+        return write_report(folder, self, rows["rows"], run)
+
+    def seconds(self, point: Point) -> float:
+        """See `Study`."""
+        case = case_of(point.case)
+        ms = _SCENE_MS.get(case.scene, 0.1) + (8.0 if case.kind == "terrain" else 0.0)
+        alone = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in self.chains)
+        return point.frames * (_BASE_S + 1e-3 * ms + alone + 1e-4 * len(self.methods))
+
+    def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
+        """See `Study`."""
+        short = dataclasses.replace(self, frames=min(80, self.frames), parts=1)
+        points = short.points()
+        return tuple((short, points[len(points) * k // 4]) for k in range(4))
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return not {"tcae", "hybrid"}.isdisjoint(self.methods)
+
+
+def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
+    outputs, results = judged.outputs, judged.results
+    truth = flight.end_m[outputs["frame_index"]]
+    limit, sweep_s = _limit_m(outputs, truth), WAVEFORM.sweep_s
+    alert = (
+        np.nan
+        if flight.fault_frame is None
+        else time_to_alert_s(outputs, truth, limit, sweep_s, fault_frame=flight.fault_frame)
+    )
+    counts = stanford(outputs, truth, EDGES, limit)
+    frames = score_frames(results, flight.middle_m[results["frame_index"]])
+    return {
+        **vars(integrity(outputs, truth, limit)),
+        "first_s": time_to_first_s(outputs, sweep_s),
+        "alert_s": alert,
+        "unalerted": int(np.isinf(alert)),
+        **{name: getattr(frames, name) for name in _FRAMES},
+        "events": _events(outputs, truth, limit),
+        "stanford": " ".join(f"{i},{j},{counts[i, j]}" for i, j in np.argwhere(counts)),
+        "ms_per_frame": judged.ms_per_frame,
+    }
+
+
+def _limit_m(outputs: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """(n,) alert limits; without a return that of the altitude given, since who uses it has no other."""
+    return alert_limit_m(np.where(np.isfinite(truth), truth, outputs["altitude_m"]))
+
+
+def _events(outputs: np.ndarray, truth: np.ndarray, limit: np.ndarray) -> str:
+    """Hazardous outputs as words: numbers of `_EVENT` joined by commas, an empty truth where there is no return."""
+    said = []
+    for k in np.nonzero(is_hazardous(outputs, truth, limit))[0]:
+        o = outputs[k]
+        numbers = (o["altitude_m"], truth[k], o["protection_level_m"], limit[k])
+        said.append(f"{o['frame_index']}," + ",".join(f"{x:.6g}" if np.isfinite(x) else "" for x in numbers))
+    return " ".join(said)
+
+
+def replay_lines(study: IntegrityStudy, case: Case, batch: int) -> list[str]:
+    """Every output of one flight, a line each."""
+    flight, judged = study.flown(case, batch)
+    lines = []
+    for method, j in judged.items():
+        truth = flight.end_m[j.outputs["frame_index"]]
+        hazardous = is_hazardous(j.outputs, truth, _limit_m(j.outputs, truth))
+        error = error_m(j.outputs, truth)
+        for k, o in enumerate(j.outputs):
+            lines.append(
+                f"{method:10} {o['frame_index']:6d} {Status.NAMES[o['status']]:16} altitude {o['altitude_m']:8.2f} "
+                f"truth {truth[k]:8.2f} error {error[k]:7.2f} level {o['protection_level_m']:6.2f}"
+                f"{'  HAZARDOUS' if hazardous[k] else ''}"
+            )
+    if flight.fault_frame is not None:
+        lines.append(f"fault from frame {flight.fault_frame} on")
+    return lines

@@ -1,0 +1,251 @@
+"""The landing study's file: what is flown over what, with which radar, and how much of it is measured.
+
+One YAML file (`load_config`) holds everything that a row depends on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.interference import Interferer, QpskEmitter, interference_frames
+from ...core.parsing import InputError, build, load_yaml, plain
+from ...core.receiver.altimeter import AltimeterSettings
+from ...core.returns.landing import (
+    AntennaSpec,
+    GroundSpec,
+    LandingSpec,
+    LinkSpec,
+    TerrainSpec,
+    TrajectorySpec,
+)
+from ...core.returns.terrain import (
+    MIN_HEIGHT_M,
+    AircraftState,
+    TerrainError,
+    TerrainReturn,
+    Trajectory,
+    reflectivity,
+)
+from ...core.scene import interference_from_yaml, interferer_to_mapping
+from ...core.text import one_line
+from ...core.waveform import Waveform
+
+__all__ = [
+    "ApproachSpec",
+    "CurveSpec",
+    "LandingConfig",
+    "StudyError",
+    "check_config",
+    "config_dict",
+    "load_config",
+    "parse_config",
+]
+
+FOOT_M = 0.3048
+
+
+class StudyError(InputError):
+    """A study that cannot be used; the message is one line for the user."""
+
+
+@dataclass(frozen=True)
+class ApproachSpec:
+    """Figure 1: the whole approach at one interference level.
+
+    Parameters
+    ----------
+    frames : int
+        Frames measured, evenly spread over the flight; 0 leaves the part out.
+    sir_db : float
+        Interference level, also that of the sensitivity table.
+    overlap : float
+        Fraction of the frame that is hit.
+    chunk : int
+        Frames of one point; adaptive methods start anew in each.
+    """
+
+    frames: int = 400
+    sir_db: float = -15.0
+    overlap: float = 1.0
+    chunk: int = 50
+
+    def __post_init__(self) -> None:
+        if self.frames < 0 or self.chunk < 1:
+            raise ValueError(f"approach.frames is {self.frames} and chunk {self.chunk}; at least 0 and 1")
+        if not 0 <= self.overlap <= 1:
+            raise ValueError(f"approach.overlap is {self.overlap:g}; it has to be within 0..1")
+
+
+@dataclass(frozen=True)
+class CurveSpec:
+    """Figure 2: error against SINR by overlap, at instants spread over the flight, the same for every point.
+
+    ``sensitivity_trials`` frames go into each row of the sensitivity table; 0 leaves it out.
+    """
+
+    overlap: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
+    sinr_db: tuple[float, ...] = (-50.0, -45.0, -40.0, -35.0, -30.0, -25.0, -20.0, -15.0, -10.0, -5.0, 0.0)
+    trials: int = 150
+    sensitivity_trials: int = 120
+
+    def __post_init__(self) -> None:
+        if any(not 0 <= rho <= 1 for rho in self.overlap):
+            raise ValueError(f"curve.overlap is {self.overlap}; overlaps have to be within 0..1")
+        if self.trials < 0 or self.sensitivity_trials < 0:
+            raise ValueError(f"curve.trials is {self.trials}; it has to be 0 or above")
+
+
+@dataclass(frozen=True)
+class LandingConfig:
+    """Everything the study's rows depend on.
+
+    ``snr_db`` sets the signal-to-noise ratio of every frame; None takes it from the radar equation.
+    ``doppler: false`` stops the aircraft in every frame. ``looks`` frames in a row are averaged (power
+    spectra) into one altitude. ``folder`` is where relative file names are looked up.
+    """
+
+    name: str = "landing"
+    seed: int = 1
+    trajectory: TrajectorySpec = TrajectorySpec()
+    terrain: TerrainSpec = TerrainSpec()
+    antenna: AntennaSpec = AntennaSpec()
+    ground: GroundSpec = GroundSpec()
+    link: LinkSpec = LinkSpec()
+    waveform: Waveform = Waveform()
+    altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
+    interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
+    methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "linear_prediction", "tcae")
+    method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
+    snr_db: float | None = None
+    doppler: bool = True
+    point_target: bool = False
+    looks: int = 1
+    approach: ApproachSpec = ApproachSpec()
+    curve: CurveSpec = CurveSpec()
+    folder: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.methods:
+            raise ValueError("methods is empty; name at least one, such as none")
+        if not 1 <= self.looks <= 64:
+            raise ValueError(f"looks is {self.looks}; it has to be within 1..64")
+        if not 0 <= self.seed < 2**31:
+            raise ValueError(f"seed is {self.seed}; it has to be within 0..2^31-1")
+
+    @property
+    def spec(self) -> LandingSpec:
+        """The landing itself."""
+        return LandingSpec(self.trajectory, self.terrain, self.antenna, self.ground, self.link, self.folder)
+
+    def radar(self) -> TerrainReturn:
+        """The return of the ground."""
+        return self.spec.radar(self.waveform, self.seed)
+
+    def window_s(self) -> tuple[float, float]:
+        """First and last instant of a frame's middle."""
+        margin_s = 0.5 * self.waveform.sweep_s * (1 + 2 * self.looks)
+        return self.spec.window_s(_flight(self.spec), margin_s)
+
+    def states(self, times_s: np.ndarray) -> list[AircraftState]:
+        """Aircraft states; without Doppler they stand still."""
+        states = _flight(self.spec).states(times_s)
+        if self.doppler:
+            return states
+        return [dataclasses.replace(s, velocity_m_per_s=(0.0, 0.0, 0.0)) for s in states]
+
+    def approach_times_s(self) -> np.ndarray:
+        """(frames,) instants of figure 1, evenly spread."""
+        return np.linspace(*self.window_s(), self.approach.frames)
+
+    def trial_times_s(self, trials: int, batch: int = 0) -> np.ndarray:
+        """(trials,) instants, one at random in each of as many equal parts of the flight; others in each batch."""
+        start, end = self.window_s()
+        rng = np.random.default_rng([self.seed, 0x71, batch] if batch else [self.seed, 0x71])
+        return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
+
+
+@lru_cache(maxsize=4)
+def _flight(spec: LandingSpec) -> Trajectory:
+    return spec.flight()
+
+
+def parse_config(data: dict[str, Any], *, source: str = "study", folder: str = "") -> LandingConfig:
+    """A validated study file from nested mappings as YAML gives them.
+
+    Raises
+    ------
+    StudyError
+        One line: source, key, value, what is allowed.
+    """
+    try:
+        config = build(
+            LandingConfig, {"folder": folder, **data}, "", {"interference": interference_from_yaml}
+        )
+        reflectivity(config.ground.model, config.ground.land)
+    except ValueError as error:
+        raise StudyError(one_line(f"{source}: {error}")) from None
+    return config
+
+
+def check_config(config: LandingConfig) -> None:
+    """Find out what does not fit before anything is measured.
+
+    Raises
+    ------
+    StudyError, TerrainError, TrajectoryError
+        One line about the first thing found: files, coverage, heights.
+    """
+    if not (config.approach.frames or config.curve.trials or config.curve.sensitivity_trials):
+        raise StudyError(
+            "approach.frames, curve.trials and curve.sensitivity_trials are all 0; give one of them"
+        )
+    rng, samples = np.random.default_rng(0), config.waveform.samples_per_frame
+    try:
+        config.radar()
+        interference_frames(config.interference, 1, samples, config.waveform.rate_hz, rng)
+    except TerrainError:
+        raise
+    except ValueError as error:
+        raise StudyError(str(error)) from None
+    states = config.states(np.linspace(*config.window_s(), 400))
+    lat, lon, altitude = np.array([(s.latitude_deg, s.longitude_deg, s.altitude_m) for s in states]).T
+    height = altitude - config.spec.ground_model().height_m(lat, lon)
+    low, high = int(np.argmin(height)), int(np.argmax(height))
+    if height[low] < MIN_HEIGHT_M:
+        raise TerrainError(
+            f"aircraft at t = {states[low].time_s:g} s is {height[low]:.1f} m above ground; at least "
+            f"{MIN_HEIGHT_M} m is needed: check datum, trajectory.altitude_offset_m and end_s"
+        )
+    top = config.altimeter.resolved(config.waveform).max_altitude_m
+    if height[high] > top:
+        raise StudyError(
+            f"the flight reaches {height[high]:.0f} m above ground at t = {states[high].time_s:g} s, beyond "
+            f"altimeter.max_altitude_m {top:g}; raise it, or cut with "
+            "trajectory.start_s"
+        )
+
+
+def load_config(path: Path | str) -> LandingConfig:
+    """Read a study; relative file names in it are looked up beside it."""
+    path = Path(path)
+    try:
+        data = load_yaml(path, what="study") or {}
+    except InputError as error:
+        raise StudyError(str(error)) from None
+    if not isinstance(data, dict):
+        raise StudyError(f"study {path}: expected a mapping of keys, found {type(data).__name__}")
+    return parse_config(data, source=str(path), folder=str(path.resolve().parent))
+
+
+def config_dict(config: LandingConfig) -> dict[str, Any]:
+    """The study as plain mappings, as it is written beside the results; `parse_config` reads it back."""
+    mapping = {
+        f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config) if f.name != "folder"
+    }
+    return mapping | {"interference": [interferer_to_mapping(i) for i in config.interference]}

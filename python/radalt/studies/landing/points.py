@@ -1,0 +1,403 @@
+"""Rows of the landing study: one batch of a point at a time, from (config, point, batch) alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...core.interference.placement import interference_frames
+from ...core.returns.point import point_return
+from ...core.returns.terrain import GroundReturn
+from ...evaluation.engine.study import Point
+from ...evaluation.results.chain import Chain, seconds_per_frame
+from ...evaluation.results.rows import Columns
+from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, pool, score_frames
+from .assumptions import ASSUMPTIONS
+from .config import LandingConfig
+
+__all__ = [
+    "TABLES",
+    "LandingPoint",
+    "Truth",
+    "accuracy",
+    "altitudes",
+    "approach_frames",
+    "assumed_methods",
+    "impaired",
+    "point_rows",
+    "pooled_row",
+    "rng_of",
+    "seconds",
+    "statistics",
+    "study_points",
+    "trial_frames",
+]
+
+RESAMPLES = 400
+_MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s")
+_LEVELS = ("sinr_db", "sir_db", "snr_db")
+_ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
+_INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
+_WHOLE = frozenset(
+    {"valid", "reason", "trials", "detections", "correct", "forced", "frames_lost", "wrong_far"}
+    | {"diverged_frames"}
+)
+
+
+def _columns(*names: str) -> Columns:
+    return Columns(names, frozenset({"method", "assumption"}), _WHOLE)
+
+
+_STATISTICS = (*_LEVELS, *SCORE_COLUMNS, *_INTERVALS, *_ACCURACY, "diverged_frames")
+TABLES = {
+    "approach": _columns(
+        *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
+        *("valid", "reason", *_MEASURED),
+    ),
+    "curve": _columns("method", "overlap", "asked_sinr_db", *_STATISTICS),
+    "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
+}
+"""Tables of the result: frames of the approach; points of figure 2, those without ``asked_sinr_db`` without
+interference; rows of the sensitivity table."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LandingPoint(Point):
+    """A part of the approach from frame ``first``, a level of figure 2, or an assumption, by its ``table``."""
+
+    first: int = 0
+    overlap: float = 0.0
+    sinr_db: float | None = None
+    assumption: str = ""
+
+    @property
+    def sampled(self) -> bool:
+        """The approach is flown once, and all assumptions meet the same frames."""
+        return self.table == "curve"
+
+
+def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
+    """Every point, in report order."""
+    approach, curve = config.approach, config.curve
+    points = [
+        LandingPoint(f"approach/{k:05d}", min(approach.chunk, approach.frames - k), "approach", first=k)
+        for k in range(0, approach.frames, approach.chunk)
+    ]
+    if curve.trials:
+        points.append(LandingPoint("curve/clean", curve.trials, "curve"))
+        points += [
+            LandingPoint(f"curve/{rho:g}/{sinr:g}", curve.trials, "curve", overlap=rho, sinr_db=sinr)
+            for rho in curve.overlap
+            for sinr in curve.sinr_db
+        ]
+    if curve.sensitivity_trials:
+        points += [
+            LandingPoint(f"assumption/{a.name}", curve.sensitivity_trials, "assumptions", assumption=a.name)
+            for a in ASSUMPTIONS
+        ]
+    return tuple(dict.fromkeys(points))
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """Frames without noise or interference, unit expected power, with what is true of them.
+
+    Parameters
+    ----------
+    frames : (n, looks, N) complex64 array
+        Consecutive frames of each of ``n`` altitudes.
+    height_m, nearest_m, climb_m_per_s, snr_db, time_s : (n,) arrays
+        Truth at the middle of the looks.
+    """
+
+    frames: np.ndarray
+    height_m: np.ndarray
+    nearest_m: np.ndarray
+    climb_m_per_s: np.ndarray
+    snr_db: np.ndarray
+    time_s: np.ndarray
+
+
+def _returns(config: LandingConfig, times_s: np.ndarray) -> list[GroundReturn]:
+    radar = _radar(_key(config))
+    results = []
+    for state in config.states(times_s):
+        result = radar(state)
+        if config.point_target:
+            # the phase is the echo's own; its level is that of the ground it stands for
+            echo = point_return(
+                config.waveform,
+                result.height_m,
+                vertical_speed_m_per_s=result.climb_m_per_s if config.doppler else 0.0,
+            )
+            result = dataclasses.replace(result, frame=echo * np.sqrt(result.power_w))
+        results.append(result)
+    return results
+
+
+@lru_cache(maxsize=8)
+def _truth(key: str, times: tuple[float, ...]) -> Truth:
+    config = _CONFIGS[key]
+    offsets = (np.arange(config.looks) - 0.5 * (config.looks - 1)) * config.waveform.sweep_s
+    samples = config.waveform.samples_per_frame
+    frames = np.empty((len(times), config.looks, samples), dtype=np.complex64)
+    rows = []
+    for k, time_s in enumerate(times):
+        looks = _returns(config, time_s + offsets)
+        frames[k] = [r.frame / np.sqrt(r.power_w) for r in looks]
+        rows.append(
+            [np.mean([getattr(r, n) for r in looks]) for n in ("height_m", "nearest_m", "climb_m_per_s")]
+        )
+        rows[-1].append(looks[0].snr_db if config.snr_db is None else config.snr_db)
+    height, nearest, climb, snr = np.array(rows).reshape(-1, 4).T
+    return Truth(frames, height, nearest, climb, snr, np.array(times))
+
+
+# they hold dictionaries and are not hashable; caches are keyed by their digest instead
+_CONFIGS: dict[str, LandingConfig] = {}
+
+
+def _key(config: LandingConfig) -> str:
+    """Digest of what the frames without interference depend on."""
+    parts = (config.trajectory, config.terrain, config.antenna, config.ground, config.link, config.waveform)
+    more = (config.seed, config.snr_db, config.doppler, config.point_target, config.looks, config.folder)
+    key = hashlib.sha256(repr((parts, more)).encode()).hexdigest()
+    _CONFIGS.setdefault(key, config)
+    return key
+
+
+@lru_cache(maxsize=8)
+def _radar(key: str):  # noqa: ANN202 - TerrainReturn
+    return _CONFIGS[key].radar()
+
+
+def approach_frames(config: LandingConfig, first: int, count: int) -> Truth:
+    """Frames of a part of figure 1, as the ground returns them."""
+    return _truth(_key(config), tuple(config.approach_times_s()[first : first + count].tolist()))
+
+
+def trial_frames(config: LandingConfig, trials: int, batch: int = 0) -> Truth:
+    """Frames of a batch of trials, as the ground returns them."""
+    return _truth(_key(config), tuple(config.trial_times_s(trials, batch).tolist()))
+
+
+def impaired(
+    config: LandingConfig,
+    truth: Truth,
+    rng: np.random.Generator,
+    *,
+    overlap: float = 0.0,
+    sir_db: float | None = None,
+    sinr_db: float | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames with noise and interference, and the SIR and SINR they have.
+
+    Powers are averaged over the whole frame and refer to the *expected* return (mean over speckle). Given an
+    SIR, the interference has it; given a SINR, the interference makes up what the noise leaves, and with
+    overlap 0 the noise itself is raised to it. A SINR above the SNR cannot be had: the frame keeps its SNR.
+
+    Returns
+    -------
+    frames : (n, looks, N) complex64 array
+    sir_db, sinr_db : (n,) arrays; the SIR is infinite without interference.
+    """
+    n, looks, samples = truth.frames.shape
+    noise_w = 10.0 ** (-truth.snr_db / 10.0)
+    jam_w = np.zeros(n)
+    jammed = bool(config.interference) and overlap > 0
+    if sir_db is not None and jammed:
+        jam_w[:] = 10.0 ** (-sir_db / 10.0)
+    elif sinr_db is not None and jammed:
+        jam_w = np.maximum(10.0 ** (-sinr_db / 10.0) - noise_w, 0.0)
+    elif sinr_db is not None:
+        noise_w = np.maximum(noise_w, 10.0 ** (-sinr_db / 10.0))
+    frames = truth.frames.copy()
+    for k in range(n):
+        noise = rng.standard_normal((looks, samples, 2), dtype=np.float32).view(np.complex64)[..., 0]
+        frames[k] += noise * np.float32(np.sqrt(0.5 * noise_w[k]))
+        if jam_w[k] > 0:
+            placed = [dataclasses.replace(i, overlap=overlap) for i in config.interference]
+            jam = interference_frames(
+                placed, looks, samples, config.waveform.rate_hz, rng, total_sir_db=-10.0 * np.log10(jam_w[k])
+            )
+            frames[k] += jam.astype(np.complex64)
+    with np.errstate(divide="ignore"):
+        return frames, -10.0 * np.log10(jam_w), -10.0 * np.log10(jam_w + noise_w)
+
+
+def altitudes(config: LandingConfig, frames: np.ndarray, method: str) -> tuple[np.ndarray, int]:
+    """Altimeter results of ``(n, looks, N)`` frames behind a method, and the frames in which it diverged."""
+    options = tuple(config.method_options.get(method, {}).items())
+    chain = Chain(method, method, options, settings=config.altimeter, looks=frames.shape[1])
+    results, stage = chain.results(frames.reshape(-1, frames.shape[-1]), config.waveform)
+    return results, stage.diverged_frames
+
+
+def accuracy(results: np.ndarray, height_m: np.ndarray, climb_m_per_s: np.ndarray) -> dict[str, Any]:
+    """What the common score does not say: the share within the accuracy band, and the error of vertical speed.
+
+    A frame without detection counts against ``in_band``, never against the speed.
+    """
+    valid = results["valid"]
+    inside = np.abs(results["altitude_m"] - height_m)[valid] <= accuracy_limit_m(height_m)[valid]
+    speed = (results["vertical_speed_m_per_s"] - climb_m_per_s)[valid]
+    bias, mean_square = (speed.mean(), np.mean(speed**2)) if speed.size else (np.nan, np.nan)
+    return dict(zip(_ACCURACY, (inside.sum() / valid.size, bias, np.sqrt(mean_square)), strict=True))
+
+
+def statistics(results: np.ndarray, truth: Truth, seed: Sequence[int]) -> dict[str, Any]:
+    """The score of one method over a point's trials, with intervals of both errors (bootstrap, from ``seed``)."""
+    row = score_frames(results, truth.height_m).row()
+    row |= accuracy(results, truth.height_m, truth.climb_m_per_s)
+    error = results["altitude_m"] - truth.height_m
+    forced = results["forced_altitude_m"] - truth.height_m
+    ends = (*_bootstrap(error[results["valid"]], seed), *_bootstrap(forced[np.isfinite(forced)], seed))
+    return row | dict(zip(_INTERVALS, ends, strict=True))
+
+
+def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
+    """95 % interval of the root mean square, over trials drawn anew."""
+    if errors.size == 0:
+        return np.nan, np.nan
+    draws = np.random.default_rng(list(seed)).integers(0, errors.size, (RESAMPLES, errors.size))
+    low, high = np.percentile(np.sqrt((errors**2)[draws].mean(axis=1)), [2.5, 97.5])
+    return float(low), float(high)
+
+
+def pooled_row(batches: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """One method's row of a point from those of its batches: the score anew, means by what they are taken over.
+
+    Batches are independent, so the half widths of an error's interval, as mean squares, add in quadrature.
+    """
+
+    def mean(column: str, count: str, power: int = 1) -> float:
+        over = [row for row in batches if row[count]]
+        total = sum(row[count] for row in over)
+        return sum(row[count] * row[column] ** power for row in over) / total if total else float("nan")
+
+    row = dict(batches[0]) | pool(batches).row()
+    row["in_band"] = mean("in_band", "trials")
+    row["speed_bias_m_per_s"] = mean("speed_bias_m_per_s", "detections")
+    row["speed_rmse_m_per_s"] = mean("speed_rmse_m_per_s", "detections", 2) ** 0.5
+    row["diverged_frames"] = sum(batch["diverged_frames"] for batch in batches)
+    for over, count in (("detected", "detections"), ("forced", "forced")):
+        value, total = f"rmse_{over}_m", row[count]
+        for end, sign in (("low", -1), ("high", 1)):
+            name = f"rmse_{over}_{end}_m"
+            parts = [b[count] / total * (b[name] ** 2 - b[value] ** 2) for b in batches if b[count]]
+            row[name] = (
+                max(row[value] ** 2 + sign * float(np.hypot.reduce(parts)), 0.0) ** 0.5 if parts else None
+            )
+    return row
+
+
+def rng_of(config: LandingConfig, name: str, batch: int = 0) -> np.random.Generator:
+    """Random numbers of one batch of what is named."""
+    return np.random.default_rng(_seed(config, name, batch))
+
+
+def _seed(config: LandingConfig, name: str, batch: int) -> list[int]:
+    digest = hashlib.sha256(name.encode()).digest()
+    seed = [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
+    return [*seed, batch] if batch else seed
+
+
+def point_rows(config: LandingConfig, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+    """All rows of one batch of a point."""
+    rows = {"approach": _approach_rows, "curve": _curve_rows, "assumptions": _assumption_rows}[point.table]
+    return rows(config, point, batch)
+
+
+def _approach_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    truth = approach_frames(config, point.first, point.frames)
+    spec = config.approach
+    rows = []
+    for overlap, sir_db, methods in ((0.0, None, ("none",)), (spec.overlap, spec.sir_db, config.methods)):
+        # the same noise with and without interference
+        rng = rng_of(config, point.name, batch)
+        frames, sir, sinr = impaired(config, truth, rng, overlap=overlap, sir_db=sir_db)
+        known = {name: getattr(truth, name) for name in _TRUE} | {"sir_db": sir, "sinr_db": sinr}
+        for method in methods:
+            results, _ = altitudes(config, frames, method)
+            found = known | {name: results[name] for name in ("valid", "reason", *_MEASURED)}
+            rows += [
+                {"method": method, "overlap": overlap} | {name: v[k] for name, v in found.items()}
+                for k in range(len(results))
+            ]
+    return rows
+
+
+_TRUE = ("snr_db", "time_s", "height_m", "nearest_m", "climb_m_per_s")
+
+
+def _summary_rows(
+    config: LandingConfig,
+    truth: Truth,
+    seed: Sequence[int],
+    methods: Sequence[str],
+    **level: float,
+) -> list[dict[str, Any]]:
+    frames, sir, sinr = impaired(config, truth, np.random.default_rng(seed), **level)
+    levels = {"sir_db": np.median(sir), "snr_db": np.median(truth.snr_db), "sinr_db": np.median(sinr)}
+    rows = []
+    for method in methods:
+        results, diverged = altitudes(config, frames, method)
+        row = {"method": method, "diverged_frames": diverged} | levels
+        rows.append(row | statistics(results, truth, seed))
+    return rows
+
+
+def _curve_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    truth = trial_frames(config, point.frames, batch)
+    level = {} if point.sinr_db is None else {"overlap": point.overlap, "sinr_db": point.sinr_db}
+    rows = _summary_rows(config, truth, _seed(config, point.name, batch), config.methods, **level)
+    return [row | {"overlap": point.overlap, "asked_sinr_db": point.sinr_db} for row in rows]
+
+
+def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
+    """Methods of the sensitivity table."""
+    return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
+
+
+def _assumption_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+    assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
+    changed = assumption.change(config)
+    truth = trial_frames(changed, point.frames, batch)
+    level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
+    # one random stream for the whole table: rows differ by their assumption, not by their draws
+    rows = _summary_rows(changed, truth, _seed(config, "variant", batch), assumed_methods(config), **level)
+    overlap = config.approach.overlap if changed.interference else 0.0
+    return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]
+
+
+def seconds(config: LandingConfig, point: LandingPoint) -> float:
+    """Rough CPU seconds of one batch of a point; the ground's return is made once for all points of the curve."""
+    methods = assumed_methods(config) if point.table == "assumptions" else config.methods
+    each = sum(
+        seconds_per_frame(
+            m, config.waveform, config.altimeter, tuple(config.method_options.get(m, {}).items())
+        )
+        for m in methods
+    )
+    ground = _seconds_per_return(_key(config)) if point.table != "curve" or point.sinr_db is None else 0.0
+    looks = 8 if point.assumption == "looks_8" else config.looks
+    return point.frames * looks * (each + ground + _IMPAIR_S)
+
+
+_IMPAIR_S = 1e-3  # noise and interference of a frame
+
+
+@lru_cache(maxsize=8)
+def _seconds_per_return(key: str) -> float:
+    config = _CONFIGS[key]
+    times = np.linspace(*config.window_s(), 9)
+    _returns(config, times[:1])  # terrain is read, tables are made
+    begin = time.thread_time()
+    _returns(config, times[1:])
+    return (time.thread_time() - begin) / 8

@@ -1,0 +1,113 @@
+"""The landing study on the sweep engine."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ...core.mitigation.tcae import default_model_path
+from ...evaluation.engine.study import Run, Study
+from ...evaluation.overlap.study import check_methods
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.rows import Columns
+from .config import LandingConfig, check_config, config_dict
+from .points import TABLES, LandingPoint, point_rows, pooled_row, seconds, study_points
+from .report import write_report
+
+__all__ = ["LandingStudy"]
+
+
+@dataclass(frozen=True)
+class LandingStudy(Study):
+    """A flight over terrain, and how it is measured."""
+
+    config: LandingConfig
+
+    tables: ClassVar[Mapping[str, Columns]] = TABLES
+    sampled: ClassVar[bool] = True
+    published: ClassVar[Mapping[str, str]] = {
+        "figure_1_approach.png": "figures/landing_approach.png",
+        "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
+    }
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return "tcae" in self.config.methods
+
+    def check(self) -> None:
+        """See `Study`; raises `SceneError`, `MitigationError`, `TerrainError`, `TrajectoryError`, `StudyError`."""
+        check_methods(self.config)
+        check_config(self.config)
+
+    def head(self) -> dict[str, Any]:
+        """The file of the study, and the hashes of the files of its landing."""
+        paths = [path for name, path in self.files().items() if name.split()[0] in _LANDING]
+        return {
+            "name": self.config.name,
+            "seed": self.config.seed,
+            "landing": config_dict(self.config),
+            "inputs_sha256": {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in paths},
+            "methods": check_methods(self.config),
+        }
+
+    def points(self) -> tuple[LandingPoint, ...]:
+        """See `points.study_points`."""
+        return study_points(self.config)
+
+    def measure(self, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+        """See `points.point_rows`."""
+        return point_rows(self.config, point, batch)
+
+    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """See `points.pooled_row`."""
+        if len(batches) == 1:
+            return list(batches[0])
+        return [pooled_row(same) for same in zip(*batches, strict=True)]
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
+        """See `report.write_report`."""
+        return write_report(folder, self.config, rows, run)
+
+    def seconds(self, point: LandingPoint) -> float:
+        """See `points.seconds`."""
+        return seconds(self.config, point)
+
+    def files(self) -> dict[str, Path]:
+        """Flight, terrain, antenna pattern, models and method files."""
+        config, spec = self.config, self.config.spec
+        out = {"trajectory": spec.path(config.trajectory.file)}
+        out |= {f"terrain {k}": spec.path(name) for k, name in enumerate(config.terrain.files)}
+        if config.antenna.pattern:
+            out["antenna"] = spec.path(config.antenna.pattern)
+        for method in config.methods:
+            options = config.method_options.get(method, {})
+            out |= {f"{method} {key}": Path(options[key]) for key in ("model", "file") if options.get(key)}
+            if method == "tcae" and not options.get("model"):
+                out["tcae model"] = default_model_path(config.waveform)
+        return out
+
+    def with_files(self, files: Mapping[str, Path]) -> LandingStudy:
+        """See `Study`."""
+        config, at = self.config, {name: str(Path(path).absolute()) for name, path in files.items()}
+        options = {name: dict(given) for name, given in config.method_options.items()}
+        for name, path in at.items():
+            method, _, key = name.partition(" ")
+            if method not in _LANDING:
+                options.setdefault(method, {})[key] = path
+        terrain = tuple(at[f"terrain {k}"] for k in range(len(config.terrain.files)))
+        changed = dataclasses.replace(
+            config,
+            trajectory=dataclasses.replace(config.trajectory, file=at["trajectory"]),
+            terrain=dataclasses.replace(config.terrain, files=terrain),
+            antenna=dataclasses.replace(config.antenna, pattern=at.get("antenna")),
+            method_options=options,
+        )
+        return LandingStudy(changed)
+
+
+_LANDING = ("trajectory", "terrain", "antenna")

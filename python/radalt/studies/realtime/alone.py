@@ -1,0 +1,117 @@
+"""What each stage of the live path costs as a function in a loop, without GNU Radio around it."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...core.mitigation import OwnProcess
+from ...core.mitigation.onnx_network import OnnxNetwork
+from ...core.mitigation.tcae import default_model_path
+from ...core.scene import Scene
+from ...evaluation.flowgraph.generate import Prepared
+from ...evaluation.flowgraph.run import make_top
+
+__all__ = ["alone_seconds"]
+
+_AT_ONCE = 64  # frames per call of sources, channel and altimeters, as in a flowgraph that runs free
+GRAPH = "network's graph"
+
+
+def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int = 320) -> dict[str, float]:
+    """CPU seconds per frame of each block's function, by the block's name, and of the network's bare graph.
+
+    The functions are those of a flowgraph's own blocks, called one after the other on the same frames: sources,
+    channel and altimeters with 64 frames, the network with ``batch``. Where a tracker stands in an altimeter's
+    place, what it does beyond that is ``tracker_METHOD``, and the spectra of its second input are ``received_METHOD``.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        Of `prepare_benchmark`, without a process of its own for the network.
+    scene : Scene
+    batch : int
+        Frames a run of the network takes.
+    frames : int
+        How many are made; the first 64 are not counted.
+    """
+    top = make_top(prepared, scene, drop_when_slow=0)
+    n = scene.waveform.samples_per_frame
+    spent: defaultdict[str, float] = defaultdict(float)
+    counted: defaultdict[str, int] = defaultdict(int)
+
+    def timed(name: str, count: int, work: Callable[[], Any]) -> Any:
+        begin = time.thread_time_ns()
+        out = work()
+        spent[name] += 1e-9 * (time.thread_time_ns() - begin)
+        counted[name] += count
+        return out
+
+    sent, heard = np.empty((2, _AT_ONCE, n), dtype=np.complex64)
+    channel, jammer = top.simulated_channel.channel, getattr(top, "jammer_source", None)
+    jammed = np.zeros_like(sent)
+    for first in range(0, frames, _AT_ONCE):
+        if first == _AT_ONCE:  # the first frames take what is made once: tables, pages, plans
+            spent.clear()
+            counted.clear()
+        for k in range(_AT_ONCE):
+            sent[k] = timed("chirp_source", 1, lambda at=first + k: top.chirp_source._table(at))
+        for row in jammed if jammer is not None else ():
+            timed("jammer_source", 1, lambda at=row: jammer.stream.next_frame(at))
+        other = jammed.ravel() if jammer is not None else None
+        timed(
+            "simulated_channel", _AT_ONCE, lambda two=other: channel.process(sent.ravel(), two, heard.ravel())
+        )
+        found = timed("frame_segmenter", _AT_ONCE, lambda: top.frame_segmenter.segmenter.push(heard.ravel()))
+        if not found:
+            continue
+        received = np.stack([frame.samples for frame in found])
+        for method in prepared.methods:
+            cleaned = _cleaned(timed, top, method, received, batch)
+            block = getattr(top, f"altimeter_{method}")
+            timed(f"altimeter_{method}", len(found), lambda a=block.altimeter, x=cleaned: a.process(x))
+            if hasattr(block, "tracker"):
+                beside = None if method == "none" else received
+                _track(timed, method, block, cleaned, beside)
+    if "tcae" in prepared.methods:
+        _run_graph(timed, n, batch, frames)
+    return {name: seconds / counted[name] for name, seconds in spent.items()}
+
+
+def _cleaned(timed: Callable, top: Any, method: str, received: np.ndarray, batch: int) -> np.ndarray:
+    block = getattr(top, f"mitigation_{method}", None)
+    if block is None:  # none
+        return received
+    if isinstance(block.method, OwnProcess):
+        raise ValueError(f"{method} has a process of its own, whose time this thread does not see")
+    out = np.empty_like(received)
+    step = batch if method == "tcae" else type(block.method).batch
+    for first in range(0, len(received), step):
+        span = slice(first, first + step)
+        work = lambda at=span: block.method.process_into(received[at], out[at])  # noqa: E731
+        timed(f"mitigation_{method}", len(received[span]), work)
+    return out
+
+
+def _track(
+    timed: Callable, method: str, block: Any, cleaned: np.ndarray, received: np.ndarray | None
+) -> None:
+    """What a tracker does beyond an altimeter: spectra of the received frames, sums and decisions."""
+    spectra, beside = block.altimeter.spectra(cleaned), None
+    if received is not None:
+        beside = timed(f"received_{method}", len(cleaned), lambda: block.altimeter.spectra(received))
+    timed(f"tracker_{method}", len(cleaned), lambda: block.tracker.process(spectra, received=beside))
+
+
+def _run_graph(timed: Callable, samples: int, batch: int, frames: int) -> None:
+    """ONNX Runtime alone, on frames of unit noise."""
+    network = OnnxNetwork(default_model_path(), samples, 1)
+    noise = np.random.default_rng(0).standard_normal((batch, 2, samples), dtype=np.float32)
+    network.planes(batch)[:] = noise
+    network.run(batch)
+    for _ in range(0, frames, batch):
+        timed(GRAPH, batch, lambda: network.run(batch))

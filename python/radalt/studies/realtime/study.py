@@ -1,0 +1,267 @@
+"""How fast the live path is: real-time factor, CPU by block, latency from frame end to altitude, drops, memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import os
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import fft
+
+from ...core.mitigation import OwnProcess
+from ...core.paths import share_dir
+from ...core.scene import Scene
+from ...evaluation.flowgraph.generate import Prepared, generate
+from ...evaluation.flowgraph.rewrite import load_grc, prune, simulate, tracked
+from ...evaluation.flowgraph.run import make_top
+from ...evaluation.flowgraph.watch import blocks_of, run_to_end
+from .outside import Outside, OutsideWatch
+
+__all__ = ["Measurement", "at_rate", "fft_seconds", "fly_benchmark", "long_scene", "prepare_benchmark"]
+
+_POLL_S = 0.1
+_ARRIVALS = 200_000
+_WARM_UP = 0.1  # of the run, before memory counts as settled
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One run of the live path.
+
+    Attributes
+    ----------
+    signal_s, wall_s : float
+        Seconds of signal that were processed, and how long that took.
+    cpu_s : dict of block -> float
+        CPU seconds of each block's thread, and of the network's process where it has one of its own.
+    process_cpu_s : float
+        CPU seconds of everything.
+    calls : dict of block -> int
+        How often GNU Radio called each block's ``work``.
+    frames : dict of method -> int
+        Altitude results.
+    latency_ms : dict of method -> (frames,) float array
+        From the arrival of a frame's last sample at the segmenter to its altitude; empty where nothing was held to
+        real time, since it would be the depth of the buffers.
+    dropped_frames, lost_samples : int
+        Frames dropped for a slow method, samples lost.
+    skipped_frames : int
+        Frames that the network was spared.
+    memory_bytes, memory_growth_bytes : int
+        Resident memory at the end, that of the network's process included, and its growth after the first tenth of the
+        run.
+    outside : Outside
+        What kept the cores from the run, from outside of it.
+    source_held_up_s, source_longest_hold_up_s : float
+        For how long, in all and at once, the simulated radio's samples were not taken in time; 0 where nothing was held
+        to real time. A radio's samples wait in its ring meanwhile, which the flowgraphs make 0.5 s long.
+    """
+
+    signal_s: float
+    wall_s: float
+    cpu_s: dict[str, float]
+    process_cpu_s: float
+    calls: dict[str, int]
+    frames: dict[str, int]
+    latency_ms: dict[str, np.ndarray]
+    dropped_frames: int
+    lost_samples: int
+    skipped_frames: int
+    memory_bytes: int
+    memory_growth_bytes: int
+    outside: Outside
+    source_held_up_s: float
+    source_longest_hold_up_s: float
+
+    @property
+    def real_time_factor(self) -> float:
+        """Seconds of signal a second."""
+        return self.signal_s / self.wall_s
+
+
+def fft_seconds(points: int, repeats: int = 2000) -> float:
+    """CPU time of one complex64 transform of so many points here and now, median: a unit for every machine.
+
+    Milliseconds say nothing of another machine; in transforms the cost of a frame is about alike on all.
+    """
+    frame = np.ones(points, dtype=np.complex64)
+    times = np.empty(repeats)
+    for k in range(repeats):
+        begin = time.thread_time_ns()
+        fft.fft(frame)
+        times[k] = time.thread_time_ns() - begin
+    return 1e-9 * float(np.median(times))
+
+
+def prepare_benchmark(
+    scene: Scene,
+    methods: Sequence[str],
+    build_dir: Path,
+    *,
+    realtime: bool,
+    batch: int,
+    skip_clean: bool,
+    own_process: bool,
+    track: bool = False,
+) -> Prepared:
+    """Generate the simulated flowgraph, held to real time or as fast as it goes; with ``track`` it tracks altitudes."""
+    name = f"ota_realtime_{'paced' if realtime else 'free'}"
+    data = prune(
+        simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), name, realtime=realtime),
+        methods,
+        scene.has_jammer,
+    )
+    if track:
+        data = tracked(data, name)
+    for block in data["blocks"]:
+        if block["name"] == "mitigation_tcae":
+            block["parameters"] |= {
+                "batch": str(batch),
+                "skip_clean": str(skip_clean),
+                "own_process": str(own_process),
+            }
+    return Prepared(generate(data, build_dir), name, tuple(methods), ())
+
+
+def at_rate(scene: Scene, rate_hz: float) -> Scene:
+    """The scene at another sample rate, with a sweep as wide as that rate and as long as before.
+
+    Raises
+    ------
+    ValueError
+        If a frame is then no whole even number of samples, or an interferer does not fit.
+    """
+    waveform = dataclasses.replace(scene.waveform, rate_hz=rate_hz, bandwidth_hz=rate_hz)
+    return dataclasses.replace(scene, waveform=waveform)
+
+
+def long_scene(scene: Scene, seconds: float) -> Scene:
+    """The scene with its altitudes flown for so many seconds in all."""
+    frames = max(1, round(seconds / scene.waveform.sweep_s / len(scene.altitude.programme_m)))
+    altitude = dataclasses.replace(scene.altitude, frames=frames, sync_every_frames=0)
+    return dataclasses.replace(scene, altitude=altitude)
+
+
+def fly_benchmark(
+    prepared: Prepared,
+    scene: Scene,
+    *,
+    realtime: bool,
+    time_limit_s: float,
+) -> Measurement:
+    """Run once, watching threads and memory from outside the signal path.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        Of `prepare_benchmark`.
+    scene : Scene
+        Its programme's length is the run's.
+    realtime : bool
+        Whether the channel holds the samples to their rate; then frames are dropped where a method is too slow, as on
+        the air.
+    time_limit_s : float
+        Longest wall time.
+
+    Raises
+    ------
+    FlowgraphError
+        If the run does not end in time.
+    """
+    gc.collect()  # a flowgraph that ran before, with its rings: the memory of this one is measured
+    top = make_top(prepared, scene, drop_when_slow=int(realtime))
+    segmenter = top.frame_segmenter
+    segmenter.arrivals = deque(maxlen=_ARRIVALS) if realtime else None
+    sinks = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
+    tcae = getattr(top, "mitigation_tcae", None)
+    beside = tcae.method if tcae is not None and isinstance(tcae.method, OwnProcess) else None
+    watch = _Watch(blocks_of(top), beside)
+    cores = OutsideWatch()
+    cpu = time.process_time()
+    try:
+        wall = run_to_end(
+            top,
+            time_limit_s=time_limit_s,
+            over=lambda: watch.look(segmenter.segmenter.sample_counter),
+            poll_s=_POLL_S,
+            too_long=lambda limit_s: f"the run did not end within {limit_s:g} s; use fewer --seconds",
+        )
+        cpu = time.process_time() - cpu
+    finally:
+        outside = cores.end()
+    status = segmenter.status()
+    if beside is not None:
+        watch.cpu_s["network's process"] = 1e-9 * beside.outside_cpu_ns
+        cpu += watch.cpu_s["network's process"]
+    return Measurement(
+        signal_s=segmenter.segmenter.sample_counter / scene.waveform.rate_hz,
+        wall_s=wall,
+        cpu_s=watch.cpu_s,
+        process_cpu_s=cpu,
+        calls={name: getattr(block, "calls", 0) for name, block in blocks_of(top).items()},
+        frames={m: sink.count for m, sink in sinks.items()},
+        latency_ms={m: _latency_ms(sink.times(), segmenter.arrivals, scene) for m, sink in sinks.items()},
+        dropped_frames=status["dropped_slow"],
+        lost_samples=status["lost_samples"],
+        skipped_frames=tcae.status().get("skipped_frames", 0) if tcae is not None else 0,
+        memory_bytes=watch.memory[-1][1],
+        memory_growth_bytes=watch.growth_bytes(),
+        outside=outside,
+        source_held_up_s=top.simulated_channel.held_up_s,
+        source_longest_hold_up_s=top.simulated_channel.longest_hold_up_s,
+    )
+
+
+def _latency_ms(times: np.ndarray, arrivals: Any, scene: Scene) -> np.ndarray:
+    if not arrivals or not times.size:
+        return np.zeros(0)
+    counter, when = np.array(arrivals).T
+    at = np.searchsorted(counter, times[:, 0] + scene.waveform.samples_per_frame)
+    inside = at < when.size
+    return 1e3 * (times[inside, 1] - when[at[inside]])
+
+
+class _Watch:
+    """CPU time of blocks' threads and resident memory, looked at while they live."""
+
+    def __init__(self, blocks: dict[str, Any], beside: OwnProcess | None) -> None:
+        self._blocks = blocks
+        self._processes = ["self"] if beside is None else ["self", str(beside.process_id)]
+        self._tick_s = 1.0 / os.sysconf("SC_CLK_TCK")
+        self._page = os.sysconf("SC_PAGE_SIZE")
+        self.cpu_s: dict[str, float] = {}
+        self.memory: list[tuple[int, int]] = [(0, self._resident())]
+
+    def look(self, samples: int) -> bool:
+        """Read what the kernel says now; false, since it ends no run."""
+        self.memory.append((samples, self._resident()))
+        for name, block in self._blocks.items():
+            thread = getattr(block, "thread_id", None)
+            try:
+                fields = (
+                    Path(f"/proc/self/task/{thread}/stat")
+                    .read_text(encoding="ascii")
+                    .rpartition(")")[2]
+                    .split()
+                )
+            except OSError:  # the thread has ended: what was read last stays
+                continue
+            self.cpu_s[name] = (int(fields[11]) + int(fields[12])) * self._tick_s
+        return False
+
+    def _resident(self) -> int:
+        pages = (Path(f"/proc/{p}/statm").read_text(encoding="ascii").split()[1] for p in self._processes)
+        return self._page * sum(map(int, pages))
+
+    def growth_bytes(self) -> int:
+        """Growth from the end of the warm-up to the end."""
+        last = self.memory[-1][0]
+        settled = next(m for samples, m in self.memory if samples >= _WARM_UP * last)
+        return self.memory[-1][1] - settled

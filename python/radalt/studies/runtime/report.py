@@ -1,0 +1,221 @@
+"""The error-against-run-time report: tables, Pareto fronts and figure from its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.stats import kendalltau
+
+from ...core.receiver.cramer_rao import altitude_crb_m
+from ...core.waveform import Waveform
+from ...evaluation.engine.study import Run
+from ...evaluation.results.break_point import BreakPoint, break_point, mean_gain, protection_gain
+from ...evaluation.results.folder import RunFolder, plain_json
+from ...evaluation.results.page import write_pages
+from ...evaluation.results.score import pool
+from ...evaluation.results.table import metres, number, table
+from .figure import draw, pareto
+from .study import CLEAN, SNR_DB, TRANSFORM
+
+if TYPE_CHECKING:
+    from .study import RuntimeStudy
+
+__all__ = ["summarise", "write_report"]
+
+
+def write_report(
+    folder: RunFolder, study: RuntimeStudy, rows: Mapping[str, list[dict[str, Any]]], run: Run
+) -> Path:
+    """Write figure, ``report.md`` and ``report.json`` from the tables; returns the page."""
+    report = folder.head | {
+        "run": run.as_dict(),
+        "crb_m": float(altitude_crb_m(Waveform(), SNR_DB)),
+        **summarise(rows, study.interferers),
+    }
+    figure = folder.path / "figures" / "error_vs_runtime.png"
+    draw(report, figure)
+    tables = {
+        "main_table": _main_table(report),
+        "transform_table": _transform_table(report),
+        "break_table": _break_table(report),
+    }
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
+    folder.write_report(report | {"rows": rows["rows"]})
+    return page
+
+
+def summarise(tables: Mapping[str, Sequence[dict[str, Any]]], interferers: Sequence[str]) -> dict[str, Any]:
+    """The report's content: one summary per chain, pooled and by interferer, and the Pareto fronts.
+
+    ``tables`` are those of `RuntimeStudy`. Gains are against the chain ``none``.
+    """
+    rows, labels = tables["rows"], list(dict.fromkeys(r["chain"] for r in tables["rows"]))
+    facts = {fact["chain"]: fact for fact in tables["facts"]}
+    transform_ms = float(np.median([t["ms_method"] for t in tables["times"] if t["chain"] == TRANSFORM]))
+    broken = {label: _break_points(rows, label, interferers) for label in labels}
+    summary = []
+    for label in labels:
+        mine = [r for r in rows if r["chain"] == label]
+        gains = {i: protection_gain(broken["none"][i], broken[label][i]) for i in interferers}
+        mean = mean_gain(list(gains.values()))
+        summary.append(
+            facts[label]
+            | {
+                "clean": _pooled([r for r in mine if r["interferer"] == "clean"]),
+                "pooled": _pooled([r for r in mine if r["interferer"] != "clean"]),
+                "by_interferer": {i: _pooled([r for r in mine if r["interferer"] == i]) for i in interferers},
+                "break_points": {i: vars(b) | {"text": str(b)} for i, b in broken[label].items()},
+                "protection_gains": {i: plain_json(vars(g)) | {"text": str(g)} for i, g in gains.items()},
+                "mean_gain": plain_json(vars(mean)) | {"text": str(mean)},
+                "times": _times([t for t in tables["times"] if t["chain"] == label]),
+                "transforms": {
+                    i: _median_ms(tables["times"], label, i) / transform_ms for i in (CLEAN, *interferers)
+                },
+            }
+        )
+    trials = sorted({r["trials"] for r in rows})
+    return {
+        "summary": summary,
+        "transform_ms": transform_ms,
+        "fronts": _fronts(summary, interferers),
+        "sirs_db": sorted({r["sir_db"] for r in rows if r["sir_db"] is not None}),
+        "trials": [trials[0], trials[-1]],
+        "agreement": {"pd": _agreement_of_errors(rows, labels), "time": _agreement_of_times(summary)},
+    }
+
+
+def _break_points(
+    rows: Sequence[dict[str, Any]], label: str, interferers: Sequence[str]
+) -> dict[str, BreakPoint]:
+    def of(interferer: str) -> BreakPoint:
+        mine = [r for r in rows if r["chain"] == label and r["interferer"] == interferer]
+        return break_point(*([r[c] for r in mine] for c in ("sir_db", "pd", "pd_low", "pd_high")))
+
+    return {interferer: of(interferer) for interferer in interferers}
+
+
+def _pooled(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    total = pool(rows)
+    squared = sum(r["squared_correct_m2"] for r in rows)
+    own = {
+        "rmse_correct_m": float(np.sqrt(squared / total.correct)) if total.correct else None,
+        "wrong_rate": total.wrong / total.trials,
+    }
+    return plain_json(total.row() | own)
+
+
+def _median_ms(rows: Sequence[dict[str, Any]], label: str, interferer: str) -> float:
+    """Of one frame at a time, method and altimeter."""
+    mine = [t for t in rows if (t["chain"], t["interferer"], t["batch"]) == (label, interferer, 1)]
+    return float(np.median([t["ms_method"] + t["ms_altimeter"] for t in mine]))
+
+
+def _times(rows: Sequence[dict[str, Any]]) -> dict[int, dict[str, float]]:
+    """By frames at once: means over the interferers of the medians, and the 99th percentile over all of them."""
+    out = {}
+    jammed = [t for t in rows if t["interferer"] != CLEAN]
+    for batch in dict.fromkeys(t["batch"] for t in jammed):
+        by: dict[str, list[list[float]]] = {}
+        for t in jammed:
+            if t["batch"] == batch:
+                by.setdefault(t["interferer"], []).append([t["ms_method"], t["ms_altimeter"]])
+        taken = np.array(list(by.values()))  # (interferers, times, 2); equally many of each
+        total = taken.sum(axis=2)
+        halves = np.array_split(total, 2, axis=1)
+        out[batch] = {
+            "ms_method": float(np.median(taken[..., 0], axis=1).mean()),
+            "ms_altimeter": float(np.median(taken[..., 1], axis=1).mean()),
+            "ms_median": float(np.median(total, axis=1).mean()),
+            "ms_p99": float(np.percentile(total, 99)),
+            "ms_first_half": float(np.median(halves[0], axis=1).mean()),
+            "ms_second_half": float(np.median(halves[1], axis=1).mean()),
+        }
+    return out
+
+
+def _fronts(summary: Sequence[dict[str, Any]], interferers: Sequence[str]) -> dict[str, list[str]]:
+    """Chains that none beats in both time and Pd: pooled, and by interferer with the time that its frames take."""
+    pooled = {s["chain"]: (s["times"][1]["ms_median"], 1 - s["pooled"]["pd"]) for s in summary}
+    fronts = {"pooled": pareto(pooled)}
+    for i in interferers:
+        fronts[i] = pareto(
+            {s["chain"]: (s["transforms"][i], 1 - s["by_interferer"][i]["pd"]) for s in summary}
+        )
+    return fronts
+
+
+def _agreement(one: Sequence[float], other: Sequence[float]) -> float:
+    """Kendall's tau of two rankings of the same chains, ties allowed."""
+    return float(kendalltau(one, other).statistic)
+
+
+def _agreement_of_errors(rows: Sequence[dict[str, Any]], labels: Sequence[str]) -> float:
+    """Of the rankings that two halves of the frames give."""
+    halves = (
+        [sum(r[key] for r in rows if r["chain"] == label) for label in labels]
+        for key in ("correct_even", "correct_odd")
+    )
+    return _agreement(*halves)
+
+
+def _agreement_of_times(summary: Sequence[dict[str, Any]]) -> float:
+    """Of the rankings that two halves of the rounds give."""
+    return _agreement(
+        *([s["times"][1][half] for s in summary] for half in ("ms_first_half", "ms_second_half"))
+    )
+
+
+_MAIN = (
+    "chain",
+    "precision",
+    "ms per frame, mean / p99",
+    "in batches of 8",
+    "of it method",
+    "memory / MiB",
+)
+_MAIN += ("model / MiB", "decimation, FFT", "Pd clean", "RMSE clean / m", "Pd pooled", "wrong")
+_MAIN += ("RMSE of correct / m", "RMSE forced / m", "mean gain / dB")
+
+
+def _main_table(report: dict[str, Any]) -> str:
+    lines = []
+    for s in report["summary"]:
+        one, eight = s["times"][1], s["times"][8]
+        lines.append(
+            [
+                s["chain"],
+                s["precision"],
+                f"{one['ms_median']:.2f} / {one['ms_p99']:.2f}",
+                f"{eight['ms_median']:.2f} / {eight['ms_p99']:.2f}",
+                number(one["ms_method"]),
+                number(s["memory_bytes"] / 2**20, 1),
+                number(s["model_bytes"] / 2**20) if s["model_bytes"] else "",
+                f"{s['decimation']}, {s['fft_size']}",
+                number(s["clean"]["pd"]),
+                metres(s["clean"]["rmse_forced_m"]),
+                number(s["pooled"]["pd"], 3),
+                number(s["pooled"]["wrong_rate"], 3),
+                metres(s["pooled"]["rmse_correct_m"]),
+                metres(s["pooled"]["rmse_forced_m"]),
+                s["mean_gain"]["text"],
+            ]
+        )
+    return table(_MAIN, lines)
+
+
+def _transform_table(report: dict[str, Any]) -> str:
+    names = list(report["summary"][0]["transforms"])
+    lines = [[s["chain"], *(number(s["transforms"][name], 0) for name in names)] for s in report["summary"]]
+    return table(["chain", *names], lines)
+
+
+def _break_table(report: dict[str, Any]) -> str:
+    names = [name for name in report["fronts"] if name != "pooled"]
+    lines = [
+        [s["chain"], *(f"{s['break_points'][i]['text']} ({s['protection_gains'][i]['text']})" for i in names)]
+        for s in report["summary"]
+    ]
+    return table(["chain", *names], lines)

@@ -1,0 +1,200 @@
+"""The stability report: counts of verdicts, what did not pass, and one figure; every row is in rows.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.mitigation import METHODS
+from ...evaluation.engine.study import Run
+from ...evaluation.results.figure import new_figure, save_figure
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.page import write_pages
+from ...evaluation.results.rows import Columns
+from ...evaluation.results.table import table
+
+__all__ = ["BY_GROUP", "by_group", "failures", "write_report"]
+
+_GROUPS = {
+    "stiff": "stiff inputs",
+    "scene": "extreme scenes",
+    "waveform": "other sweeps",
+    "numbers": "number range and converters",
+}
+_COLOURS = {
+    "pass": "#009E73",
+    "refused": "#BBBBBB",
+    "flagged": "#56B4E9",
+    "WRONG": "#E69F00",
+    "FAIL": "#000000",
+}
+BY_GROUP = Columns(
+    names=(
+        *("group", "chain", "rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"),
+        *("worst_error_m", "worst_output"),
+    ),
+    text=frozenset({"group", "chain"}),
+    whole=frozenset({"rows", *_COLOURS, "frames", "declared", "wrong_frames", "silenced"}),
+)
+_SIGNS = {"pass": "", "refused": "r", "flagged": "f", "WRONG": "W", "FAIL": "X"}
+
+
+def failures(tables: Mapping[str, Sequence[dict[str, Any]]]) -> list[str]:
+    """One line for every row that did not pass, of the tables of `StabilityStudy`."""
+    rows = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
+    steps = [r for r in tables["step_limits"] if r["verdict"] == "FAIL"]
+    checks = [r for r in tables["checks"] if r["verdict"].startswith("FAIL")]
+    return [
+        *(f"{r['case']}: {r['chain']}: {r['verdict']}" for r in rows),
+        *(f"LMS step limit at spread {r['spread']:.0e}: FAIL" for r in steps),
+        *(f"{r['check']}: {r['verdict']}" for r in checks),
+    ]
+
+
+def write_report(folder: RunFolder, tables: Mapping[str, Sequence[dict[str, Any]]], run: Run) -> Path:
+    """Write figure, ``groups.csv``, ``report.md`` and ``report.json`` from the tables; returns the page."""
+    rows = tables["rows"]
+    figure = folder.path / "figures" / "stability.png"
+    _draw(rows, figure)
+    report = folder.head | {"run": run.as_dict(), **tables, "failures": failures(tables)}
+    values = report | {
+        "counts": _counts(rows),
+        "group_table": _group_table(rows),
+        "not_passed": _not_passed(tables),
+        "step_table": _step_table(tables["step_limits"]),
+        "check_table": _check_table(tables["checks"]),
+    }
+    folder.write_text("groups.csv", BY_GROUP.csv(by_group(rows)))
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), values)
+    folder.write_report(report)
+    return page
+
+
+def _verdicts(rows: Sequence[dict[str, Any]]) -> list[int]:
+    return [len(rows), *(sum(r["verdict"] == v for r in rows) for v in _COLOURS)]
+
+
+def _by_chain(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    chains = dict.fromkeys(r["chain"] for r in rows)
+    return {chain: [r for r in rows if r["chain"] == chain] for chain in chains}
+
+
+def _counts(rows: Sequence[dict[str, Any]]) -> str:
+    lines = [[chain, mine[0]["precision"], *_verdicts(mine)] for chain, mine in _by_chain(rows).items()]
+    return table(["chain", "precision", "rows", *_COLOURS], lines)
+
+
+def by_group(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row of `BY_GROUP` for each group of cases and each chain."""
+    return [
+        BY_GROUP.row({"group": group, "chain": chain} | _summed(mine))
+        for group in _GROUPS
+        for chain, mine in _by_chain([r for r in rows if r["group"] == group]).items()
+    ]
+
+
+def _summed(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What rows say together: counts added, the worst of the errors."""
+    counts = dict(zip(("rows", *_COLOURS), _verdicts(rows), strict=True))
+    sums = {name: sum(r[name] or 0 for r in rows) for name in ("frames", "valid", "wrong", "silenced")}
+    return counts | {
+        "frames": sums["frames"],
+        "declared": sums["valid"],
+        "wrong_frames": sums["wrong"],
+        "silenced": sums["silenced"],
+        "worst_error_m": max((r["error_m"] for r in rows if r["error_m"] is not None), default=None),
+        "worst_output": max((r["output_error"] for r in rows if r["output_error"] is not None), default=None),
+    }
+
+
+def _group_table(rows: Sequence[dict[str, Any]]) -> str:
+    """One line per group, all chains together."""
+    lines = []
+    for group, title in _GROUPS.items():
+        mine = [r for r in rows if r["group"] == group]
+        if mine:
+            s = _summed(mine)
+            frames = [f"{s['declared']} of {s['frames']}", s["wrong_frames"], s["silenced"]]
+            lines.append([title, len({r["case"] for r in mine}), *(s[v] for v in _COLOURS), *frames])
+    return table(["group", "cases", *_COLOURS, "declared", "wrong", "silenced"], lines)
+
+
+def _not_passed(tables: Mapping[str, Sequence[dict[str, Any]]]) -> str:
+    """A line per case and chain that did not pass, then the checks; empty where all passed."""
+    bad = [r for r in tables["rows"] if r["verdict"] in ("WRONG", "FAIL")]
+    lines = [[r["chain"], r["case"], r["reasons"] if r["wrong"] is None else _wrong(r)] for r in bad]
+    lines.sort(key=lambda line: line[0])
+    lines += [["", line, ""] for line in failures(tables | {"rows": []})]
+    return table(["chain", "case", "found"], lines) if lines else ""
+
+
+def _wrong(row: dict[str, Any]) -> str:
+    return f"{row['wrong']} of {row['frames']} wrong"
+
+
+def _step_table(rows: Sequence[dict[str, Any]]) -> str:
+    lines = [
+        [
+            f"{r['spread']:.0e}",
+            f"{r['condition']:.2e}",
+            f"{r['theory']:.3e}",
+            f"{r['measured']:.3e}",
+            f"{r['ratio']:.2f}",
+        ]
+        for r in rows
+    ]
+    return table(["spectral spread", "condition number", "theory", "measured", "measured / theory"], lines)
+
+
+def _check_table(rows: Sequence[dict[str, Any]]) -> str:
+    """One line per check, its methods together."""
+    checks: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for row in rows:
+        method, _, check = row["check"].partition(": ")
+        known = method in METHODS
+        checks.setdefault(check if known else row["check"], []).append((method if known else "", row))
+    lines = []
+    for check, mine in checks.items():
+        found = [row for _, row in mine]
+        methods = ", ".join(f"`{m}` {r['verdict']}" for m, r in mine if m and r["verdict"] != "pass")
+        verdict = "pass" if all(r["verdict"] == "pass" for r in found) else methods or found[0]["verdict"]
+        many = len(found) if mine[0][0] else ""
+        lines.append([check, many, _span(found, "value"), _span(found, "bound"), found[0]["unit"], verdict])
+    return table(["check", "methods", "value", "bound", "unit", "verdict"], lines)
+
+
+def _span(rows: Sequence[dict[str, Any]], name: str) -> str:
+    """A number, or the smallest and the largest."""
+    ends = {_brief(end([r[name] for r in rows if r[name] is not None], default=None)) for end in (min, max)}
+    return " to ".join(sorted(ends, key=lambda text: float(text or 0)))
+
+
+def _brief(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
+
+
+def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """A tile for every case and chain, in the colour of its verdict and with a letter where it is not a pass."""
+    from matplotlib.patches import Patch, Rectangle
+
+    cases = list(dict.fromkeys(r["case"] for r in rows))
+    chains = list(dict.fromkeys(r["chain"] for r in rows))
+    figure = new_figure(4.6 + 0.42 * len(chains), 1.8 + 0.165 * len(cases))
+    axis = figure.subplots()
+    for r in rows:
+        x, y = chains.index(r["chain"]), cases.index(r["case"])
+        axis.add_patch(Rectangle((x - 0.46, y - 0.43), 0.92, 0.86, color=_COLOURS[r["verdict"]], lw=0))
+        colour = "white" if r["verdict"] == "FAIL" else "black"
+        axis.text(x, y, _SIGNS[r["verdict"]], ha="center", va="center", fontsize=6, color=colour)
+    axis.set_xlim(-0.5, len(chains) - 0.5)
+    axis.set_ylim(len(cases) - 0.5, -0.5)
+    axis.set_yticks(range(len(cases)), cases, fontsize=6)
+    axis.set_xticks(range(len(chains)), chains, rotation=60, ha="left", fontsize=7)
+    axis.xaxis.tick_top()
+    axis.tick_params(length=0)
+    axis.spines[:].set_visible(False)
+    names = [v for v in _COLOURS if any(r["verdict"] == v for r in rows)]
+    handles = [Patch(color=_COLOURS[v], label=v + (f" ({_SIGNS[v]})" if _SIGNS[v] else "")) for v in names]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(names), fontsize=7, frameon=False)
+    save_figure(figure, path)

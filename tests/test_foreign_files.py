@@ -1,0 +1,72 @@
+"""Files, names and users that nobody meant: weights beside a network, links in a result folder, a name that is math."""
+
+import base64
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from radalt.core.mitigation import MitigationError, create
+from radalt.core.waveform import Waveform
+from radalt.evaluation.results.figure import new_figure, save_figure
+from radalt.evaluation.results.folder import FolderError, RunFolder, write_json
+
+# an ONNX file of one matrix product, whose matrix lies in the file m.data beside it
+WEIGHTS_OUTSIDE = base64.b64decode(
+    b"CAg6fAoRCgF4CgF3EgF5IgZNYXRNdWwSAWcqOggECAQQAUIBd2oSCghsb2NhdGlvbhIGbS5kYXRhagsKBm9mZnNldBIBMGoM"
+    b"CgZsZW5ndGgSAjY0cAFaEwoBeBIOCgwIARIICgIIAQoCCARiEwoBeRIOCgwIARIICgIIAQoCCARCBAoAEBE="
+)
+RUN = "--sim --overlap 0 --altitudes 100 --frames 2 --methods none --jobs 1 --out".split()
+
+
+def run(root, *arguments, **environment):
+    command = [sys.executable, str(root / "flowgraphs/ota_eval.py"), *map(str, arguments)]
+    env = os.environ | environment
+    return subprocess.run(command, env=env, capture_output=True, timeout=120, check=False)
+
+
+def test_a_network_whose_weights_lie_outside_its_file_is_refused(tmp_path, monkeypatch):
+    """No digest would cover them: they could be changed between a kill and --resume."""
+    (tmp_path / "m.onnx").write_bytes(WEIGHTS_OUTSIDE)
+    (tmp_path / "m.data").write_bytes(np.ones(16, np.float32).tobytes())
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MitigationError, match="keeps weights outside its file"):
+        create("tcae", Waveform(), model=tmp_path / "m.onnx")
+
+
+def test_a_result_folder_is_never_written_through_a_link(tmp_path):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    folder = tmp_path / "run"
+    RunFolder(folder, {"study": "one"}).close()
+    for name in ("rows.csv.tmp", "report.md", "figures"):
+        (folder / name).symlink_to(mine)
+        with pytest.raises(FolderError, match=f"{name} is a link"):
+            RunFolder(folder, {"study": "one"}, resume=True)
+        (folder / name).unlink()
+    (folder / "rows.json.tmp").symlink_to(mine)  # put there while the run goes on
+    write_json(folder / "rows.json", {})
+    assert mine.read_text() == "mine"
+
+
+def test_a_name_that_is_no_mathematics_is_drawn_as_it_is(tmp_path):
+    figure = new_figure(3, 2)
+    axis = figure.subplots()
+    axis.plot([1, 2], [1, 2], label="mine$^{x")
+    axis.set_title("a$_{b")
+    axis.legend()
+    save_figure(figure, tmp_path / "x.png")
+    assert b"/Type3" not in (tmp_path / "x.pdf").read_bytes()  # publishers ask for TrueType
+
+
+def test_a_terminal_of_another_encoding_ends_no_run(root, tmp_path):
+    done = run(root, *RUN, tmp_path / "x$^{y", PYTHONIOENCODING="latin-1")
+    assert done.returncode == 0, done.stderr
+    assert b"\\u2212" in done.stdout
+
+
+def test_a_user_without_a_home_can_run(root, tmp_path):
+    done = run(root, *RUN, tmp_path / "out", HOME="/proc/nobody")
+    assert done.returncode == 0, done.stderr
