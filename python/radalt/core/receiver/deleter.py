@@ -22,6 +22,8 @@ _INCONSISTENT = 8.0
 # Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
 # in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
 # that interference covers.
+# Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
+# output more, and no pull-off was found in which that made a difference (docs/tracker.md).
 _VACANT_BLOCKS = 2
 _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 
@@ -29,9 +31,9 @@ _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 class Deleter:
     """Ends tracks: after a time without measurements, where they contradict themselves, where the ground has stepped.
 
-    A track that was certain is remembered after its end, until its place is vacant in as many blocks in a row as confirm
-    a track. Before that its successor may be a false return that has pulled the tracker off, and is no altitude. There
-    is no limit of time: whoever pulls off can wait.
+    A track that was certain is remembered after its end, until its place is vacant in two blocks in a row. Before that
+    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no limit of time:
+    whoever pulls off can wait.
 
     Parameters
     ----------

@@ -16,6 +16,7 @@ import numpy as np
 from ..programme import Programme
 from ..waveform import Waveform, altitude_to_delay_s
 from .frame import Frame
+from .receiver_faults import ReceiverFaults
 from .segmenter_settings import SegmenterSettings
 from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
 from .sweep_check import NOT_LOOKED, SweepCheck
@@ -46,13 +47,18 @@ class FrameSegmenter:
         False for an extended return, which matches no single delay: frames are then checked as without a programme. The
         programme still tells where the synchronisation sections are.
 
+    noise : bool
+        Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
+        and are not released. A simulation without noise repeats frames rightly.
+
     `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
     Attributes
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``acquisitions``, ``index_corrections`` by
+        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``faulty_frames`` not emitted because of
+        `fault`, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     lock_loss : str
         What ended the last lock: sweep, expected altitude, altitude at which the sweep was seen; else empty.
@@ -76,6 +82,7 @@ class FrameSegmenter:
         max_altitude_m: float = 1500.0,
         true_delay: bool = False,
         point_target: bool = True,
+        noise: bool = True,
     ) -> None:
         self.waveform, self.programme, self.settings = waveform, programme, settings
         self.true_delay, self.point_target = true_delay, point_target
@@ -84,7 +91,11 @@ class FrameSegmenter:
         self._check = SweepCheck(waveform, settings, self._finder, max_altitude_m)
         # room for some frames beyond the longest wait, so that what is left over is moved once in a while
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
-        names = "frames torn discontinuities lost_samples lock_losses unlocked_frames acquisitions index_corrections"
+        names = (
+            "frames torn discontinuities lost_samples lock_losses unlocked_frames faulty_frames acquisitions"
+        )
+        names += " index_corrections"
+        self._faults = ReceiverFaults(waveform, self._finder, noise=noise)
         self.counters = dict.fromkeys(names.split(), 0)
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
@@ -242,6 +253,8 @@ class FrameSegmenter:
         if self._filled < needed:
             return False
         found = self._finder.locate(self._waiting(self._n, needed))
+        if found is not None and self._faults.conjugated(self._waiting(self._n, 2 * self._n)):
+            found = None
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
@@ -263,6 +276,9 @@ class FrameSegmenter:
         frame = Frame(self._index, self._origin, samples, self._offset_s)
         self._origin += self._n
         self._index += 1
+        if self._faults.found_in(samples, frame.index):
+            self.counters["faulty_frames"] += 1
+            return True
         if not self.settings.monitor:
             out.append(frame)
             return True
@@ -430,6 +446,11 @@ class FrameSegmenter:
         return True
 
     @property
+    def fault(self) -> str:
+        """What is wrong with the receiver by the last frame: ``""``, ``"frozen"`` or ``"quadrature"``."""
+        return self._faults.fault
+
+    @property
     def timing_verified(self) -> bool:
         """Whether one of the last fifty frames showed the sweep where it was sent to be."""
         return self.state == LOCKED and self.unverified_frames <= MEMORY_FRAMES
@@ -438,7 +459,8 @@ class FrameSegmenter:
         """State, lock quality in dB (correlation over mean), how well timing is known, and counters, for telemetry."""
         return {
             "state": self.state,
-            "locked": self.state == LOCKED,
+            "locked": self.state == LOCKED and not self.fault,
+            "fault": self.fault,
             "quality_db": self._finder.quality_db,
             "unverified_frames": self.unverified_frames,
             "timing_verified": self.timing_verified,

@@ -42,8 +42,8 @@ _CONTRADICTION_SIGMAS = 4.0
 _SECOND_SIGMAS = 5.0
 # Resolution cells around a return that are its own peak: the power there says nothing of another return.
 _OWN_CELLS = 0.35
-# One-sided power, as a share of the return's, that is another return's: -25 dB. A point's lobes are equal to -30 dB after
-# interpolation between cells.
+# One-sided power, as a share of the return's, that is another return's: -25 dB. A point's lobes are equal to -30 dB
+# after interpolation between cells.
 _ONE_SIDED_SHARE = 0.003
 # Least power over noise, linear (13 dB), and largest distance in resolution cells (3 m), of the peak by which received
 # frames show the return of the cleaned ones: interference seldom has a peak of both halves there.
@@ -359,7 +359,11 @@ class Block:
         """Whether the block shows another block's return clearly: 13 dB over noise, both halves at the same place."""
         here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
         apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
-        return here is not None and here.power >= _CLEAR and bool(np.abs(here.cells - found.cells).max() <= apart)
+        return (
+            here is not None
+            and here.power >= _CLEAR
+            and bool(np.abs(here.cells - found.cells).max() <= apart)
+        )
 
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
@@ -456,8 +460,8 @@ class Block:
     def shape_deviation(self, found: Measurement) -> float:
         """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
 
-        What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates by
-        its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates
+        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
         """
         t = self.tables
         frames = self._aligned(int(t.rows[found.row, 0]))

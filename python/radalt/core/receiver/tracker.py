@@ -20,6 +20,7 @@ from .deleter import Deleter
 from .gate import Gate
 from .initiator import Initiator
 from .integrator import Integrator
+from .repeated_frames import RepeatedFrames
 from .scan import Scan
 from .summed_block import Block, Measurement
 from .track import Track
@@ -35,6 +36,8 @@ _LONGEST_GAP_S = 10.0
 # Largest difference in seconds of the residual timing offsets within one block: 0.3 m of altitude, a third of the
 # protection level's systematic part.
 _SAME_TIMING_S = 2e-9
+# Cells of each half sweep by which frames are told apart: eight values of noise agree by chance in none of 1e20.
+_MARKED_CELLS = 4
 
 
 class AltitudeTracker:
@@ -45,6 +48,9 @@ class AltitudeTracker:
     altimeter : Altimeter
         Makes the spectra; its span of altitudes and its limit of vertical speed hold here, too.
     settings : TrackerSettings
+    noise : bool
+        Whether the frames carry noise. Those that repeat one of the last second bit for bit are then a frozen
+        receiver's, and count as missing. A simulation without noise repeats frames rightly.
 
     Raises
     ------
@@ -69,7 +75,13 @@ class AltitudeTracker:
     (5, True, True)
     """
 
-    def __init__(self, altimeter: Altimeter, settings: TrackerSettings = TrackerSettings()) -> None:  # noqa: B008
+    def __init__(
+        self,
+        altimeter: Altimeter,
+        settings: TrackerSettings = TrackerSettings(),  # noqa: B008 - frozen
+        *,
+        noise: bool = True,
+    ) -> None:
         self.settings = settings
         self.sweep_s = altimeter.waveform.sweep_s
         self.frames = round(settings.output_s / self.sweep_s)
@@ -82,6 +94,7 @@ class AltitudeTracker:
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
+        self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         self._updater = Updater(gate, self._integrity)
         self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings)
@@ -97,6 +110,8 @@ class AltitudeTracker:
         self._track: Track | None = None
         self._initiator.reset()
         self._deleter.reset()
+        if self._repeated is not None:
+            self._repeated.reset()
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
@@ -143,12 +158,23 @@ class AltitudeTracker:
             raw = ratio if received is None else self.integrator.normalise(received)
             self._beside = received is not None
             index = np.asarray(index)
+            frozen = self._frozen(spectra if received is None else received)
+            if frozen.any():
+                ratio = np.where(frozen[:, None, None], np.float32(np.nan), ratio)
             cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
             for first, last in zip([0, *cuts], [*cuts, n], strict=True):
                 part = slice(first, last)
                 self._take(ratio[part], raw[part], index[part], offset[part], out)
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
+
+    def _frozen(self, spectra: Spectra) -> np.ndarray:
+        """(n,) bool: frames with a signal that repeat an earlier one, by eight cells of their spectra."""
+        heard = (spectra.scale > 0) & np.isfinite(spectra.scale)
+        again = np.zeros(len(heard), dtype=bool)
+        if self._repeated is not None:
+            again[heard] = self._repeated.check(spectra.power[heard, :, :_MARKED_CELLS])
+        return again
 
     def _take(
         self, ratio: np.ndarray, raw: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]

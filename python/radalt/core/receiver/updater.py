@@ -88,7 +88,7 @@ class Updater:
         return found if track.resolved or not cleaned else self.resolve(track, scan, found)
 
     def _compare_shape(self, track: Track, scan: Scan, found: Measurement) -> None:
-        """Update the deviation of a track's peak from a point's, in the frames as received: a method changes the shape."""
+        """Update the deviation of a track's peak from a point's, in frames as received: a method changes shapes."""
         block = scan.received
         if scan.sum_received is None or block.shows(found):
             track.deviation += (block.shape_deviation(found) - track.deviation) / track.evidence.weight
