@@ -1,4 +1,4 @@
-"""A receiver's faults that leave frames valid and wrong: each has its right status, and no altitude is given in silence."""
+"""A receiver's faults that leave frames valid and wrong: each has its right status, and none gives a wrong altitude."""
 
 import numpy as np
 import pytest
@@ -140,3 +140,20 @@ def test_a_transmitter_that_is_off_is_no_computed_data():
     samples[200:] = rng.standard_normal((200, N, 2)).view(complex)[..., 0]
     outputs = AltitudeTracker(ALTIMETER).process(ALTIMETER.spectra(samples.astype(np.complex64)))
     assert np.all(outputs["status"][5:] == Status.NO_COMPUTED_DATA)
+
+
+@pytest.mark.parametrize(("speed", "snr_db"), [(-5.0, 10.0), (8.0, -10.0)])
+def test_i_and_q_exchanged_from_the_start_give_no_altitude_once_the_track_has_moved(speed, snr_db):
+    """A centred sweep's conjugate is the sweep half a frame later: the altitude is right, the Doppler's sign wrong."""
+    rng = np.random.default_rng(4)
+    path = 300.0 + speed * (np.arange(800) + 0.5) * W.sweep_s
+    noise = rng.standard_normal((800, N, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    noise *= np.float32(np.sqrt(0.5 * 10.0 ** (-snr_db / 10.0)))
+    stream = (point_return(W, path, vertical_speed_m_per_s=speed) + noise).ravel()
+    for samples, given in ((stream, True), (1j * stream.conj()[N // 2 : -N // 2], False)):
+        outputs = AltitudeTracker(ALTIMETER).process(
+            ALTIMETER.spectra(samples.reshape(-1, N).astype(np.complex64))
+        )
+        normal = outputs["status"] == Status.NORMAL
+        assert normal[2:].all() if given else not normal[9:].any()
+        assert np.abs(outputs["altitude_m"] - path[outputs["frame_index"]])[normal].max() < 1.0

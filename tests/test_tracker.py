@@ -405,6 +405,52 @@ def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
     assert np.all(tracker.process(next(spectra), received=next(spectra))["status"][2:] == Status.NORMAL)
 
 
+@pytest.mark.parametrize(("level_db", "altitude_m"), [(10.0, 500.0), (14.0, 100.0)])
+def test_a_coherent_copy_that_walks_off_with_the_gate_does_not_take_the_track(level_db, altitude_m):
+    """Range-gate pull-off at 12 m/s. The track coasts beside the copy for a second; its end makes the copy no truer."""
+    rng, first, frames = np.random.default_rng(44), 240, 1960
+    index = np.arange(frames)
+    ground = np.full(frames, altitude_m)
+    frames_of = flight(rng, ground, 10.0)
+    copy_m = ground[first:] + 12.0 * T * (index[first:] - first)
+    copy = point_return(W, copy_m, vertical_speed_m_per_s=12.0, phase_cycles=rng.random())
+    frames_of[first:] += (10.0 ** (level_db / 20.0) * copy).astype(np.complex64)
+    outputs = tracked(frames_of)
+    assert np.all(outputs["status"][2:6] == Status.NORMAL)
+    error = np.abs(outputs["altitude_m"] - altitude_m)
+    assert not np.any(error > outputs["protection_level_m"])
+
+
+def test_an_echo_within_the_peak_and_two_equal_grounds_stay_within_the_level_and_a_point_pays_little():
+    """8 m behind and 6 dB weaker, or as strong and 18 m apart: in phase they are one peak, up to 9 m off."""
+    for apart_m, level_db in ((8.0, -6.0), (18.0, 0.0), (0.0, None)):
+        for seed in range(5):
+            rng = np.random.default_rng(seed)
+            path = np.full(200, 400.0)
+            frames = point_return(W, path) + noise(rng, 200, 10.0)
+            if level_db is not None:
+                frames += 10.0 ** (level_db / 20.0) * point_return(W, path + apart_m, phase_cycles=0.2 * seed)
+            out = tracked(frames.astype(np.complex64))
+            normal = out[out["status"] == Status.NORMAL]
+            assert np.all(np.abs(normal["altitude_m"] - 400.0) <= normal["protection_level_m"])
+            if level_db is None:
+                assert normal.size == 3 and normal["protection_level_m"].max() < 4.0
+
+
+def test_noise_is_normal_no_more_often_than_the_tracker_says():
+    """At probabilities that a short test can count: a candidate in one block of ten, confirmed by one block in ten."""
+    settings = TrackerSettings(output_s=0.016, search_pfa=0.1, gate_pfa=0.1, confirm_outputs=2)
+    tracker, rng = AltitudeTracker(ALTIMETER, settings), np.random.default_rng(45)
+    said = tracker.false_alarms_per_output
+    assert said == pytest.approx(0.1 * 0.1 / 0.9 * (1.0 + 63.5 * 0.01))
+    parts = [tracker.process(ALTIMETER.spectra(noise(rng, 320, 0.0))) for _ in range(10)]
+    outputs = np.concatenate(parts)
+    normal = int(np.sum(outputs["status"] == Status.NORMAL))
+    assert np.any(outputs["state"] == State.TRACK)
+    assert clopper_pearson(normal, len(outputs))[0] <= said
+    assert AltitudeTracker(ALTIMETER).false_alarms_per_output < 1.1e-8
+
+
 # -- the block --------------------------------------------------------------------------------------------------------
 
 

@@ -44,10 +44,10 @@ _PLACES = 32
 
 # What a receiver's fault means for the user, one line each (`FrameSegmenter.fault`).
 _FAULTS = {
-    "frozen": "the receiver repeats samples bit for bit, so no frames: restart it; a simulation without noise is exempt "
-    "(channel.snr_db: null)",
-    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or late; check "
-    "the receiver",
+    "frozen": "the receiver repeats samples bit for bit, so no frames: restart it (a simulation without noise needs "
+    "channel.snr_db: null)",
+    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or late; "
+    "check the receiver",
 }
 
 

@@ -94,6 +94,7 @@ class Initiator:
         track = Track(Kalman(mean, covariance, pulled=pulled), Evidence(self.settings.memory_outputs))
         track.evidence.add(*scan.block.differences(found, self.updater.reach))
         track.append(found, scan.middle)
+        track.doppler_m_per_s = found.speed_m_per_s
         return track
 
     def _is_tracked(self, found: Measurement, tracks: Sequence[Track]) -> bool:

@@ -186,6 +186,7 @@ class Track:
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
     corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
     protection_m: float = np.inf  # bound of its altitude's error, computed when the altitude is to be given
+    doppler_m_per_s: float = 0.0  # mean of the measured speeds over as many blocks as its evidence
     deviation: float = 0.0  # of its peak from a point's shape, mean over as many blocks as its evidence
     resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected

@@ -28,6 +28,8 @@ _SYSTEMATIC_M = 1.0
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 _ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
 _SPARE_EXTENT = 2.0  # times that extent, beyond which an asymmetric peak is another return's
+# Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
+_MIRRORED = 0.5
 # Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
 # of some thousand entries of noise reaches that alone.
 _ANY_SPEED_SIGMAS = 3.0
@@ -91,12 +93,26 @@ class Integrity:
         track.protection_m = self.protection_m(track)
         if track.corrected_m > track.protection_m:
             return False  # prediction and measurement contradict each other: one may be a grating lobe
+        if self._mirrored(track):
+            return False
         moved_m, sigma_m = scan.block.moved_since(found)
         rest_m, _ = track.filter.innovation(found, scan.lead_s)
         # a step of the ground leaves the peak of the whole block where it was, or a track that has coasted behind it
         if max(abs(moved_m), abs(rest_m + moved_m)) > max(track.protection_m, GATE_SIGMAS * sigma_m):
             return False
         return not self._has_rival(track, scan, found)
+
+    def _mirrored(self, track: Track) -> bool:
+        """Whether a track's Doppler has the sign that its altitudes contradict, as of a receiver with I and Q exchanged.
+
+        The sum of both speeds is then nearer to zero than their difference, and that beyond its error.
+        """
+        if not self.tables.doppler:
+            return False
+        slope, sigma = track.speed_by_altitudes(self.sweep_s, track.latest.altitude_variance_m2)
+        apart, both = abs(track.doppler_m_per_s - slope), abs(track.doppler_m_per_s + slope)
+        deviation = np.sqrt(sigma**2 + track.latest.speed_variance_m2_per_s2)
+        return bool(apart > GATE_SIGMAS * deviation and both < _MIRRORED * apart)
 
     def _has_rival(self, track: Track, scan: Scan, found: Measurement) -> bool:
         t, block = self.tables, scan.block

@@ -116,6 +116,18 @@ class AltitudeTracker:
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
 
+    @property
+    def false_alarms_per_output(self) -> float:
+        """Upper bound of the share of outputs that are NORMAL in white noise alone.
+
+        One block has to start a candidate, and each of the next ones to confirm it within its gate. While such a track
+        coasts, as many blocks in a row within the gate make it NORMAL again.
+        """
+        s = self.settings
+        confirmed = s.search_pfa * s.gate_pfa ** (s.confirm_outputs - 1)
+        coasted = (s.coast_s / s.output_s + 1.0) * s.gate_pfa**s.confirm_outputs
+        return confirmed * (1.0 + coasted) / (1.0 - s.gate_pfa)
+
     # -- frames to blocks -----------------------------------------------------------------------------------------
 
     def process(

@@ -69,6 +69,7 @@ class Updater:
             return None
         before = track.latest, track.measured_at
         track.append(found, scan.middle)
+        track.doppler_m_per_s += (found.speed_m_per_s - track.doppler_m_per_s) / track.evidence.weight
         lowest, highest = self.integrity.open_cells(track)
         foreign = lowest > highest  # its Doppler is none that its altitudes allow
         pulled = foreign and self._pulled(track)
