@@ -433,3 +433,9 @@ def test_ambiguity_of_a_clear_return_is_large_and_of_two_equal_ones_is_none():
 def test_impossible_intervals_of_speed_are_refused(interval):
     with pytest.raises(ValueError, match=r"vertical_speed_m_per_s is .* \+/-150 m/s"):
         Altimeter(W).process(W.beat_shifted(500.0)[None], vertical_speed_m_per_s=interval)
+
+
+def test_no_guard_cells_is_a_setting():
+    altimeter = Altimeter(Waveform(), AltimeterSettings(guard_cells=0.0))
+    result = altimeter.process(Waveform().beat_shifted(300.0)[None].astype(np.complex64))
+    assert abs(result["forced_altitude_m"][0] - 300.0) < 1.0

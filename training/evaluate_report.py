@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from scipy import signal
 
+from radalt.core.interference.evm import EMITTERS
 from radalt.core.mitigation import METHODS, PlotStyle
 from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.waveform import Waveform
@@ -44,11 +45,13 @@ STYLES = {
     "paper": PlotStyle("#5D3A9B", "X", "--"),
     "compact": METHODS["tcae"].style,
 } | {name: method.style for name, method in METHODS.items() if method.style}
+_EMITTERS = f"{EMITTERS}, unless called ideal"
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
 PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and what ships
 PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # what the paper's networks were trained for
+IDEAL = "_ideal"  # ends the name of an interferer without error vectors
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
 
 
@@ -56,7 +59,7 @@ def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
     """Rows of the sweep by case and method, in the order measured: highest SIR first."""
     found: dict[Case, dict[str, list[Row]]] = {}
     for row in rows:
-        if row["interferer"] in SWEPT:
+        if row["interferer"].removesuffix(IDEAL) in SWEPT:
             case = found.setdefault((row["interferer"], row["overlap"]), {})
             case.setdefault(row["method"], []).append(row)
     return found
@@ -124,6 +127,19 @@ def _break_table(breaks: Breaks, names: Sequence[str]) -> str:
         cells = [f"**{found[m]}**" if found[m].sir_db <= best + 1e-9 else str(found[m]) for m in names]
         lines.append([name, f"{overlap:g}", *cells])
     return table(["interferer", "overlap", *names], lines)
+
+
+def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
+    """Break-points behind ideal and typical emitters side by side; empty unless both were measured."""
+    lines = []
+    for (name, overlap), typical in breaks.items():
+        ideal = breaks.get((f"{name}{IDEAL}", overlap))
+        if name == "tones":  # without symbols there is nothing to err
+            ideal = typical
+        if ideal is not None:
+            lines.append([name, f"{overlap:g}", *(f"{ideal[m]} / {typical[m]}" for m in names)])
+    both = any(name.endswith(IDEAL) for name, _ in breaks)
+    return table(["interferer", "overlap", *names], lines) if both and lines else ""
 
 
 def _wrong_table(rows: Sequence[Row], names: Sequence[str]) -> str:
@@ -206,6 +222,7 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         Path(__file__).with_name("evaluate.md.j2"),
         **report,
         break_table=_break_table(breaks, names) if breaks else "",
+        both_table=_both_table(breaks, names),
         wrong_table=_wrong_table(rows, names) if breaks else "",
         clean_table=_score_table(rows, "clean") if special else "",
         paper_table=_score_table(rows, PAPER_CASE),
@@ -273,7 +290,8 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
         axis.set_xlabel("SIR / dB")
     for axis in axes[:, 0]:
         axis.set_ylabel("Pd")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -292,7 +310,7 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     axis.invert_yaxis()
     axis.set_xlabel("protection gain against no mitigation / dB")
     axis.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, fontsize=8)
+    figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -13,8 +13,10 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
+from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
 from ..core.scene import Scene
+from ..core.scene.build import segmenter_of
+from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
@@ -89,15 +91,7 @@ class frame_segmenter(gr.basic_block):
         self._sent = SentAltitudes(scene.altitude.programme)
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
-        self.segmenter = FrameSegmenter(
-            scene.waveform,
-            scene.altitude.programme if follow_programme else None,
-            scene.segmenter,
-            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
-            true_delay=scene.altitude.mode == "true_delay",
-            point_target=scene.return_model == "point",
-            noise=scene.has_noise,
-        )
+        self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0
@@ -167,6 +161,14 @@ class frame_segmenter(gr.basic_block):
         if latency_samples is not None:
             latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
+
+    def set_reference(self, altitude_m: float) -> None:
+        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+
+        Raises ValueError.
+        """
+        altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
+        self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
     @property
     def latency_samples(self) -> float:

@@ -327,15 +327,17 @@ class SimulatedChannel:
 
     def _paths(self, delay_samples: float, count: int = 1) -> np.ndarray:
         """(count, N) the transmitted stream at a delay, through the return's multipath if there is any."""
-        if self._gains is None:
+        multipath = self.settings.return_multipath
+        if self._gains is None or multipath is None:
             return self._radar.read(delay_samples, count)
-        delays = delay_samples + self.settings.return_multipath.delays_s * self.waveform.rate_hz
+        delays = delay_samples + multipath.delays_s * self.waveform.rate_hz
         gains = self._gains[:, min(self._block, self._gains.shape[1] - 1)]
         return sum(np.complex64(g) * self._radar.read(d) for g, d in zip(gains, delays, strict=True))
 
     def _delayed(self, frame: int) -> np.ndarray:
         """This block as a return of frame ``frame``'s altitude: delay, carrier phase, Doppler, leakage."""
         n, w = self._n, self.waveform
+        assert self.true_delay is not None
         altitude = float(self.true_delay.altitude_m(frame))
         speed = float(self.true_delay.speed_m_per_s(frame))
         delay_s = float(altitude_to_delay_s(altitude))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -73,6 +74,8 @@ class Mitigation(ABC):
         Frames processed since construction or `reset`.
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
+    removed : mapping of str to str
+        Options that earlier releases had, and what to do about each.
     outside_cpu_ns : int
         CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
     """
@@ -81,6 +84,7 @@ class Mitigation(ABC):
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
     runs_network: ClassVar[bool] = False
+    removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
 
     def __init__(self, waveform: Waveform) -> None:

@@ -116,7 +116,7 @@ class Altimeter(BeatSpectra):
         turns = np.exp(2j * np.pi * step * np.arange(shape.size))  # by one cell
         self.cfar = Cfar(
             train=max(2, round(s.train_cells * each)),
-            guard=round((s.guard_cells - 0.5) * each),
+            guard=max(0, round((s.guard_cells - 0.5) * each)),
             group=group,
             per_resolution=self._per_resolution,
             energy=self._per_resolution * shape.size * float(np.sum(shape**2) / np.sum(shape) ** 2),

@@ -100,6 +100,7 @@ class FrameSegmenter:
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
         self.lock_loss = ""
+        self.reference_samples = 0.0  # delay of the sweeps on which timing is acquired
         self.reset()
 
     def reset(self, first_sample: int = 0) -> None:
@@ -259,13 +260,14 @@ class FrameSegmenter:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
             return True
-        start = self._n + found[0]
-        self._offset_s = found[1] / self.waveform.rate_hz
+        exact = found[1] - self.reference_samples
+        start = self._n + found[0] + round(exact)
+        self._offset_s = (exact - round(exact)) / self.waveform.rate_hz
         # timing is known now, also for the frames before: go back to the first whole one
         first = start % self._n
         self._consume(first)
         # one sample of grace: a latency near zero may come out a trifle negative
-        self._index = int(np.floor((self._origin + found[1] + 1.0) / self._n))
+        self._index = int(np.floor((self._origin + self._offset_s * self.waveform.rate_hz + 1.0) / self._n))
         self.state = LOCKED
         self.counters["acquisitions"] += 1
         return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.simulated import ChannelSettings
 from ..interference.placement import Interferer
@@ -16,6 +16,9 @@ from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
 from ..waveform import Waveform
 from .sections import AltitudeSpec, RadioSpec, SweepSpec
+
+if TYPE_CHECKING:
+    from ..interference.emitters import NamedEmitter
 
 __all__ = ["Scene", "burst_db"]
 
@@ -63,6 +66,7 @@ class Scene:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
         top = self.altimeter_settings.max_altitude_m
+        assert top is not None  # resolved
         highest = max(self.altitude.programme_m, default=0.0)
         if self.return_model not in ("point", "terrain"):
             raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
@@ -87,6 +91,7 @@ class Scene:
     def _check_methods(self) -> None:
         from ..mitigation import CUSTOM, METHODS
 
+        self._name_methods()
         known = (*METHODS, CUSTOM)
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
@@ -101,6 +106,24 @@ class Scene:
             stray = [key for key in options or {} if not isinstance(key, str)]
             if stray:
                 raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
+            fixed = [key for key in ("waveform", "name", "max_altitude_m") if key in (options or {})]
+            if fixed:
+                raise ValueError(
+                    f"method_options.{name} has the key {fixed[0]!r}, which the scene itself gives; remove it"
+                )
+
+    def _name_methods(self) -> None:
+        """Methods of the user's own names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""
+        from ..mitigation import name_method
+
+        for name, options in self.method_options.items():
+            if isinstance(options, dict) and "method" in options and isinstance(name, str):
+                name_method(name, options["method"])
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled in another process, names mean there what they mean here."""
+        self.__dict__.update(state)
+        self._name_methods()
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
@@ -184,7 +207,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(i.emitter.label for i in self.interference)
+        return "+".join(cast("NamedEmitter", i.emitter).label for i in self.interference)
 
 
 def burst_db(sir_db: float, overlap: float) -> float:

@@ -15,10 +15,10 @@ from ...core.scene import Scene
 from ..engine.study import Run
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
+from ..results.page import write_page
 from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
-from .html import report_html
-from .markdown import report_markdown, spread
+from .markdown import every_row, report_markdown, spread
 
 if TYPE_CHECKING:
     from .study import OverlapStudy
@@ -62,10 +62,8 @@ def write_report(
     report["tracked"] = list(tracked)
     figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
-    page = folder.write_text("report.md", report_markdown(report, figures, altitudes))
-    drawn = [(folder.path / name).with_suffix(".svg").read_text(encoding="utf-8") for name, _ in figures]
-    captions = [caption for _, caption in figures]
-    folder.write_text("report.html", report_html(report, list(zip(drawn, captions, strict=True)), text))
+    text = report_markdown(report, figures, altitudes)
+    page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
     folder.write_report(report)
     return page
 
