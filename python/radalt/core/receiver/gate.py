@@ -16,9 +16,8 @@ __all__ = ["GATE_SIGMAS", "SPARE_SIGMAS", "Gate", "noise_threshold"]
 # that a grating lobe of one half sweep stands for.
 SPARE_SIGMAS = 2.0
 GATE_SIGMAS = 4.0  # half width in standard deviations: a right measurement misses it in 6 of 100,000 blocks
-_WIDEST_CELLS = (
-    2.0  # half width in resolution cells at most: grating lobes begin there, so a wider gate would take them
-)
+# Half width in resolution cells at most: main lobe and first grating lobes of one return lie within.
+_WIDEST_CELLS = 2.0
 # Cells from a return to the nearest entry of the table at most: half a cell, and the grid's rounding.
 _GRID_CELLS = 0.51
 

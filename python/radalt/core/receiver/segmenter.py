@@ -275,12 +275,14 @@ class FrameSegmenter:
     # -- locked ---------------------------------------------------------------------------------------------------
 
     def _emit(self, samples: np.ndarray, out: list[Frame]) -> bool:
+        if self._faults.found_in(samples, self._index):  # as received, before anything is subtracted
+            self.counters["faulty_frames"] += 1
+            self._origin += self._n
+            self._index += 1
+            return True
         frame = Frame(self._index, self._origin, samples, self._offset_s)
         self._origin += self._n
         self._index += 1
-        if self._faults.found_in(samples, frame.index):
-            self.counters["faulty_frames"] += 1
-            return True
         if not self.settings.monitor:
             out.append(frame)
             return True

@@ -13,27 +13,27 @@ __all__ = ["Block", "Entry", "Measurement"]
 
 # Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
 _VARIANCE = 0.1763
-_MAIN_LOBE = (
-    1.0  # resolution cells from a peak to the first null of an unweighted sweep: beyond it are other returns
-)
+# Resolution cells from a peak to the first null of an unweighted sweep: beyond it are other returns.
+_MAIN_LOBE = 1.0
 # Resolution cells from a return, beyond which another return counts: by power alone from the middle of the first side
 # lobe on, or nearer by, where both main lobes overlap, if it is also a peak or no extended ground explains it.
 _BESIDE, _NEAR_BY = 1.5, 0.9
-# Share of the greatest strength from which pairs count as equally strong, so that power decides between them. After
-# compression a grating lobe of half a sweep reaches all but a fifth of its return's strength.
+# Share of the greatest strength from which pairs count as equally strong, so that power decides between them: after
+# compression a return and its grating lobes are alike (tests/test_tracker_parts.py has a lobe that is stronger).
 _NEARLY = 0.8
-# Cells that a return may move within a block before its frames are aligned one by one for the evidence: with two cells
-# per resolution cell it stays within its main lobe.
+# Cells that a return may move within a block before its frames are aligned one by one: 3 m with the default sweep's
+# four cells per resolution cell, well within its main lobe.
 _UNMOVED = 0.6
-# Least power of the weaker half sweep over that of the stronger: 10 dB, half of what a method leaves in one half when
-# interference covers the other (docs/tracker.md, initiator).
+# Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of forty
+# frames of one half (docs/tracker.md, initiator).
 _BOTH = 0.1
 # Standard deviations of the cells' own power by which the weaker half has to stand out. A network leaves structure in
 # noise: lower ones are shown without a return.
 _STANDS_OUT = 6.0
-_SIDE_LOBE_SPARE = (
-    4.0  # power ratio (6 dB) by which a side lobe may exceed 1 / (pi distance)^2: a method weights the sweep
-)
+# Power ratio (6 dB) by which a side lobe may exceed 1 / (pi distance)^2: a method weights the sweep.
+_SIDE_LOBE_SPARE = 4.0
+# Least share of both halves' strength, or of their mean power, that each half has to show of a return.
+_EACH_HALF = 0.25
 _PARTS = 4  # the last of so many parts of a block has to agree with the whole: a step of the ground within the block
 # Standard deviations by which two noisy values contradict each other: noise alone does so in 6 of 100,000 blocks.
 _CONTRADICTION_SIGMAS = 4.0
@@ -172,8 +172,10 @@ class Block:
         power, floor, _ = self._sums(k)
         over = [float(power[half, cells[half]] / floor[half]) - 1.0 for half in range(2)]
         weaker = min(float(self._excess[k, half, cells[half]]) for half in range(2)) / self._sigma
-        if weaker < 0.25 * strength and not self._shown_by_both(k, over):  # both halves have to show a return
-            strength = min(strength, 4.0 * weaker)
+        if weaker < _EACH_HALF * strength and not self._shown_by_both(
+            k, over
+        ):  # both halves have to show a return
+            strength = min(strength, weaker / _EACH_HALF)
         return Entry(strength, float(t.altitude_m[row, column]), cells, max(0.0, 0.5 * sum(over)), row)
 
     def _shown_by_both(self, k: int, over: list[float]) -> bool:
@@ -412,7 +414,7 @@ class Block:
         peak = np.r_[False, (over[1:-1] > over[:-2]) & (over[1:-1] >= over[2:]), False]
         unlike_ground = (steps < 0) | (over > asymmetry * found.power)
         apart |= (peak | unlike_ground) & (np.abs(steps) >= _NEAR_BY * t.resolution_cells)
-        both = np.minimum(*here) > 0.25 * over  # the two halves show it
+        both = np.minimum(*here) > _EACH_HALF * over  # the two halves show it
         stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > _SECOND_SIGMAS * noise)
         if not np.any(apart & both & stands):
             return False

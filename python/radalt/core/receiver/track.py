@@ -16,9 +16,8 @@ _FITTED = 25
 # Resolution cells from a peak between which the asymmetry of an extended return is measured: from where its main lobe
 # has fallen by 6 dB to the middle of the first side lobe.
 _FLANKS = 0.625, 1.5
-_NIS_SHARE = (
-    0.1  # weight of one block in the mean of the normalised innovation squared: a memory of ten blocks
-)
+# Weight of one block in the mean of the normalised innovation squared: a memory of ten blocks, as the evidence has.
+_NIS_SHARE = 0.1
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

@@ -15,8 +15,7 @@ __all__ = ["Updater"]
 # Blocks in a row in which a track's altitudes contradict its Doppler: what stands there is a grating lobe. One alone
 # may be interference that pulls one half sweep.
 _LOBE_BLOCKS = 2
-# Cells between the halves within which rivals leave the track's speed known: no grating lobe, which stands two
-# resolution cells off, passes for a speed.
+# Cells by which the halves of rivals may differ from the track's while its speed counts as known: one, its neighbours.
 _KNOWN_SPEED_CELLS = 1.5
 
 
