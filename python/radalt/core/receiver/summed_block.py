@@ -24,8 +24,8 @@ _NEARLY = 0.8
 # Cells that a return may move within a block before its frames are aligned one by one: 3 m with the default sweep's
 # four cells per resolution cell, well within its main lobe.
 _UNMOVED = 0.6
-# Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of forty
-# frames of one half (docs/tracker.md, initiator).
+# Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of
+# forty frames of one half (docs/tracker.md, initiator).
 _BOTH = 0.1
 # Standard deviations of the cells' own power by which the weaker half has to stand out. A network leaves structure in
 # noise: lower ones are shown without a return.
