@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 
-import make_recording
 import numpy as np
 import pmt
 import pytest
@@ -22,6 +21,7 @@ from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
 from radalt.core.receiver.frame import Frame
 from radalt.core.receiver.segmenter import FrameSegmenter
 from radalt.core.scene import parse_scene
+from radalt.evaluation.commands import make_recording
 
 N = 7500
 CHUNKS = [977, 7501, 100_000]  # largest number of items a call may produce

@@ -7,6 +7,7 @@ from scipy.special import eval_genlaguerre, j0
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.amplifier import Amplifier
 from radalt.core.interference.effects import ImpairedEmitter, Impairments, Oscillator, PhaseNoise, Running
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
 from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadingChannel
@@ -154,6 +155,15 @@ def test_sir_and_overlap_are_exact_with_every_effect(emitter, overlap):
     frames = interference_frames([one], 3, N, RATE_HZ, np.random.default_rng(1))
     np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 17.0, atol=1e-9)
     assert (np.count_nonzero(frames, axis=1) == round(overlap * N)).all()
+
+
+def test_a_radar_that_is_drawn_into_the_window_is_heard_in_it():
+    emitter = ImpairedEmitter(
+        emitter=FmcwEmitter(), effects=Impairments(fading=FadingChannel(doppler_hz=50.0))
+    )
+    rng = np.random.default_rng(3)
+    power = [np.mean(np.abs(emitter.samples(500, RATE_HZ, rng)) ** 2) for _ in range(100)]
+    assert min(power) > 1e-3 * np.median(power)
 
 
 def test_stream_keeps_its_sir_in_the_mean_and_starts_nothing_anew():

@@ -187,7 +187,7 @@ def test_what_does_not_fit_is_one_line_and_code_2(capsys, monkeypatch, tmp_path,
         ("waveforn: {}", "unknown key 'waveforn'; did you mean 'waveform'?"),
         ("waveform: {rate_hz: -1}", "waveform.rate_hz is -1.0; it has to be a finite number above 0"),
         ("interference: {qpsk: {bandwidth_hz: 9.0e+6}}", "does not fit the rate"),
-        ("altimeter: {pfa: 2}", "pfa is 2.0"),
+        ("altimeter: {pfa_per_frame: 2}", "pfa_per_frame is 2.0"),
         ("method_options: {magic: {}}", "method_options names 'magic'"),
         ("{", "not valid YAML"),
     ],
@@ -242,7 +242,7 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make eval" in done.stderr
+    assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
 
 def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path):

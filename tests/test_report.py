@@ -378,8 +378,8 @@ def test_a_run_that_occurs_twice_counts_once(tmp_path):
     [
         (lambda s: {"waveform": dataclasses.replace(s.waveform, carrier_hz=4.25e9)}, "waveform.carrier_hz"),
         (
-            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa=1e-3)},
-            "pfa is 0.0001 in the one, 0.001",
+            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa_per_frame=1e-3)},
+            "pfa_per_frame is 0.0155 in the one, 0.001",
         ),
         (lambda s: {"channel": dataclasses.replace(s.channel, snr_db=20.0)}, "snr_db"),
         (lambda s: {"channel": dataclasses.replace(s.channel, adc_bits=12)}, "channel.adc_bits"),
@@ -526,7 +526,7 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert "default-src 'none'" in text
     assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
-        assert f'<td data-value="{row["pd"]}">{row["pd"]:.3f} (' in text
+        assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
 
 
 def test_names_from_a_scene_stay_text(tmp_path):
@@ -539,8 +539,9 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
         pytest.skip("no Chromium here: apt install chromium")
     # what a click on "Pd" does, twice, and what the browser complains about
     probe = """<script>
-    const seen = () => [...document.querySelectorAll("#rows tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
-    const pd = document.querySelectorAll("#rows th button")[6];
+    const rows = [...document.querySelectorAll("table")].at(-1);
+    const seen = () => [...rows.querySelectorAll("tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
+    const pd = rows.querySelectorAll("th button")[6];
     pd.click(); document.body.dataset.up = seen();
     pd.click(); document.body.dataset.down = seen();
     document.body.dataset.drawn = [...document.querySelectorAll("svg")].filter((s) => s.getBBox().width > 100).length;

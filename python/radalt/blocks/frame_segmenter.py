@@ -13,8 +13,12 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
-from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame, FrameSegmenter
+from ..core.receiver.leakage import ground_is_apart
+from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
+from ..core.receiver.tracker_settings import Status
 from ..core.scene import Scene
+from ..core.scene.build import segmenter_of
+from ..core.waveform import altitude_to_delay_s
 from ._frames import (
     FRAME_KEY,
     RX_TIME_KEY,
@@ -35,12 +39,22 @@ _STATUS_EVERY = 1000  # frames between unsolicited status messages
 # frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
 _SLOW_S = 1.0
+# After so long a learned leakage is subtracted: longer than frames wait on their way to the tracker
+_LEARNED_S = 1.0
 _LARGEST = 1e15  # of a sample: its square and a frame's sum of them stay within float32
 _POLL_S = 1e-3
 # Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
 # it halves its offer down to this number and asks `forecast` each time, which cost more than the calls that found
 # something to do.
 _PLACES = 32
+
+# What a receiver's fault means for the user, one line each (`FrameSegmenter.fault`).
+_FAULTS = {
+    "frozen": "the receiver repeats samples bit for bit, so no frames: restart it (a simulation without noise needs "
+    "channel.snr_db: null)",
+    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or late; "
+    "check the receiver",
+}
 
 
 class frame_segmenter(gr.basic_block):
@@ -51,8 +65,12 @@ class frame_segmenter(gr.basic_block):
     is released when the next one has confirmed the timing (1 ms). A lost lock, or a second of signal without a sweep,
     writes one line with its remedy to GNU Radio's log.
 
-    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
-    ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
+    With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
+    connected, the calibration follows slow changes, from blocks in which the track holds the ground above 60 m alone.
+
+    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
+    ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
+    (dictionary of state, lock quality and counters).
 
     Parameters
     ----------
@@ -81,14 +99,7 @@ class frame_segmenter(gr.basic_block):
         self._sent = SentAltitudes(scene.altitude.programme)
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
-        self.segmenter = FrameSegmenter(
-            scene.waveform,
-            scene.altitude.programme if follow_programme else None,
-            scene.segmenter,
-            max_altitude_m=scene.altimeter.resolved(scene.waveform).max_altitude_m,
-            true_delay=scene.altitude.mode == "true_delay",
-            point_target=scene.return_model == "point",
-        )
+        self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0
@@ -108,7 +119,7 @@ class frame_segmenter(gr.basic_block):
         # for other threads: while a flowgraph starts, the scheduler's own counts point nowhere (a segmentation fault)
         self.has_heard = False
         self._reacquire = False
-        self._reported: tuple[str, bool, int] = ("", False, 0)
+        self._reported: tuple[str, str, bool, int] = ("", "", False, 0)
         self._silent_from: int | None = None  # sample counter from which there is no timing
         self._said = False
         self.set_tag_propagation_policy(gr.TPP_DONT)
@@ -118,6 +129,12 @@ class frame_segmenter(gr.basic_block):
         self._kept_free = places if drop_when_slow else 0
         self._most_waiting = min(_HELD_UP, _HELD_UP_BYTES // (8 * n))
         self._waits_from, self._dropped_at = 0, -np.inf  # by the input's sample counter
+        self._leakage = self.segmenter.leakage
+        self._block_frames = round(scene.tracker.output_s / scene.waveform.sweep_s)
+        self._later = round(_LEARNED_S / scene.waveform.sweep_s)
+        tracked = pmt.intern("tracked")
+        self.message_port_register_in(tracked)
+        self.set_msg_handler(tracked, self._on_tracked)
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -128,6 +145,20 @@ class frame_segmenter(gr.basic_block):
         """``reacquire``: take timing anew at the next opportunity."""
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
+
+    def _on_tracked(self, message) -> None:  # noqa: ANN001
+        """Learn the leakage from the frames of a tracker's output, if the ground stands apart in them."""
+        if self._leakage is None or not self._leakage.calibrated or not pmt.is_dict(message):
+            return
+        output = pmt.to_python(message)
+        self._leakage.following = True
+        last = int(output["frame_index"])
+        normal = output["status"] == Status.NAMES[Status.NORMAL]
+        known = (output[name] for name in ("altitude_m", "protection_level_m", "vertical_speed_m_per_s"))
+        if ground_is_apart(normal, *known):
+            self._leakage.learn(last - self._block_frames + 1, last, last + self._later)
+        else:
+            self._leakage.forget(last)
 
     def reacquire(self) -> None:
         """Take timing anew at the next opportunity; for other threads."""
@@ -158,6 +189,14 @@ class frame_segmenter(gr.basic_block):
         if latency_samples is not None:
             latency_samples = _number("latency in samples", latency_samples, -1e9, 1e9)
         self._calibrated = latency_samples
+
+    def set_reference(self, altitude_m: float) -> None:
+        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+
+        Raises ValueError.
+        """
+        altitude_m = _number("reference altitude", altitude_m, 0.0, 1e6)
+        self.segmenter.reference_samples = float(altitude_to_delay_s(altitude_m)) * self._rate
 
     @property
     def latency_samples(self) -> float:
@@ -294,6 +333,7 @@ class frame_segmenter(gr.basic_block):
         seg = self.segmenter
         now = (
             seg.state,
+            seg.fault,
             seg.timing_verified,
             seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY,
         )
@@ -303,6 +343,8 @@ class frame_segmenter(gr.basic_block):
             self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))
             if lost:
                 self.logger.warn(self._why_lost())
+            if seg.fault:
+                self.logger.warn(_FAULTS[seg.fault])
         self._watch()
 
     def _why_lost(self) -> str:

@@ -229,8 +229,8 @@ class Running:
         """``count`` of a call's ``whole`` samples from number ``at`` on."""
         moving, first = self._filter, self._first + at
         start, before, after = moving.span(first, count)
-        needed = moving.span(self._first, whole)[2] + before + whole - at
-        part = self._sent(start, before + count + after, needed, rate_hz, rng)
+        rest = before, whole - at, moving.span(self._first, whole)[2]
+        part = self._sent(start, before + count + after, rest, rate_hz, rng)
         part = moving.apply(part, first, count) if moving.moves else part.copy()
         turn = self._cycles(first, count, rate_hz, rng)
         if turn is not None:
@@ -252,17 +252,24 @@ class Running:
         return total
 
     def _sent(
-        self, start: int, count: int, needed: int, rate_hz: float, rng: np.random.Generator
+        self, start: int, count: int, rest: tuple[int, int, int], rate_hz: float, rng: np.random.Generator
     ) -> np.ndarray:
-        """``count`` samples of what the emitter sends, from number ``start`` on; ``needed`` of them in this call."""
+        """``count`` samples of what the emitter sends, from number ``start`` on.
+
+        ``rest`` is what this call needs in all from there on: before its own samples, of them, and after them.
+        """
         if not self._held.size:
             self._held_from = start
         self._held = self._held[start - self._held_from :]
         self._held_from = start
         while self._held.size < count:
-            more = self._next_window(rate_hz, rng) if self.steady else None
-            if more is None:
-                more = self.emitter.source.samples(max(needed, count), rate_hz, rng)
+            if self.steady:
+                more = self._next_window(rate_hz, rng)
+            elif self.emitter.always_in_window:  # in what is heard, not in what is needed around it
+                before, inside, after = rest
+                more = np.pad(self.emitter.source.samples(inside, rate_hz, rng), (before, after))
+            else:
+                more = self.emitter.source.samples(sum(rest), rate_hz, rng)
             self._held = np.concatenate([self._held, more]) if self._held.size else more
         return self._held[:count]
 

@@ -167,9 +167,10 @@ class JammerStream:
         emitter, going_on = interferer.emitter, self._going_on.get(place)
         if not isinstance(emitter, ImpairedEmitter):
             return interferer
-        if going_on is None or going_on.emitter is not emitter or going_on.steady != steady:
-            going_on = Running(emitter, self.waveform.samples_per_frame, steady=steady)
+        if going_on is None or going_on.emitter is not emitter:
+            going_on = Running(emitter, self.waveform.samples_per_frame)
             self._going_on[place] = going_on
+        going_on.steady = steady  # a burst goes through the same channel as what filled the frame before it
         return replace(interferer, emitter=going_on)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:

@@ -11,12 +11,15 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import re
 
 from ..cores import allowed_cores
 from ..parsing import arguments
 from ..plugins import load_plugins
+from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
+from .beyond_span import BeyondSpan
 from .blanking import Blanking
 from .custom import Custom
 from .hybrid import Hybrid
@@ -37,6 +40,7 @@ __all__ = [
     "PlotStyle",
     "create",
     "method_class",
+    "name_method",
     "register",
 ]
 
@@ -75,6 +79,42 @@ def method_class(name: str) -> type[Mitigation]:
     return METHODS[name]
 
 
+_NAMED: dict[str, type[Mitigation]] = {}  # by `name_method`
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
+# as bold as lines can be: what a user brings is what a figure is for
+_OWN_STYLES = (
+    PlotStyle("#000000"),
+    PlotStyle("#B2182B", "D"),
+    PlotStyle("#1B7837", "s"),
+    PlotStyle("#762A83", "P"),
+)
+
+
+def name_method(name: str, kind: str) -> None:
+    """Make a network (``kind`` `tcae`) or a method file (`custom`) a method of its own name, in this process.
+
+    A scene does so where ``method_options`` of a name say ``method: tcae`` or ``method: custom``.
+
+    Raises
+    ------
+    MitigationError
+        If the name is a shipped method's, or none that a block can have.
+    """
+    if kind not in (Tcae.name, CUSTOM):
+        raise MitigationError(
+            f"method_options.{name}.method is {kind!r}; it has to be {Tcae.name} or {CUSTOM}"
+        )
+    base = Tcae if kind == Tcae.name else Custom
+    if name in _NAMED and issubclass(_NAMED[name], base):
+        return
+    if not _NAME.fullmatch(name) or name in METHODS or name == CUSTOM:
+        raise MitigationError(
+            f"a method of your own cannot be called {name!r}; take a new name of lower-case letters, digits and _"
+        )
+    style = _OWN_STYLES[len(_NAMED) % len(_OWN_STYLES)]
+    _NAMED[name] = register(type(base.__name__, (base,), {"name": name, "style": style}))
+
+
 def create(
     name: str,
     waveform: Waveform,
@@ -95,7 +135,8 @@ def create(
         may use one core only, since the two would only take turns.
     batch : int
     max_altitude_m : float or None
-        Highest altitude that the altimeter behind the method searches: the default of ``span_m``, where it has one.
+        Highest altitude that the altimeter behind the method searches (None: the altimeter's default): the default of
+        ``span_m``, where the method has one. A frame with ground beyond it passes as it came (`BeyondSpan`).
     **parameters
         Of the method.
 
@@ -104,7 +145,11 @@ def create(
     MitigationError
         For an unknown name or parameter; names what is allowed.
     """
+    if "method" in parameters:
+        name_method(name, parameters["method"])
     method = method_class(name)
+    if isinstance(batch, bool) or not isinstance(batch, int) or not 1 <= batch <= 64:
+        raise MitigationError(f"{name}.batch is {batch!r}; it has to be a whole number within 1..64")
     gone = next((option for option in parameters if option in method.removed), None)
     if gone is not None:
         raise MitigationError(f"{name}.{gone} is gone: {method.removed[gone]}")
@@ -113,16 +158,25 @@ def create(
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
-        return OwnProcess(name, waveform, batch=batch, **parameters)
+        return OwnProcess(name, waveform, batch=batch, max_altitude_m=max_altitude_m, **parameters)
+    parameters.pop("method", None)
     try:
         if isinstance(method, type):
             parameters = arguments(method.__init__, parameters, name)
-        return method(waveform, **parameters)
+        built = method(waveform, **parameters)
     except MitigationError:
         raise
     except (TypeError, ValueError) as error:
         text = str(error)
         raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None
+    if name != Identity.name:
+        span_m = (
+            max_altitude_m
+            or parameters.get("span_m")
+            or AltimeterSettings().resolved(waveform).max_altitude_m
+        )
+        built.beyond_span = BeyondSpan(waveform, span_m)
+    return built
 
 
 # whatever else lies in this folder, and what stands outside, registers itself

@@ -21,6 +21,10 @@ _OTHERS = ("tcae", "whitening")
 # takes 40 us (docs/real-time.md); 0.37 of it at 59 us, the slowest machine measured
 _SEARCH_FFTS = 6.25
 _RATE_HZ = 7.5e6  # of that figure; a frame of another rate leaves less or more time
+# Weight of a burst in what a canceller leaves, below which its part of the frame is lost: error vectors are 30 dB above
+# what is beside them there. The network knows such a burst better as it was received
+_MIN_WEIGHT = 1e-3
+_PARTS, _QUIET = 10, 0.25  # of a frame; power of the quietest, of the mean, below which a frame holds a burst
 _MAX_CREDIT = 600.0  # cost that is saved up at most, in the same FFTs: the longest search
 
 
@@ -29,9 +33,9 @@ class Hybrid(Mitigation):
 
     Card: *choice by signal.* A frame that shows no interference passes. An emitter that was cancelled in the frame
     before is tracked. Otherwise OFDM and QPSK are searched, unless the return stands out already. What is left of a
-    frame that was cancelled goes to the network if it is coloured: error vectors, what symbols leave that the frame
-    cuts, other emitters. A frame that cannot be cancelled goes to the network as it is. No choice depends on which
-    altitude looks better.
+    frame that was cancelled goes to the network if it is coloured or held a burst: error vectors, symbols that the
+    frame cuts, other emitters. A frame that cannot be cancelled goes to the network as it is. No choice depends on
+    which altitude looks better.
 
     Searches have a budget: each frame adds a quarter of the time that it lasts, a search spends its cost in FFTs, and
     none begins while the balance is negative. So searches take at most a quarter of real time, whatever is received,
@@ -95,15 +99,15 @@ class Hybrid(Mitigation):
         return super().status() | {"cancelled": self.cancelled, "searched": self.searched}
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        out, coloured = batch.copy(), np.zeros(len(batch), dtype=bool)
+        out, disturbed = batch.copy(), np.zeros(len(batch), dtype=bool)
         for row, frame in enumerate(batch):
             cancelled = self._cancel(frame)
             if cancelled is not None:
                 out[row] = cancelled
                 self.cancelled += 1
-            coloured[row] = self._is_disturbed(out[row], cancelled is not None)
-        if coloured.any():
-            out[coloured] = self._other.process(out[coloured])
+            disturbed[row] = self._is_disturbed(frame, cancelled)
+        if disturbed.any():
+            out[disturbed] = self._other.process(out[disturbed])
         return out
 
     def _cancel(self, frame: np.ndarray) -> np.ndarray | None:
@@ -122,14 +126,25 @@ class Hybrid(Mitigation):
             out = method.cancel(frame)
             self._credit -= method.outcome.ffts
             if out is not None:
-                return out
+                return out if getattr(method, "burst_weight", 1.0) >= _MIN_WEIGHT else None
         return None
 
-    def _is_disturbed(self, frame: np.ndarray, cancelled: bool) -> bool:
-        """Whether an (N,) frame holds interference that the network, or whitening, may take away.
-
-        What is left of a frame that was cancelled may be white noise, and then nothing can.
+    def _is_disturbed(self, frame: np.ndarray, cancelled: np.ndarray | None) -> bool:
+        """Whether an (N,) frame holds interference that the network, or whitening, may take away, or, if that is not
+        None, its ``cancelled`` form does. Of a burst some is always left; where else the return does not stand out of
+        what is left, that may be white noise, and then nothing can.
         """
-        if not self._detector.present(frame[None])[0]:
-            return False
-        return not (cancelled and self._detector.white(frame[None])[0])
+        if cancelled is None:
+            return bool(self._detector.present(frame[None])[0])
+        if _has_burst(frame):
+            return True
+        return bool(
+            self._detector.present(cancelled[None])[0] and not self._detector.white(cancelled[None])[0]
+        )
+
+
+def _has_burst(frame: np.ndarray) -> bool:
+    """Whether an (N,) frame has a part that is much quieter than the others."""
+    part = frame.size // _PARTS
+    power = [np.vdot(x, x).real for x in frame[: part * _PARTS].reshape(_PARTS, part)]
+    return min(power) < _QUIET * np.mean(power)

@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
 from .ofdm.tone_removal import without_tones
 from .outcome import PASSED, Outcome
-from .qpsk.cma_equaliser import CmaEqualiser, Symbols
+from .qpsk.cma_equaliser import CmaEqualiser
 from .qpsk.pulse_estimation import estimate_pulse
 from .qpsk.settings import DEFAULTS, QpskSettings
-from .qpsk.symbol_timing import SymbolTiming, find_symbol_timings
+from .qpsk.symbol_timing import find_symbol_timings
 from .qpsk.tracking import Tracker, can_track
 from .qpsk.zero_order_hold import cancel_zero_order_hold
 
 __all__ = ["QpskCancel"]
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
-_STARTS = (
-    0,
-    1,
-    -1,
-)  # half symbols off the middle, from which the equaliser starts: echoes can close the eye at one
-_SAME_RATE = 1e-3  # largest difference of symbol rates, of the rate, within which frames have one emitter
-_MAX_STEP = 100.0  # of the power from the frame of the acquisition on: more, either way, is another emitter
-_TONE = 0.8  # correlation of neighbouring decisions above which the equaliser has found a tone (data: 0.1)
-_ENVELOPE = 33  # samples over which the envelope of a burst is averaged: 4 symbols of 1 MHz
 _MEDIAN_STRIDE = 25  # samples between those whose median is taken
-# FFTs of 7,500 points that the steps take (tools/qpsk_settings.py --costs), by which a frame's cost is counted
-_COST = {"tones": 4, "timing": 5, "equaliser": 20, "start": 24, "decisions": 10, "pulse": 25, "tracking": 15}
+# FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one look at the frame
+# and three trials of symbol timing: 18 + 3 * 82 FFTs, whatever the frame holds
+_TRACKING, _LOOK, _DEMODULATION, _PULSE = 20.0, 18.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +63,8 @@ class QpskCancel(Mitigation):
         One per finite frame of the last call of `process`.
     active_share : float
         Share of the last frame that was cancelled in which QPSK was sent.
+    burst_weight : float
+        Weight, in amplitude, that the samples of a burst have in what is left of that frame; 1 without a burst.
 
     Notes
     -----
@@ -102,10 +94,8 @@ class QpskCancel(Mitigation):
         super().reset()
         self.cancelled = self.tracked = 0
         self.outcome, self.outcomes = PASSED, []
-        self.active_share = 0.0
-        self._known: tuple[float, np.ndarray] | None = None  # symbol rate and weights of the last acquisition
+        self.active_share, self.burst_weight = 0.0, 1.0
         self._track: _Track | None = None
-        self._spent = 0.0
 
     @property
     def tracking(self) -> bool:
@@ -121,125 +111,90 @@ class QpskCancel(Mitigation):
 
         ``search=False`` only tracks an emitter of the frame before.
         """
-        self._spent, state = 0.0, "tracked"
-        out = self._next(frame)
+        self._ffts, state = 0.0, "tracked"
+        out = self._next(frame) if self._track else None
         if out is None and search:
             state, out = "acquired", self._acquired(frame)
         if out is None:
-            self.outcome = Outcome(ffts=self._spent)
+            self.outcome = Outcome(ffts=self._ffts)
             return None
         left = np.vdot(out, out).real
         suppression_db = 10 * float(np.log10(np.vdot(frame, frame).real / left)) if left else np.inf
-        self.outcome = Outcome(state, suppression_db, float(np.sqrt(self._evm_squared)), self._spent)
+        self.outcome = Outcome(state, suppression_db, float(np.sqrt(self._evm_squared)), self._ffts)
         self.cancelled += 1
         self.tracked += state == "tracked"
         return out
 
     def _next(self, frame: np.ndarray) -> np.ndarray | None:
-        """The frame without the emitter of the frame before; None if there was none, or it is lost."""
+        """The frame without the emitter of the frame before; None if it is lost."""
         track, self._track = self._track, None
-        if track is None:
-            return None
-        self._spend("tracking")
-        rest = self._without_tones(frame) if track.tones else None
+        self._ffts += _TRACKING
+        rest = without_tones(frame) if track.tones else None
         frame = frame if rest is None else rest
-        step = float(np.vdot(frame, frame).real) / frame.size / float(track.scale) ** 2
-        if not 1 / _MAX_STEP < step < _MAX_STEP:
+        if not 0 < np.vdot(frame, frame).real < np.inf:
             return None
         found = track.tracker.track(frame * (1 / track.scale))
-        out = None if found is None else self._subtracted(*found, 1.0)
+        out = None if found is None else self._subtracted(*found)
         if out is None:
             return None
-        self._track = track
-        self._evm_squared = track.tracker.evm_squared
+        self._track, self._evm_squared = track, track.tracker.evm_squared
         return out * track.scale
 
     def _acquired(self, frame: np.ndarray) -> np.ndarray | None:
         """The frame without an emitter that is searched; None if there is none."""
-        rest = self._without_tones(frame)
+        self._ffts += _LOOK
+        rest = without_tones(frame)
         tones = rest is not None
         frame = rest if tones else frame
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not 0 < scale < np.inf:
             return None
         frame = frame * (1 / scale)  # a complex division costs four times that
-        self._spend("decisions")
         held = cancel_zero_order_hold(frame, self._s)
         if held is not None:
-            model, share, self._evm_squared = held
-            out = self._subtracted(frame - model, model, slice(0, frame.size), share)
+            model, on, self._evm_squared = held
+            out = self._subtracted(frame - model, model, slice(0, frame.size), on)
             return None if out is None else out * scale
-        self._spend("timing")
-        timings = find_symbol_timings(frame, self._s)
-        if self._known is not None:  # the last emitter first
-            timings.sort(key=lambda timing: abs(timing.rate / self._known[0] - 1) > _SAME_RATE)
-        for timing in timings:
-            for symbols in self._symbols(frame, timing):
-                self._spend("pulse")
-                model, train, pulses = estimate_pulse(frame, symbols, self._s)
-                residual = frame - model
-                out = self._subtracted(residual, model, train.known, symbols.active_share)
-                if out is None:
-                    continue
-                self._known, self._evm_squared = (timing.rate, symbols.weights), symbols.evm_squared
-                if can_track(symbols, pulses, self._s):
-                    tracker = Tracker(timing, symbols, pulses, train, residual, self._s)
-                    self._track = _Track(tracker, scale, tones)
-                return out * scale
+        for timing in find_symbol_timings(frame, self._s):
+            self._ffts += _DEMODULATION
+            symbols = CmaEqualiser(frame, timing, self._s).symbols()
+            if symbols is None:
+                continue
+            self._ffts += _PULSE
+            model, train, pulses = estimate_pulse(frame, symbols, self._s)
+            residual = frame - model
+            on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
+            out = self._subtracted(residual, model, train.known, on)
+            if out is None:
+                continue
+            self._evm_squared = symbols.evm_squared
+            if can_track(symbols, pulses, self._s):
+                self._track = _Track(Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones)
+            return out * scale
         return None
 
-    def _symbols(self, frame: np.ndarray, timing: SymbolTiming) -> Iterator[Symbols]:
-        """Symbols that seem rightly decided: with the equaliser of the last emitter, and with a new one."""
-        if not self._spend("equaliser"):
-            return
-        equaliser = CmaEqualiser(frame, timing, self._s)
-        known = self._known is not None and abs(timing.rate / self._known[0] - 1) < _SAME_RATE
-        for new in (False, True) if known else (True,):
-            if not self._spend("start" if new else "decisions"):
-                return
-            symbols = equaliser.symbols(equaliser.constant_modulus() if new else self._known[1])
-            if symbols is None or symbols.correlation > _TONE:
-                return
-            if (
-                symbols.evm_squared < self._s.max_evm_squared
-                and symbols.correlation < self._s.max_correlation
-            ):
-                yield symbols
-
     def _subtracted(
-        self, residual: np.ndarray, model: np.ndarray, known: slice, share: float
+        self, residual: np.ndarray, model: np.ndarray, known: slice, on: np.ndarray | None = None
     ) -> np.ndarray | None:
-        """(n,) residual, blanked where symbols are cut; None if little was subtracted.
+        """(n,) residual where the symbols are ``known``, blanked where some are cut; None if little was subtracted.
 
-        A burst leaves its error vectors: there the residual is weighted with the power beside it over its own, as
-        least squares weights samples of unequal noise.
+        A burst, ``on`` (n,) bool, leaves its error vectors: there the residual is weighted with the power beside it
+        over its own, as least squares weights samples of unequal noise.
         """
-        rest, sent = residual[known], np.square(np.abs(model[known]))
+        rest, made = residual[known], model[known]
         level = np.square(np.abs(rest))
-        on = np.ones(level.size, dtype=bool)
-        if share < 1:
-            on = ndimage.uniform_filter1d(sent, _ENVELOPE) > self._s.burst_power * sent.mean()
+        on = np.ones(level.size, dtype=bool) if on is None else on[known]
         left = float(level[on].sum())
-        if not (on.any() and sent.sum() >= self._s.min_suppression * left):
+        if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
             return None
         median, beside = _median(level[on]), np.inf if on.all() else _median(level[~on])
-        weight = np.where(on, np.float32(min(1.0, beside / max(median, 1e-30))), np.float32(1))
+        self.burst_weight = min(1.0, beside / max(median, 1e-30))
+        weight = np.where(on, np.float32(self.burst_weight), np.float32(1))
         weight[level > self._s.outlier_power * np.where(on, median, beside)] = 0
         out = np.zeros_like(residual)
         out[known] = rest * weight
-        self.active_share = share
+        self.active_share = float(on.mean())
         return out
-
-    def _without_tones(self, frame: np.ndarray) -> np.ndarray | None:
-        self._spend("tones")
-        return without_tones(frame)
-
-    def _spend(self, step: str) -> bool:
-        """Count a step's cost; False if what the frame may cost is spent."""
-        if self._spent + _COST[step] > self._s.max_ffts:
-            return False
-        self._spent += _COST[step]
-        return True
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out, self.outcomes = batch.copy(), []

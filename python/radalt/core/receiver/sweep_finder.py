@@ -72,14 +72,22 @@ class SweepFinder:
         whole = round(total)
         return whole, total - whole
 
+    def delay_samples(self, frame: np.ndarray) -> float | None:
+        """Delay in samples at which `locate` sees the strongest line of one frame (N,), near zero; None without any."""
+        found = self._fine.process(frame[None])[0]
+        return (
+            float(altitude_to_delay_s(found["altitude_m"])) * self._waveform.rate_hz
+            if found["valid"]
+            else None
+        )
+
     def correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
         """Circular correlation of one frame with the sweep, halves added in power.
 
         Peak lag, its power over the mean, and over the greatest that is part neither of it nor of a sweep at the lag
         ``sent``: a torn frame has both.
         """
-        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
-        power = (response.real**2 + response.imag**2).sum(axis=0)
+        power = self._power(frame)
         peak = int(np.argmax(power))
         top, mean = float(power[peak]), float(power.mean())
         if not (np.isfinite(mean) and mean > 0):
@@ -87,6 +95,28 @@ class SweepFinder:
         for lag in (peak, round(sent)):
             power[np.arange(lag - _FLANK, lag + _FLANK + 1) % self._n] = 0.0
         return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
+
+    def image_share(self, frame: np.ndarray) -> float:
+        """Power of the sweep's complex conjugate over that of the sweep in one frame; 0 where none stands out alone.
+
+        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred sweep
+        the conjugate is the sweep half a frame later, so a receiver with I and Q exchanged cannot be told by it.
+        """
+        power, mirrored = self._power(frame), self._power(np.conj(frame))
+        peak, mean = int(np.argmax(power)), float(power.mean())
+        if not (np.isfinite(mean) and mean > 0):
+            return 0.0
+        near = (peak + np.arange(-_FLANK, _FLANK + 1)) % self._n
+        image = float(mirrored[near].max())
+        mirrored[near] = 0.0
+        mirrored[(near + self._n // 2) % self._n] = 0.0  # where a centred sweep's own conjugate lies
+        alone = image >= max(self._settings.lock_threshold * mean, ALONE * float(mirrored.max()))
+        return image / float(power[peak]) if alone else 0.0
+
+    def _power(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) power of the circular correlation of one frame with the sweep, halves added in power."""
+        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
+        return (response.real**2 + response.imag**2).sum(axis=0)
 
     def shift(
         self, samples: np.ndarray, sent: tuple[float, float], offset_s: float
@@ -99,7 +129,7 @@ class SweepFinder:
         x, n = samples, self._n
         # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
         # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
-        expected = self._expected_frame(*sent, offset_s)
+        expected = self.expected_frame(*sent, offset_s)
         response = [
             abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
             for shift in range(-2, 3)
@@ -121,7 +151,7 @@ class SweepFinder:
         fraction = (beside - best) * response[beside] / (response[beside] + response[best])
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
-    def _expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
+    def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
         """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
         key = altitude_m, rate_m_per_s, offset_s
         if key not in self._expected:

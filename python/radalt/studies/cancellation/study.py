@@ -24,8 +24,8 @@ from .cases import CASES, WAVEFORM, received
 
 __all__ = ["METHODS", "SIRS_DB", "CancellationStudy", "CasePoint"]
 
-CANCEL = "cancel"  # stands for the canceller that is made for a case
-METHODS = ("none", CANCEL)
+CANCELLERS = ("ofdm_cancel", "qpsk_cancel")  # each is asked for the cases that it is made for
+METHODS = ("none", *CANCELLERS)
 SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0, -60.0)
 _BELOW_PD = 0.3  # a case is left after two SIRs at which its canceller has less
 _FFTS = 3  # FFTs of 7,500 points timed after each frame, so that caches are as the method left them
@@ -46,7 +46,7 @@ class CancellationStudy(Study):
     Attributes
     ----------
     methods, cases : tuple of str
-        Methods by name; ``cancel`` is the canceller that is made for the case.
+        By name.
     frames : int
         Per case and SIR.
     seed : int
@@ -77,8 +77,7 @@ class CancellationStudy(Study):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        names = dict.fromkeys(_named(m, case) for m in self.methods for case in self.cases)
-        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in names}}
+        return vars(self) | {"chains": {m: Chain(m, m).head(WAVEFORM) for m in self.methods}}
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a method does not fit the default sweep."""
@@ -101,12 +100,11 @@ class CancellationStudy(Study):
                 *([batch] if batch else []),
             ]
             frames, altitude_m = received(case, sir_db, point.frames, np.random.default_rng(seed))
-            for name in self.methods:
-                method = _named(name, point.case)
+            for method in _asked(self.methods, point.case):
                 cleaned, found = _cleaned(_method(method), frames, case.stream)
                 altimeter = shared_altimeter(WAVEFORM, Chain(method, method).settings)
                 score = score_frames(altimeter.detect(altimeter.spectra(cleaned)), altitude_m)
-                failures += name == CANCEL and score.pd < _BELOW_PD
+                failures += method == case.method and score.pd < _BELOW_PD
                 rows.append({"case": point.case, "sir_db": sir_db, "method": method} | score.row() | found)
         return rows
 
@@ -119,7 +117,7 @@ class CancellationStudy(Study):
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         settings = Chain("none", "none").settings
-        each = sum(seconds_per_frame(_named(m, point.case), WAVEFORM, settings) for m in self.methods)
+        each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in _asked(self.methods, point.case))
         return len(self.sirs_db) * point.frames * (each + 0.012)
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
@@ -127,8 +125,8 @@ class CancellationStudy(Study):
         return ((self, dataclasses.replace(self.points()[0], frames=3)),)
 
 
-def _named(method: str, case: str) -> str:
-    return CASES[case].method if method == CANCEL else method
+def _asked(methods: Sequence[str], case: str) -> list[str]:
+    return [m for m in methods if m not in CANCELLERS or m == CASES[case].method]
 
 
 @lru_cache(maxsize=8)

@@ -13,7 +13,7 @@ from ...evaluation.overlap.figures import series_style
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
-from .study import EDGES
+from .columns import EDGES
 
 _EMITTERS = f"{EMITTERS}; paper_qpsk: ideal"
 

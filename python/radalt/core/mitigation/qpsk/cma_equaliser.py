@@ -32,8 +32,6 @@ class Symbols:
         The points without the carrier: one of four.
     evm_squared : float
         Mean squared distance from the points, of their power, where something was sent.
-    correlation : float
-        Largest correlation of a decision with one of the three before it: near 0 for data, 1 for a tone.
     active_share : float
         Share of the frame's symbols in which something was sent.
     weights : (taps,) complex64
@@ -44,7 +42,6 @@ class Symbols:
     values: np.ndarray
     decisions: np.ndarray
     evm_squared: float
-    correlation: float
     active_share: float
     weights: np.ndarray
 
@@ -102,14 +99,16 @@ class CmaEqualiser:
     def _fit(self, targets: np.ndarray) -> np.ndarray:
         return linalg.lapack.cpotrs(self._cholesky, self._adjoint @ targets)[0]
 
-    def constant_modulus(self) -> np.ndarray:
-        """(taps,) weights that give the outputs one modulus, from the single tap in the middle.
+    def _constant_modulus(self) -> np.ndarray:
+        """(taps,) weights that give the outputs one modulus, from the single tap whose output varies least in modulus.
 
         The target of each output is its own phase, again and again (B. G. Agee, "The least-squares CMA", ICASSP 1986),
         so neither carrier nor pulse has to be known.
         """
-        # a copy: how NumPy rounds the modulus of a strided column depends on where its result lies in memory
-        outputs = self._training_rows[:, self._s.taps // 2].copy()
+        middle, half_symbol = self._s.taps // 2, round(self._s.taps_per_symbol / 2)
+        columns = self._training_rows[:, middle - half_symbol : middle + half_symbol + 1].T.copy()
+        modulus = np.abs(columns)
+        outputs = columns[int((modulus.std(axis=1) / modulus.mean(axis=1)).argmin())]
         for _ in range(self._s.cma_iterations):
             weights = self._fit(outputs / np.maximum(np.abs(outputs), np.float32(1e-30)))
             before, outputs = outputs, self._training_rows @ weights
@@ -118,27 +117,20 @@ class CmaEqualiser:
                 break
         return weights
 
-    def symbols(self, weights: np.ndarray) -> Symbols | None:
-        """Symbols decided with (taps,) ``weights``, which the decisions then improve; None if too few are sent."""
-        active, sent = self._active, np.count_nonzero(self._active)
-        if sent < 2 * self._s.taps:
+    def symbols(self) -> Symbols | None:
+        """Decided symbols; None if too few are sent, or their EVM is too large, or they repeat."""
+        s, active, sent = self._s, self._active, np.count_nonzero(self._active)
+        if sent < 2 * s.taps:
             return None
-        for _ in range(2):
-            decisions, carrier = decide(self._rows @ weights, active, self._s.carrier_symbols)
-            weights = self._fit((decisions * carrier)[self._training])
+        decisions, carrier = decide(self._rows @ self._constant_modulus(), active, s.carrier_symbols)
+        weights = self._fit((decisions * carrier)[self._training])  # the decisions improve the equaliser
         outputs = (self._rows @ weights) * carrier.conj()
         decisions = nearest(outputs) * active
         error = (outputs - decisions)[active]
-        share = sent / active.size
-        return Symbols(
-            self.times,
-            decisions * carrier,
-            decisions,
-            float(np.vdot(error, error).real / sent),
-            largest_correlation(decisions) / share,
-            share,
-            weights,
-        )
+        evm_squared, share = float(np.vdot(error, error).real / sent), sent / active.size
+        if evm_squared > s.max_evm_squared or largest_correlation(decisions) > s.max_correlation * share:
+            return None
+        return Symbols(self.times, decisions * carrier, decisions, evm_squared, share, weights)
 
 
 @lru_cache(maxsize=4)

@@ -10,13 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
-__all__ = ["OVERSAMPLING", "interpolate", "interpolation_correction", "spread", "spreading_correction"]
+__all__ = ["INTERPOLATION_POINTS", "OVERSAMPLING", "SPREAD_POINTS", "correction", "interpolate", "spread"]
 
 OVERSAMPLING = (
     1.5  # points of the grid per sample, at least: images of the window are 90 dB down with 6 points
 )
-_SPREAD_POINTS = 6  # points per impulse
-_INTERPOLATION_POINTS = 4  # samples per interpolated one: errors are 50 dB down
+SPREAD_POINTS = 6  # points per impulse
+INTERPOLATION_POINTS = 4  # samples per interpolated one: errors are 50 dB down
 _TABLE = 2048  # steps of the tabulated window between two points: 66 dB
 
 
@@ -36,29 +36,23 @@ def _window(width: int) -> np.ndarray:
     return window
 
 
-def _correction(cycles: np.ndarray, width: int) -> np.ndarray:
-    """float32, one over the window's transform at ``cycles`` per point, any shape."""
-    beta = _beta(width)
-    argument = np.sqrt(beta**2 - (np.pi * width * cycles) ** 2)
-    return (np.i0(beta) / width * argument / np.sinh(argument)).astype(np.float32)
+def correction(cycles: np.ndarray, points: int) -> np.ndarray:
+    """(...) float32 that a transform is multiplied by at (...) ``cycles`` per point: one over that of the window.
 
-
-def spreading_correction(cycles: np.ndarray) -> np.ndarray:
-    """(...) float32 that the transform of a spread grid is multiplied by at (...) ``cycles`` per point."""
-    return _correction(cycles, _SPREAD_POINTS)
-
-
-def interpolation_correction(cycles: np.ndarray) -> np.ndarray:
-    """(...) float32 that a transform is multiplied by before `interpolate`, at (...) ``cycles`` per sample."""
-    return _correction(cycles, _INTERPOLATION_POINTS)
+    Of a grid after `spread`, with ``points = SPREAD_POINTS``; of samples before `interpolate`, with
+    ``INTERPOLATION_POINTS``.
+    """
+    beta = _beta(points)
+    argument = np.sqrt(beta**2 - (np.pi * points * cycles) ** 2)
+    return (np.i0(beta) / points * argument / np.sinh(argument)).astype(np.float32)
 
 
 def spread(grid: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
     """Add impulses ``values`` (K,) at (K,) ``places``, three points or more apart, to a complex64 ``grid`` of zeros."""
-    first, weights = _around(places, _SPREAD_POINTS)
+    first, weights = _around(places, SPREAD_POINTS)
     for offset, part in enumerate(weights * values):
         # impulses three points apart or more share no point until the fourth of six: there nothing has to be added to
-        if offset < _SPREAD_POINTS // 2:
+        if offset < SPREAD_POINTS // 2:
             grid[offset:][first] = part
         else:
             grid[offset:][first] += part
@@ -66,9 +60,9 @@ def spread(grid: np.ndarray, places: np.ndarray, values: np.ndarray) -> None:
 
 def interpolate(samples: np.ndarray, places: np.ndarray) -> np.ndarray:
     """(K,) complex64 values at (K,) ``places`` of (n,) corrected ``samples`` that fill two thirds of their band."""
-    first, weights = _around(places, _INTERPOLATION_POINTS)
+    first, weights = _around(places, INTERPOLATION_POINTS)
     out = samples.take(first) * weights[0]
-    for offset in range(1, _INTERPOLATION_POINTS):
+    for offset in range(1, INTERPOLATION_POINTS):
         out += samples[offset:].take(first) * weights[offset]
     return out
 

@@ -31,10 +31,10 @@ class OverlapSave:
         self.length = length
         self.samples = count
         self.segments = _BATCH * max(1, round(count / (_BATCH * _SEGMENT)))
-        self.hop = _even(-(-count // self.segments))
-        self.size = _even(fft.next_fast_len(self.hop + length - 1, real=True))
-        while fft.next_fast_len(self.size, real=True) > self.size:
-            self.size += 2
+        self.hop = 2 * -(-count // (2 * self.segments))
+        self.size = fft.next_fast_len(self.hop + length - 1, real=True)
+        while self.size % 2:
+            self.size = fft.next_fast_len(self.size + 1, real=True)
         self._padded = np.zeros(self.segments * self.hop + self.size, dtype=np.complex64)
         self._overlapping = sliding_window_view(self._padded, self.size)[
             : self.segments * self.hop : self.hop
@@ -67,8 +67,3 @@ class OverlapSave:
     def correlations(self, products: np.ndarray) -> np.ndarray:
         """(..., length) correlations from (..., size) conjugate `transforms` times `to_correlate`, summed."""
         return fft.ifft(products)[..., : self.length]
-
-
-def _even(count: int) -> int:
-    """The number, or the next one if it is odd."""
-    return count + count % 2

@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft, linalg
 
 from .cma_equaliser import Symbols
-from .nufft import OVERSAMPLING, spread, spreading_correction
+from .nufft import OVERSAMPLING, SPREAD_POINTS, correction, spread
 from .overlap_save import OverlapSave
 from .settings import QpskSettings
 
@@ -71,7 +71,7 @@ class SymbolTrain(OverlapSave):
 @lru_cache(maxsize=8)
 def _correction(count: int, points: int) -> np.ndarray:
     """(count,) float32, read-only: what the bins of a frame are multiplied by, made of a grid of so many points."""
-    factors = spreading_correction(fft.fftfreq(count) * count / points)
+    factors = correction(fft.fftfreq(count) * count / points, SPREAD_POINTS)
     factors.setflags(write=False)
     return factors
 
@@ -96,8 +96,7 @@ def estimate_pulse(
     fitted in turns, with the Toeplitz matrix of a long frame, to what is left of the frame.
     """
     count = frame.size
-    length = 2 * round(s.pulse_symbols * float(symbols.times[1] - symbols.times[0]) / 2)
-    length = min(max(length, s.min_pulse), s.max_pulse)
+    length = s.pulse_samples
     train = SymbolTrain(symbols.times, symbols.values, count, length)
     spectrum = train.spectrum()
     impulses = fft.ifft(spectrum)
@@ -118,7 +117,7 @@ def estimate_pulse(
     residual, model, power = frame, np.zeros_like(frame), np.inf
     for _ in range(s.pulse_iterations):
         before, power = power, np.vdot(residual[span], residual[span]).real
-        if power > s.pulse_converged * before:
+        if power > (1 - s.min_correction) * before:
             break
         right = train.correlations((sources * train.to_correlate(residual, span).conj()).sum(axis=1).conj())
         pulses += linalg.lapack.zpotrs(cholesky, (weights * right).T)[0].T

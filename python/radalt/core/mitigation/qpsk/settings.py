@@ -27,7 +27,7 @@ class QpskSettings:
     line_floor_bins: int = 125
     # bins on either side that a line takes: twice the main lobe of the Hann window
     line_bins: int = 4
-    # lowest line that is tried first, relative to the strongest: harmonics of the symbol rate can be stronger
+    # lowest line that is tried first, relative to the strongest in power: harmonics of the symbol rate can be stronger
     harmonic_power: float = 0.3
     # timing lines tried per frame: echoes can make the second harmonic stronger than the first
     max_lines: int = 3
@@ -58,25 +58,18 @@ class QpskSettings:
     max_correlation: float = 0.3
 
     # -- pulse
-    # symbols that a pulse lasts, echoes included
-    pulse_symbols: int = 14
-    # samples that a pulse lasts, at least and at most
-    min_pulse: int = 64
-    max_pulse: int = 192
+    # samples that a pulse lasts, channel and filters included: 7 symbols of 0.4 MHz, 17 of 1 MHz; even
+    pulse_samples: int = 128
     # diagonal loading of its equations, of the symbols' power: outside their band there is nothing to be fitted to
     pulse_loading: float = 1e-4
-    # iterations of the fit of pulse and drift, at most
-    pulse_iterations: int = 4
-    # residual power over that before, above which another iteration gains nothing
-    pulse_converged: float = 0.8
+    # iterations of the fit of pulse and drift, at most: each leaves some -10 dB of the error
+    pulse_iterations: int = 6
 
     # -- subtraction
     # power subtracted over the power that is left while it sends: less takes from the return what it gives
     min_suppression: float = 4.0
     # power of a sample over the median of what is left, above which it is blanked: symbols cut at the ends of a burst
     outlier_power: float = 6.0
-    # FFTs of 7,500 points that a frame may cost; a search that has spent them ends (issue of real time)
-    max_ffts: float = 600.0
 
     # -- tracking
     # symbols per frame of an emitter that is tracked
@@ -87,7 +80,7 @@ class QpskSettings:
     evm_floor: float = 0.005
     # drift of the pulse over half a frame, of its power, above which timing or carrier are wrong
     max_drift: float = 0.02
-    # part of the residual that a correction has to explain beside what noise does: less waits for the next frame
+    # part of the residual that a correction of the pulse has to explain: less is noise, and waits for the next frame
     min_correction: float = 0.02
     # frames in which a pulse that fits is not corrected, at most; one more after each that needed no correction
     max_unchanged: int = 7
@@ -97,9 +90,6 @@ class QpskSettings:
     max_residual: float = 8.0
 
     # -- zero-order hold
-    # coherence of the fourth powers of x[n] x*[n-1] above which samples are decided one by one: a sweep and OFDM have
-    # less than 0.1, what can be decided 0.5 and more
-    hold_coherence: float = 0.3
     # share of those steps that are far from their mean, above which a filter made them
     hold_outliers: float = 0.03
 

@@ -39,7 +39,7 @@ def _window(count: int) -> np.ndarray:
 
 
 def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming]:
-    """Symbol timings that an (n,) complex64 frame may have, the likeliest first, at most ``s.max_lines``.
+    """Symbol timings that an (n,) complex64 frame may have: the strongest lines, the slowest of like power first.
 
     The mean of ``x[n] x*[n-1]`` is periodic with the symbols (cyclostationarity; W. A. Gardner, IEEE Signal Process.
     Mag. 8(2), 1991). Of ``|x|^2`` rectangular pulses of constant modulus would show no line. Short transitions make
@@ -54,12 +54,14 @@ def find_symbol_timings(frame: np.ndarray, s: QpskSettings) -> list[SymbolTiming
     contrast = (used / np.maximum(floor, 1e-30)[:, None]).ravel()
     contrast[: int(s.min_symbol_rate * count)] = 0
     contrast[int(s.max_symbol_rate * count) :] = 0
-    start = int((contrast > max(s.min_line_contrast, s.harmonic_power * contrast.max())).argmax())
-    lines = [start + int(contrast[start : start + s.line_bins].argmax())]
-    while contrast[lines[-1]] >= s.min_line_contrast and len(lines) <= s.max_lines:
-        contrast[max(0, lines[-1] - s.line_bins) : lines[-1] + s.line_bins + 1] = 0
-        lines.append(int(contrast.argmax()))
-    return [_timing(spectrum, line, count) for line in lines[:-1]]
+    first = int((contrast > s.harmonic_power * contrast.max()).argmax())
+    line = first + int(contrast[first : first + s.line_bins].argmax())
+    lines: list[int] = []
+    while len(lines) < s.max_lines and contrast[line] >= s.min_line_contrast:
+        lines.append(line)
+        contrast[max(0, line - s.line_bins) : line + s.line_bins + 1] = 0
+        line = int(contrast.argmax())
+    return [_timing(spectrum, line, count) for line in lines]
 
 
 def symbol_instant(frame: np.ndarray, rate: float) -> float:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from scipy import fft
 
 from .carrier_recovery import decide, largest_correlation
 from .cma_equaliser import Symbols, tap_spacing
-from .nufft import interpolate, interpolation_correction
+from .nufft import INTERPOLATION_POINTS, correction, interpolate
 from .overlap_save import OverlapSave
 from .pulse_estimation import SymbolTrain
 from .settings import QpskSettings
@@ -18,7 +16,6 @@ from .symbol_timing import SymbolTiming, symbol_instant
 __all__ = ["Tracker", "can_track"]
 
 _BESIDE = 12  # samples on either side of an equaliser: the interpolation's correction is as long
-_SAME = 1.02  # residual power over that of the last corrected frame, up to which a pulse fits
 _ITERATIONS = 4  # of conjugate gradients; each leaves some -15 dB of a pulse's error
 
 
@@ -69,8 +66,8 @@ class Tracker:
         taps = np.zeros(length, dtype=np.complex64)
         taps[length // 2 + (s.taps // 2 - np.arange(s.taps)) * spacing] = symbols.weights
         self._filter = OverlapSave(self._count, length)
-        response = self._filter.responses(taps)
-        self._response = response * _correction(response.size)
+        flat = correction(fft.fftfreq(self._filter.size), INTERPOLATION_POINTS)
+        self._response = self._filter.responses(taps) * flat
         self._carrier = _cycles_per_symbol(symbols.values * symbols.decisions.conj())
         self._pulse = pulses[0].astype(np.complex64)
         self.evm_squared = symbols.evm_squared
@@ -103,18 +100,12 @@ class Tracker:
         before, model = self._pulse * np.float32(gain), model * np.float32(gain)
         residual = frame - model
         power = np.vdot(residual[span], residual[span]).real / (span.stop - span.start)
-        if self._unchanged < self._rest and power < _SAME * self._power:
+        if self._unchanged < self._rest and power < (1 + s.min_correction) * self._power:
             self._unchanged += 1
             self._predict(times, 0.0)
             return residual, model, span
         pulses, model, residual, power, steps = self._corrected(frame, model, residual, source, before)
-        model_power = np.vdot(model[span], model[span]).real / (span.stop - span.start)
-        # one pulse serves a whole segment, so the ramp is a stair; and no carrier or clock is a straight line for long
-        drift = _drift(pulses)
-        lost = drift * (2 / train.segments) ** 2 / 12 + drift**2 / 45
-        if not (
-            drift < s.max_drift and lost * model_power < power / 4 and power < s.max_residual * self._least
-        ):
+        if not (_drift(pulses) < s.max_drift and power < s.max_residual * self._least):
             return None
         self._power, self._least = power, min(self._least, power)
         self._predict(times, self._correct(before, pulses, 1.0 if steps and not self._rest else s.smoothing))
@@ -207,14 +198,6 @@ class Tracker:
         """Time of a symbol of the next frame, from the ``times`` in this one, which were too early by ``delay``."""
         centre = float(times[times.size // 2]) + delay
         self._instant = centre + round(self._count / self._period) * self._period - self._count
-
-
-@lru_cache(maxsize=4)
-def _correction(size: int) -> np.ndarray:
-    """(size,) float32, read-only: `interpolation_correction` of a segment's transform."""
-    factors = interpolation_correction(fft.fftfreq(size))
-    factors.setflags(write=False)
-    return factors
 
 
 def _drift(pulses: np.ndarray) -> float:

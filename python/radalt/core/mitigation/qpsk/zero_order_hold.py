@@ -13,55 +13,42 @@ from .settings import QpskSettings
 __all__ = ["cancel_zero_order_hold"]
 
 _STRIDE = 8  # one step from a sample to the next in so many is enough for the test
-_LOUD = 0.5  # modulus over that while it sends: between zero and constant modulus
 _FAR = 5.0  # times the median distance of a fourth power from their mean
-_CHANGES = (
-    0.01,
-    0.5,
-)  # shares of samples that begin another symbol: `min_symbol_rate`, and the highest rate of data
 
 
-def cancel_zero_order_hold(frame: np.ndarray, s: QpskSettings) -> tuple[np.ndarray, float, float] | None:
-    """(n,) complex64, the part of a frame that such QPSK explains, the share in which it is sent, and its EVM squared.
+def cancel_zero_order_hold(frame: np.ndarray, s: QpskSettings) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """(n,) complex64, the part of a frame that such QPSK explains, (n,) bool, where it is sent, and its EVM squared.
 
     None where there is none. Between two samples the phase steps by quarter turns and the carrier, so fourth powers of
     the products of neighbours are alike. A filter leaves steps of other sizes where symbols change.
     """
     steps = frame[1::_STRIDE] * frame[:-1:_STRIDE].conj()
-    loud = _loud(np.abs(steps), _LOUD**2)
-    fourth = steps[loud] / np.maximum(np.abs(steps[loud]), np.float32(1e-30))
-    fourth *= fourth
-    fourth *= fourth
-    mean = complex(fourth.mean())
-    coherence = abs(mean)
-    if not coherence > s.hold_coherence:
-        return None
-    distance = np.abs(fourth - np.complex64(mean / coherence))
+    steps = steps[_loud(np.abs(steps), s.burst_power)]
+    fourth = (steps / np.maximum(np.abs(steps), np.float32(1e-30))) ** 4
+    mean = fourth.mean()
+    distance = np.abs(fourth - mean / np.maximum(np.abs(mean), np.float32(1e-30)))
     far = _FAR * np.median(distance)
     # where noise hides the steps that a filter leaves, the frame is not decided sample by sample
     if not far < 1 or np.count_nonzero(distance > far) > s.hold_outliers * distance.size:
         return None
-    active = _loud(np.abs(frame), _LOUD)
-    decisions, carrier = decide(frame, active, s.carrier_symbols)
+    on = _loud(np.square(np.abs(frame)), s.burst_power)
+    decisions, carrier = decide(frame, on, s.carrier_symbols)
     straight = frame * carrier.conj()
-    sent = np.count_nonzero(active)
+    sent = np.count_nonzero(on)
     amplitude = np.vdot(decisions, straight).real / sent
-    error = (straight - decisions * np.float32(amplitude))[active]
+    error = (straight - decisions * np.float32(amplitude))[on]
     evm_squared = float(np.vdot(error, error).real / (amplitude**2 * sent))
-    if not evm_squared < s.max_evm_squared:
-        return None
     changes = np.count_nonzero(decisions[1:] != decisions[:-1])
-    if not _CHANGES[0] * sent < changes < _CHANGES[1] * sent:
+    if evm_squared > s.max_evm_squared or changes < 0.5 * s.min_symbol_rate * sent:  # a tone does not change
         return None
     source = decisions * carrier
-    ramp = np.linspace(-1, 1, frame.size, dtype=np.float32)
-    basis = np.stack([source, source * ramp])  # an amplitude that changes evenly over the frame
+    # an amplitude that changes evenly over the frame
+    basis = np.stack([source, source * np.linspace(-1, 1, frame.size, dtype=np.float32)])
     gram = basis.conj() @ basis.T
-    model = np.linalg.solve(gram, basis.conj() @ frame).astype(np.complex64) @ basis
-    return model, sent / frame.size, evm_squared
+    return np.linalg.solve(gram, basis.conj() @ frame).astype(np.complex64) @ basis, on, evm_squared
 
 
-def _loud(modulus: np.ndarray, threshold: float) -> np.ndarray:
-    """(n,) bool: where a (n,) ``modulus`` is above a share of that while it sends."""
-    high = int(0.9 * modulus.size)
-    return modulus > np.float32(threshold) * np.partition(modulus, high)[high]
+def _loud(power: np.ndarray, threshold: float) -> np.ndarray:
+    """(n,) bool: where a (n,) ``power`` is above a share of that while it sends."""
+    high = int(0.9 * power.size)
+    return power > np.float32(threshold) * np.partition(power, high)[high]
