@@ -64,7 +64,8 @@ class OfdmSettings:
     boundary_ratio: float = 1.3  # the same, mean over all symbol boundaries [M]
     boundary_reach: int = 40  # samples on either side of a symbol boundary that are looked at [F: the prefix]
     # tracking
-    track_noise: float = 2.0  # times the noise of the frames before; more is acquired anew [M]
+    track_again: float = 1.4  # times the noise of the frames before; more is decided once more [M]
+    track_noise: float = 4.0  # the same; still more is acquired anew [M]
     channel_memory: float = 1.0  # frames whose channel estimates are averaged [M]
     cfo_interval: int = 16  # frames; in one of them the residual CFO is measured [F: drift per s]
     patience: int = 8  # searches in vain, one after the other; then one frame in as many is searched [M]

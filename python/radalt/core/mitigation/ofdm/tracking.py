@@ -120,10 +120,9 @@ def tracked(
     noise = np.broadcast_to(state.noise, grid.raw.shape)
     start = ChannelStart(state.channel, state.used, phase, "static", noise)
     found = receiver.loop(grid, free, start, 0, known=known, memory=settings.channel_memory * len(grid))
-    if (
-        found.relative_noise > settings.track_noise * state.relative_noise + 1e-6
-        or found.gain < settings.evidence
-    ):
+    if found.relative_noise > settings.track_again * state.relative_noise:
+        found = receiver.loop(grid, free, found, 1, known=known)
+    if found.relative_noise > settings.track_noise * state.relative_noise or found.gain < settings.evidence:
         return None
     return found
 
