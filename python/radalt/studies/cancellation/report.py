@@ -109,5 +109,6 @@ def draw_pd(rows: Sequence[Row], path: Path) -> None:
     axis.invert_xaxis()
     axis.set(xlabel="SIR / dB", ylabel="Pd within 5 m", ylim=(-0.03, 1.03))
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=8, loc="lower left")
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=8, loc="lower left")
     save_figure(figure, path)
