@@ -39,7 +39,7 @@ class QpskSettings:
     taps_per_symbol: float = 2.2
     # diagonal loading of its equations, of the mean power: float32 resolves 1e-6
     tap_loading: float = 1e-5
-    # symbols that its weights are fitted to, at most: 25 per tap
+    # symbols that its weights are fitted to, at most: 25 per tap; and samples that a median is taken of: 4 % of it
     training_symbols: int = 800
     # iterations of the constant-modulus start, at most
     cma_iterations: int = 24
