@@ -256,7 +256,7 @@ class FrameSegmenter:
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
-        found = self._locate(self._waiting(self._n, needed))
+        found = self._locate(self._n, needed)
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
@@ -273,9 +273,12 @@ class FrameSegmenter:
         self.counters["acquisitions"] += 1
         return True
 
-    def _locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+    def _locate(self, first: int, last: int) -> tuple[int, float] | None:
         """As `SweepFinder.locate`; where the leakage is known, that alone is a place to take timing on."""
-        return self._finder.locate(samples) if self._leakage is None else self._leakage.locate(samples)
+        samples = self._waiting(first, last)
+        if self._leakage is None:
+            return self._finder.locate(samples)
+        return self._leakage.locate(samples, self._origin + first)
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
@@ -431,7 +434,7 @@ class FrameSegmenter:
             return True
         if self._filled < (count + 1) * self._n:
             return False
-        found = self._locate(self._waiting(0, (count + 1) * self._n))
+        found = self._locate(0, (count + 1) * self._n)
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
