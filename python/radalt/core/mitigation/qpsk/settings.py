@@ -74,10 +74,6 @@ class QpskSettings:
     # -- tracking
     # symbols per frame of an emitter that is tracked
     min_symbols: int = 200
-    # EVM squared over that of the frame in which it was acquired, beyond which it is lost
-    evm_ratio: float = 2.0
-    # EVM squared that never loses it
-    evm_floor: float = 0.005
     # drift of the pulse over half a frame, of its power, above which timing or carrier are wrong
     max_drift: float = 0.02
     # part of the residual that a correction of the pulse has to explain: less is noise, and waits for the next frame
