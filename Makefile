@@ -4,7 +4,7 @@
 SYSTEM_PYTHON ?= /usr/bin/python3
 PREFIX        ?= /usr/local
 FLOWGRAPH     ?= $(wildcard flowgraphs/ota_sim.grc)
-WORKERS       ?= $(shell nproc)
+WORKERS       ?= $(shell env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc)
 ARGS          ?=
 PACKAGES      ?= yes
 
@@ -18,7 +18,7 @@ PIP        := -m pip --disable-pip-version-check -q
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help eval test test-debian12 test-debian13 fuzz lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb clean distclean
+.PHONY: help eval test test-debian12 test-debian13 fuzz types lock check-pins lint format grc flowgraphs screenshot docs setup setup-test train ctest install uninstall deb test-deb wheel test-wheel clean distclean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | awk -F'|' '{printf "  make %-14s %s\n", $$1, $$2}'
@@ -30,6 +30,9 @@ eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated ch
 # A worker that dies ends the run, which names its test: started again, it dies of the same test, and pytest-xdist waits for ever.
 test: lint ## format, lint and every test
 	@$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile --max-worker-restart=0 $(ARGS)
+
+types: $(VENV)/.test ## mypy, strict on what `import radalt` offers; prints what is left elsewhere
+	@$(PYTHON) tools/check_types.py $(ARGS)
 
 fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3600); prints how many and how they ended
 	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)
@@ -62,13 +65,13 @@ grc: $(VENV)/.runtime ## open the flowgraph in GNU Radio Companion, without inst
 	GRC_BLOCKS_PATH="$(CURDIR)/grc$${GRC_BLOCKS_PATH:+:$$GRC_BLOCKS_PATH}" GR_CONF_GRC_XTERM_EXECUTABLE=/dev/null gnuradio-companion $(FLOWGRAPH)
 
 flowgraphs: $(VENV)/.runtime ## make the simulated and the embedded flowgraphs again from ota_b210 and ota_live
-	@$(PYTHON) flowgraphs/make_flowgraphs.py
+	@$(PYTHON) tools/make_flowgraphs.py
 
 screenshot: $(VENV)/.runtime ## pictures of the live view, docs/live_view*.png, from runs of it
-	@$(PYTHON) flowgraphs/screenshot.py $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
-	@$(PYTHON) flowgraphs/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show start --frames 1500 --out docs/live_view_start.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show jammed --out docs/live_view_jammed.png $(ARGS)
+	@$(PYTHON) tools/screenshot.py --show lost --out docs/live_view_lost.png $(ARGS)
 
 setup: $(VENV)/.runtime ## Debian packages and the runtime environment (done by the targets that need it)
 
@@ -101,6 +104,12 @@ deb: $(STAMPS)/debian ## a package for this Debian, build/gr-radalt_VERSION_ARCH
 
 test-deb: $(STAMPS)/debian ## build that package, install it into a bare Debian, run it and remove it (root; BARE=folder to keep)
 	@packaging/test-deb.sh $$(. /etc/os-release && echo $$VERSION_CODENAME)
+
+wheel: $(VENV)/.test ## the package for any Python, without GNU Radio, into build/
+	@$(PYTHON) -m hatchling build -t wheel -d build
+
+test-wheel: ## install that wheel into fresh environments and measure with it (network; PYTHONS=...)
+	@SYSTEM_PYTHON="$(SYSTEM_PYTHON)" tools/test-wheel.sh $(PYTHONS)
 
 clean: ## remove what was built; the environments stay
 	rm -rf build .pytest_cache .ruff_cache

@@ -1,79 +1,8 @@
 #!/usr/bin/env python3
-"""Several result folders of ota_eval as one report: Pd against overlap of all runs together.
-
-    .venv/bin/python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
-
-Counts of runs that measured the same thing are added and the intervals taken anew; simulated runs and runs on the air
-stay apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused, saying why; a run that
-occurs twice counts once. Needs no GNU Radio.
-
-    .venv/bin/python flowgraphs/collect.py --compare results/before results/after
-
-says in which settings and versions two runs differ, and at which points by more than chance (Fisher's exact test,
-Holm's correction for many comparisons).
-"""
-
-from __future__ import annotations
+"""The command `radalt collect`, from the source tree: python/radalt/evaluation/commands/collect.py."""
 
 import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
-
-import sys
-import time
-from collections.abc import Sequence
-from pathlib import Path
-
-_NO_PACKAGE = (
-    f"collect: {sys.executable} cannot run gr-radalt ({{}}); use .venv/bin/python, as 'make eval' does"
-)
-
-try:
-    from radalt.evaluation.engine.options import Parser, command, path
-    from radalt.evaluation.overlap.comparison import compare
-    from radalt.evaluation.overlap.pooling import collect
-except ImportError as _error:
-    print(_NO_PACKAGE.format(_error), file=sys.stderr)
-    raise SystemExit(2) from None
-
-
-def _parser() -> Parser:
-    parser = Parser("collect", __doc__)
-    parser.add_argument("folders", nargs="+", metavar="DIR", help="result folder of ota_eval")
-    parser.add_argument(
-        "--out", type=path, help="folder of the report (default: results/collected-DATE-TIME)"
-    )
-    parser.add_argument(
-        "--compare",
-        action="store_true",
-        help="what differs between two folders; --out keeps it as comparison.md",
-    )
-    return parser
-
-
-@command("collect")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Pool the folders; returns 0, or 2 after one line about what does not fit."""
-    parser = _parser()
-    args = parser.parse_args(argv)
-    if args.compare:
-        if len(args.folders) != 2:
-            parser.error(f"--compare takes two folders, not {len(args.folders)}")
-        text = compare(*args.folders)
-        print(text)
-        if args.out is not None:
-            args.out.mkdir(parents=True, exist_ok=True)
-            (args.out / "comparison.md").write_text(text + "\n", encoding="utf-8")
-        return 0
-    out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
-    try:
-        report, notes = collect(args.folders, out)
-    except ImportError as error:  # matplotlib, which only figures need
-        print(_NO_PACKAGE.format(error), file=sys.stderr)
-        return 2
-    for note in notes:
-        print(f"collect: {note}")
-    print(report)
-    return 0
-
+from radalt.evaluation.commands.collect import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -1,66 +1,8 @@
 #!/usr/bin/env python3
-"""Altimeter under interference, driven by another program over ZMQ, in the simulated channel or on two B210s.
-
-    .venv/bin/python flowgraphs/ota_remote.py --sim --scene paper_qpsk --methods none,tcae
-    .venv/bin/python flowgraphs/control_client.py set --altitude 200 --sir-db=-20  # in another terminal, or from MATLAB
-    .venv/bin/python flowgraphs/control_client.py stop
-
-Runs at real time and without end. Endpoints are on loopback unless you say otherwise; there is no authentication.
-"""
-
-from __future__ import annotations
+"""The command `radalt remote`, from the source tree: python/radalt/evaluation/commands/remote.py."""
 
 import _startup  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
-
-from collections.abc import Sequence
-
-from radalt.evaluation.engine.options import Parser, command, names_of, number
-
-PROGRAM = "ota_remote"
-
-
-def _parser() -> Parser:
-    parser = Parser(PROGRAM, __doc__)
-    parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
-    parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
-    parser.add_argument("--methods", default="none,tcae", help="with commas (%(default)s)")
-    parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
-    parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
-    parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
-    parser.add_argument(
-        "--keep-alive-s",
-        type=number(float, 0, 86400),
-        default=0.0,
-        help="on the air: stop transmitting after this long without a request; 0 (default): never",
-    )
-    parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
-    return parser
-
-
-@command(PROGRAM)
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run until stopped; returns 0, or 2 after one line about what does not fit."""
-    parser = _parser()
-    args = parser.parse_args(argv)
-    from radalt.core.mitigation import METHODS
-    from radalt.core.scene import load_scene
-    from radalt.evaluation.radios.remote import drive_remotely
-
-    scene = load_scene(args.scene)
-    state = drive_remotely(
-        scene,
-        names_of(parser, "--methods", args.methods, METHODS),
-        telemetry=args.telemetry,
-        control=args.control,
-        network=args.network,
-        keep_alive_s=args.keep_alive_s,
-        sim=args.sim,
-        transmit=args.transmit,
-        log=lambda line: print(f"{PROGRAM}: {line}", flush=True),
-    )
-    print(f"{PROGRAM}: frames {state['frames']}, dropped {state['segmenter']['dropped_slow']}")
-    return 0
-
+from radalt.evaluation.commands.remote import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -419,6 +419,19 @@ def test_a_speed_from_the_track_decides_between_grating_lobes():
     assert np.mean(good[:, None] > bad) > 0.6
 
 
+@pytest.mark.parametrize(("window", "closed_form_db"), [("boxcar", 13.3), ("hann", 31.5), ("blackman", 58.1)])
+def test_peak_to_sidelobe_ratio_of_a_point_target_is_that_of_the_window(window, closed_form_db):
+    altimeter = Altimeter(W, AltimeterSettings(window=window))
+    ratio_db = altimeter.process(W.beat_shifted(305.0)[None])["peak_to_sidelobe_db"][0]
+    assert ratio_db == pytest.approx(closed_form_db, abs=0.5)
+
+
+def test_peak_to_sidelobe_ratio_of_two_returns_is_that_of_their_powers():
+    two = W.beat_shifted(500.0) + 10 ** (-6 / 20) * W.beat_shifted(500.0 + 20 * W.range_resolution_m)
+    assert Altimeter(W).process(two[None])["peak_to_sidelobe_db"][0] == pytest.approx(6.0, abs=0.3)
+    assert np.isnan(Altimeter(W).process(0 * two[None])["peak_to_sidelobe_db"][0])
+
+
 @pytest.mark.parametrize("speed", [-10.0, 0.0, 10.0])
 def test_one_half_sweep_in_ruins_is_no_speed(speed):
     """Of one half sweep a tenth is left, of the other all: its peak may be anywhere within the allowed speeds.
@@ -455,3 +468,9 @@ def test_ambiguity_of_a_clear_return_is_large_and_of_two_equal_ones_is_none():
 def test_impossible_intervals_of_speed_are_refused(interval):
     with pytest.raises(ValueError, match=r"vertical_speed_m_per_s is .* \+/-150 m/s"):
         Altimeter(W).process(W.beat_shifted(500.0)[None], vertical_speed_m_per_s=interval)
+
+
+def test_no_guard_cells_is_a_setting():
+    altimeter = Altimeter(Waveform(), AltimeterSettings(guard_cells=0.0))
+    result = altimeter.process(Waveform().beat_shifted(300.0)[None].astype(np.complex64))
+    assert abs(result["forced_altitude_m"][0] - 300.0) < 1.0

@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 
-import make_recording
 import numpy as np
 import pmt
 import pytest
@@ -22,6 +21,7 @@ from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter
 from radalt.core.receiver.frame import Frame
 from radalt.core.receiver.segmenter import FrameSegmenter
 from radalt.core.scene import parse_scene
+from radalt.evaluation.commands import make_recording
 
 N = 7500
 CHUNKS = [977, 7501, 100_000]  # largest number of items a call may produce
@@ -147,7 +147,9 @@ def test_source_is_the_same_in_any_chunks(name):
 def test_recording_source_is_the_same_in_any_chunks_at_its_sir(tmp_path):
     scene, meta = scene_of(), tmp_path / "air.sigmf-meta"
     steps = np.random.default_rng(1).uniform(-0.3, 0.3, 60_000)
-    make_recording.write(meta, np.exp(2j * np.pi * np.cumsum(steps)), "noise in frequency")
+    make_recording.write(
+        meta, np.exp(2j * np.pi * np.cumsum(steps)), make_recording.RATE_HZ, "noise in frequency"
+    )
 
     def make():
         return radalt.recording_jammer_source(scene, str(meta), offset_hz=0.3e6, sir_db=-13.0, frames=22)

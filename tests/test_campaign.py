@@ -2,7 +2,6 @@
 
 import csv
 
-import integrity as program
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from radalt.core.radio.recording import open_capture
 from radalt.core.receiver.tracker import OUTPUT_DTYPE, Status
 from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.results.integrity import alert_limit_m, is_hazardous
+from radalt.studies.integrity import command as program
 from radalt.studies.integrity.cases import KINDS, Case, case_of, cases, fly, received
 from radalt.studies.integrity.report import summarise
 from radalt.studies.integrity.study import IntegrityPoint, IntegrityStudy, _limit_m

@@ -17,6 +17,7 @@ from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.score import SCORE_COLUMNS
 from radalt.studies.cancellation.cases import CASES, WAVEFORM, Antennas, received
+from radalt.studies.cancellation.command import _describe as describe
 from radalt.studies.cancellation.flights import FlightsStudy
 from radalt.studies.cancellation.known_symbols import (
     BLANKED_BURST,
@@ -59,11 +60,17 @@ def test_interference_has_the_power_that_the_sir_says(name):
 
 def test_qpsk_is_read_by_its_own_method(monkeypatch):
     monkeypatch.setattr("radalt.studies.cancellation.study.SIRS_DB", SIRS_DB[1::3])
-    study = CancellationStudy(("qpsk_cancel",), ("qpsk", "qpsk_radios"), frames=1, flights=0, seed=6)
-    for point in study.points():
+    cases = ("qpsk_ideal", "qpsk", "qpsk_radios")
+    study = CancellationStudy(("qpsk_cancel",), cases, frames=1, flights=0, seed=6)
+    for name, point in zip(cases, study.points(), strict=True):
         held = study.measure(point)
         assert [row["sir_db"] for row in held] == list(SIRS_DB[1::3])
-        assert sum(row["correct"] for row in held) >= 0.95 * sum(row["trials"] for row in held)
+        # an error vector of 8.75 % is 21 dB below the symbol and stays; -25 dB is borne without mitigation
+        limit_db = -60.0 if name == "qpsk_ideal" else -25.0 + 20.0 * np.log10(0.0875)
+        held = [row for row in held if row["sir_db"] >= limit_db]
+        assert len(held) >= 4 and sum(row["correct"] for row in held) >= 0.9 * sum(
+            row["trials"] for row in held
+        )
 
 
 def test_a_free_running_base_station_goes_on_from_frame_to_frame():
@@ -138,19 +145,23 @@ def test_study_end_to_end(tmp_path, monkeypatch):
         monkeypatch.setattr(f"radalt.studies.cancellation.costs.{name}", count)
     monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and 5 s
     study = CancellationStudy(
-        ("none", "ofdm_cancel"), ("nr10_qpsk", "nr10_64qam"), frames=1, flights=1, seed=5
+        ("none", "ofdm_cancel"), ("nr10_ideal", "nr10_64qam"), frames=1, flights=1, seed=5
     )
     assert [point.frames for point in study.points()] == [1, 3, 120]  # a limit was asked for 64QAM
     page = run(study, Options(tmp_path / "a", jobs=1))
     text = page.read_text(encoding="utf-8")
-    assert "10 MHz, QPSK" in text and "## Behind the tracker" in text and "## Where it stops" in text
+    assert (
+        "10 MHz, 64QAM, ideal emitter" in text
+        and "## Behind the tracker" in text
+        and "## Where it stops" in text
+    )
     for name in ("pd.png", "frame.png", "rows.csv"):
         assert (tmp_path / "a" / name).stat().st_size > 1000
     assert (
         len((tmp_path / "a" / "tracked.csv").read_text().splitlines()) == 1 + 15
     )  # five methods, three speeds
     rows = list(csv.DictReader((tmp_path / "a" / "rows.csv").open(encoding="utf-8")))
-    held = [r for r in rows if r["case"] == "nr10_qpsk" and r["method"] == "ofdm_cancel"]
+    held = [r for r in rows if r["case"] == "nr10_ideal" and r["method"] == "ofdm_cancel"]
     assert [float(row["sir_db"]) for row in held] == list(SIRS_DB)
     assert sum(int(row["correct"]) for row in held) >= 0.95 * sum(int(row["trials"]) for row in held)
     assert all(row["frames_cleaned"] == row["trials"] for row in held[-8:])  # SIR -30 dB and below
@@ -178,14 +189,12 @@ def test_flights_alone(tmp_path, monkeypatch, capsys):
         assert left.value.code == 2 and said in error and error.count("\n") == 1
 
 
-def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_read():
-    """QPSK and NR in one band are read in turns, which is never better than NR alone."""
-    held, without, apart = (
-        measure_mixture(name, -45.0, 6, [5]) for name in ("paper_joint", "paper_qpsk", "paper")
-    )
-    assert apart["pd"] < 0.6 < held["pd"] <= without["pd"] and 0.8 < without["pd"]
-    assert set(CancellationStudy().tables["mixtures"].names) == set(held)
-    assert cancellation._describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
+def test_a_genie_that_takes_the_qpsk_away_leaves_what_can_be_demodulated():
+    """QPSK and NR in one band are not demodulated jointly: the mixture breaks at about -30 dB."""
+    without, whole = (measure_mixture(name, -45.0, 6, [5]) for name in ("paper_qpsk", "paper"))
+    assert whole["pd"] < 0.6 < 0.8 < without["pd"]
+    assert set(CancellationStudy().tables["mixtures"].names) == set(whole)
+    assert describe([without]).startswith("mixture paper_qpsk, hybrid: Pd ")
     whole = [point.case for point in CancellationStudy().points() if point.table == "mixtures"]
     assert whole == list(MIXTURES)
     assert not CancellationStudy(cases=("qpsk",)).points()[-1].table == "mixtures"
@@ -224,12 +233,13 @@ def test_with_all_symbols_known_the_emitters_own_noise_is_what_stays():
     assert pd["64qam"]["known symbols"] == pd["64qam_8"]["known symbols"] == 1.0
     assert pd["64qam_8"]["none"] < 0.7
     errors = [rows[-1]["rmse_correct_m"] for rows in held.values()]
-    assert errors[0] < 0.1 < errors[1]
+    # error vectors of 4 %, 28 dB below the signal, are as strong as the return; noise 8 dB below is stronger
+    assert errors[0] < 0.3 < errors[1]
     study = CancellationStudy()
     assert [point.case for point in study.points() if point.table == "known"] == list(KNOWN)
 
 
-@pytest.mark.parametrize(("kind", "limit_m"), [("burst", 0.15), ("ra4_moving", 0.25)])
+@pytest.mark.parametrize(("kind", "limit_m"), [("burst", 0.4), ("ra4_moving", 0.9)])
 def test_known_symbols_of_bursts_and_moving_echoes_are_taken_away(kind, limit_m):
     rows = {row["method"]: row for row in with_known_symbols(kind, -40.0, 8, [880219])}
     assert rows["none"]["pd"] < 0.3 and rows["known symbols"]["pd"] == 1.0

@@ -19,7 +19,6 @@ from waiting import end_of, wait_for, written
 
 from radalt.core.mitigation import create
 from radalt.core.scene import load_scene
-from radalt.evaluation.engine import slot
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.run import run
@@ -118,7 +117,7 @@ def measuring(dask) -> list[int]:
     found = []
     for page in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            ours = b"engine.slot import serve" in page.read_bytes()
+            ours = b"engine.cluster import serve" in page.read_bytes()
             group = os.getpgid(int(page.parent.name))
         except (OSError, ValueError):
             continue
@@ -145,7 +144,7 @@ def test_an_error_of_a_task_is_the_users_line_and_a_mistake_in_it_is_raised(dask
 
 @pytest.mark.parametrize("name", ["numpy", "radalt source", "gnuradio"])
 def test_another_version_on_a_worker_is_refused_in_one_line(dask, tmp_path, monkeypatch, name):
-    real = slot.installed(False)
+    real = cluster.installed(False)
     monkeypatch.setattr(cluster, "installed", lambda _: real | {name: "0.0.7"})
     with pytest.raises(WorkerError) as caught:
         run(Coins(), on(dask, tmp_path))

@@ -11,16 +11,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-import make_recording
 import pytest
 
+from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine import estimate as estimates
+from radalt.evaluation.programs import programs
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("models/*.md")]
 PROGRAMS = sorted(p for p in ROOT.glob("flowgraphs/*.py") if not p.name.startswith("_"))
 FOLDERS = ("training", "tools", "packaging", "examples", "tests")
-SOURCES = [*PROGRAMS, *(file for folder in FOLDERS for file in ROOT.glob(f"{folder}/*.py"))]
+COMMANDS = sorted(program.file for program in programs().values())
+SOURCES = [*PROGRAMS, *COMMANDS, *(file for folder in FOLDERS for file in ROOT.glob(f"{folder}/*.py"))]
 COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )*(?:\S*bin/python3?|python3?|make|\./\S+|tools/\S+\.sh) \S.*")
 # Those that stop by themselves before they measure; of all others only the options are read.
 STOP = {"ota_eval": "--plan"} | dict.fromkeys(
@@ -109,6 +111,7 @@ def desk(tmp_path_factory):
         if file.name != "study.yaml":
             shutil.copy(file, folder)
     make_recording.main(["--out", str(folder / "results" / "recorded.sigmf-meta")])
+    make_recording.main(["--from", "dvbt", "--out", str(folder / "results" / "dvbt.sigmf-meta")])
     (folder / "my.yaml").write_text("name: my\n")
     reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
     (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])
@@ -246,7 +249,7 @@ def test_a_training_program_says_where_it_lies():
 
 @pytest.mark.parametrize(
     "tool",
-    sorted([*ROOT.glob("tools/*.*"), *ROOT.glob("cmake/*.py")]),
+    sorted([*ROOT.glob("tools/[!_]*.*"), *ROOT.glob("cmake/*.py")]),
     ids=lambda p: p.name,
 )
 def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
@@ -257,3 +260,10 @@ def test_help_of_a_tool_acts_on_nothing(tool, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout.lower()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_command_that_is_nearly_one_is_named(capsys):
+    from radalt.evaluation import programs
+
+    assert programs.main(["evla"]) == 2
+    assert capsys.readouterr().err == "radalt: no command 'evla'; did you mean 'eval'?\n"

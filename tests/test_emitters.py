@@ -248,4 +248,4 @@ def test_multipath_adds_its_profile_to_an_emitters_names():
     plain = QpskEmitter()
     through = FadedEmitter(emitter=plain, channel=FadingChannel(profile="EVA"))
     assert through.label == f"{plain.label}_EVA" == "qpsk_rectangular_EVA"
-    assert through.title(7.5e6) == "QPSK, rectangular pulses, 26.7 % of the band through EVA"
+    assert through.title(7.5e6) == "QPSK, rectangular pulses, 26.7 % of the band, ideal through EVA"

@@ -24,8 +24,10 @@ def outside(root, tmp_path_factory):
     page = (root / "docs/design.md").read_text(encoding="utf-8")
     for name in EXAMPLES:
         section = re.search(rf"^## Add an? {name}$(.*?)^## ", page, re.MULTILINE | re.DOTALL)[1]
-        (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+        code, *command = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
         (folder / f"my_{name}.py").write_text(code)
+        for text in command:
+            (folder / f"my_{name}_command.py").write_text(text.replace("from .study", f"from my_{name}"))
     plugins = ",".join(f"my_{name}" for name in PLUGINS)
     path = os.pathsep.join([str(folder), str(root / "python")])
     return folder, os.environ | {"RADALT_PLUGINS": plugins, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
@@ -140,16 +142,12 @@ def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
 def test_study_runs_on_the_engine_to_the_precision_asked_for(outside, tmp_path):
     """Pd falls with the SNR, whatever the number of workers."""
     _, env = outside
-    code = (
-        "import sys\nfrom pathlib import Path\n"
-        "from radalt.evaluation.engine.options import Options\n"
-        "from radalt.evaluation.engine.run import run\n"
-        "from my_study import NoiseStudy\n"
-        "if __name__ == '__main__': run(NoiseStudy(), Options(Path(sys.argv[1]), jobs=2, precision=0.12))\n"
-    )
-    (tmp_path / "noise.py").write_text(code)
-    done = run(env, str(tmp_path / "noise.py"), str(tmp_path / "run"))
+    main = "from my_study_command import main\nif __name__ == '__main__': raise SystemExit(main())\n"
+    (tmp_path / "noise.py").write_text(main)
+    options = ("--out", str(tmp_path / "run"), "--jobs", "2", "--precision", "0.12")
+    done = run(env, str(tmp_path / "noise.py"), *options)
     assert done.returncode == 0, done.stderr
+    assert "SNR -24 dB: Pd" in done.stdout
     rows = list(csv.DictReader((tmp_path / "run/rows.csv").open()))
     pd = [float(row["pd"]) for row in rows]
     assert pd == sorted(pd) and pd[0] < 0.3 and pd[-1] > 0.8

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import cancellation
 import collect
-import control_client
 import detection
 import error_vs_runtime
 import gallery
@@ -35,6 +34,7 @@ from radalt.core.parsing import InputError, load_yaml, shown
 from radalt.core.radio.calibration import CalibrationError, CalibrationKey, load_latency_samples
 from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
+from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 
 pytestmark = pytest.mark.timeout(150)

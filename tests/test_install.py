@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from test_identity import ONE_PACKAGE
 
-from radalt.evaluation.programs import PROGRAMS
+from radalt.evaluation.programs import programs
 
 
 def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
@@ -105,7 +105,7 @@ def test_installed_module_imports_with_every_block_and_the_core(root, cache, pac
     statements = (
         "from gnuradio import radalt; import radalt.core as core\n"
         "print(radalt.__file__, core.__file__, radalt.__version__, sep='\\n')\n"
-        "print(*(name for name in radalt.__all__ if isinstance(getattr(radalt, name), type)))"
+        "print(*(name for name in radalt._BLOCKS if isinstance(getattr(radalt, name), type)))"
     )
     lines = run(sys.executable, "-c", statements, cwd=tmp_path, env=environment).splitlines()
     init, core, version, *blocks = lines
@@ -126,7 +126,7 @@ def test_every_block_imports_in_the_python_of_the_companion(cache, package, envi
     """gnuradio-companion and grcc run in GNU Radio's own Python and see no package of the environment."""
     script = (
         "from gnuradio import radalt; print(radalt.__file__)\n"
-        "for name in radalt.__all__: getattr(radalt, name)"
+        "for name in (*radalt._BLOCKS, *radalt.__all__): getattr(radalt, name)"
     )
     printed = run(cache["PYTHON_EXECUTABLE"], "-c", script, cwd=tmp_path, env=environment)
     assert printed.strip() == str(package / "__init__.py")
@@ -145,10 +145,11 @@ def test_installed_evaluation_runs_to_a_report(prefix, environment, tmp_path):
 
 
 def test_every_program_is_a_command(root: Path):
-    """A new program in flowgraphs/ is a sub-command of radalt, with a page of the manual and completion."""
-    programs = {f.stem for f in (root / "flowgraphs").glob("[!_]*.py") if "def main(" in f.read_text()}
-    generated = {f.stem for f in (root / "flowgraphs").glob("*.grc")}
-    assert set(PROGRAMS.values()) == {p for p in programs if not any(p.startswith(g) for g in generated)}
+    """What registers itself as a command has its entry in flowgraphs/, and no entry is without a command."""
+    entries = {f.stem for f in (root / "flowgraphs").glob("[!_]*.py") if "import main\n" in f.read_text()}
+    assert {program.script for program in programs().values()} == entries
+    for folder in (root / "python/radalt/studies").glob("[!_]*/"):
+        assert any(program.file.parent == folder for program in programs().values()), folder
 
 
 def test_command_runs_outside_the_source_tree(prefix, tmp_path):
@@ -156,14 +157,15 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     radalt = prefix / "bin/radalt"
     overview = run(radalt, cwd=tmp_path, env=kept)
-    assert all(f"\n  {name} " in overview for name in PROGRAMS)
+    assert all(f"\n  {name} " in overview for name in programs())
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
-    done = subprocess.run(
-        [radalt, "nonsense"], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
-    )
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    for word, answer in (("nonsense", "there are collect"), ("gallery", "tools/gallery.py")):
+        done = subprocess.run(
+            [radalt, word], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
+        )
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1) and answer in done.stderr
 
 
 def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
@@ -182,10 +184,11 @@ def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
 
 def test_shell_lines_lead_python_and_companion_to_the_prefix(prefix, package, tmp_path):
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_"))}
-    shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH"'
-    python, blocks = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
+    shell = f'eval "$({prefix}/bin/radalt env)"; printf "%s\n" "$PYTHONPATH" "$GRC_BLOCKS_PATH" "$PATH" "$MANPATH"'
+    python, blocks, path, manual = run("sh", "-c", shell, cwd=tmp_path, env=kept).splitlines()
     assert Path(python) == package.parent
     assert Path(blocks) == prefix / "share/gnuradio/grc/blocks"
+    assert path.startswith(f"{prefix}/bin:") and manual == f"{prefix}/share/man:"
 
 
 def test_completion_and_manual_know_every_command(prefix, tmp_path):
@@ -193,14 +196,14 @@ def test_completion_and_manual_know_every_command(prefix, tmp_path):
     for words, expected in (
         (("radalt", "lan"), "landing"),
         (("radalt", "eval", "--met"), "--methods --method-file"),
-        (("radalt", "make-landing-data", "--terrain", "hi"), "hilly"),
+        (("radalt", "make-recording", "--ant"), "--antennas"),
     ):
         script = (
             f". {completion}; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _radalt; "
             'echo "${COMPREPLY[@]}"'
         )
         assert run("bash", "-c", script, cwd=tmp_path).strip() == expected
-    for name in PROGRAMS:
+    for name in programs():
         page = (prefix / f"share/man/man1/radalt-{name}.1").read_text()
         assert page.startswith(".TH RADALT") and "\\-\\-help" in page
         assert ".venv/bin" not in page, name
@@ -243,7 +246,10 @@ def test_what_the_companion_generates_is_not_installed(root: Path, tmp_path: Pat
     run("cmake", "-S", source, "-B", tmp_path / "build", cwd=tmp_path)
     run("cmake", "--install", tmp_path / "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)
     installed = {f.name for f in (tmp_path / "prefix/share/gr-radalt/flowgraphs").glob("*.py")}
-    assert installed == {f"{script}.py" for script in PROGRAMS.values()} | {"_startup.py", "own_method.py"}
+    assert installed == {f"{program.script}.py" for program in programs().values()} | {
+        "_startup.py",
+        "own_method.py",
+    }
 
 
 @pytest.mark.timeout(240)

@@ -9,9 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import landing_eval
 import numpy as np
 import pytest
+from hostile import ended
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
@@ -22,6 +22,7 @@ from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.folder import SCHEMA
 from radalt.evaluation.results.score import accuracy_limit_m, score_frames
+from radalt.studies.landing import command as landing_command
 from radalt.studies.landing import config as landing
 from radalt.studies.landing import points as landing_points
 from radalt.studies.landing import report as landing_report
@@ -71,8 +72,8 @@ def test_shipped_study_states_the_defaults(root):
 
 def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
-    assert landing_eval.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
-    assert landing_eval.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
+    assert landing_command.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
+    assert landing_command.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
     for name in TABLES:
         assert (one / name).read_bytes() == (two / name).read_bytes()
     report = json.loads((one / "report.json").read_text())
@@ -105,17 +106,17 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
 def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
     out = tmp_path / "run"
     arguments = [str(small), "--out", str(out), "--jobs", "1"]
-    assert landing_eval.main(arguments) == 0
+    assert landing_command.main(arguments) == 0
     whole = {name: (out / name).read_bytes() for name in ("points.jsonl", *TABLES)}
     text = whole["points.jsonl"]
     (out / "points.jsonl").write_bytes(text[: int(0.6 * len(text))])  # in the middle of a line
     (out / "curve.csv").write_text("half of")
-    assert landing_eval.main([*arguments, "--resume"]) == 0
+    assert landing_command.main([*arguments, "--resume"]) == 0
     assert 0 < json.loads((out / "report.json").read_text())["run"]["points_resumed"] < 7
     assert all((out / name).read_bytes() == whole[name] for name in TABLES)
-    assert landing_eval.main(arguments) == 2
+    assert landing_command.main(arguments) == 2
     assert "--resume" in capsys.readouterr().err
-    assert landing_eval.main([*arguments, "--resume", "--seed", "4"]) == 2
+    assert landing_command.main([*arguments, "--resume", "--seed", "4"]) == 2
     assert "holds another run: seed is 3 there and 4 here" in capsys.readouterr().err
 
 
@@ -200,7 +201,7 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
     files = [str(root / "flowgraphs" / "landing" / f"flat_n41w0{n}.dt0") for n in (89, 88)]
     arguments = [str(small), "--out", str(tmp_path / "out"), "--jobs", "1", "--trajectory", str(path)]
     arguments += ["--altitude-offset-m", "34", "--terrain", *files, "--trials", "0"]
-    assert landing_eval.main(arguments) == 0
+    assert landing_command.main(arguments) == 0
     heights = [float(r["height_m"]) for r in _rows(tmp_path / "out" / "approach.csv")]
     assert max(heights) == pytest.approx(356.0, abs=4.0)
 
@@ -219,13 +220,15 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
         (["{out}/none.yaml"], "none.yaml"),
     ],
 )
-def test_what_does_not_fit_gets_one_line(small, tmp_path, root, capsys, arguments, message):
+def test_what_does_not_fit_gets_one_line(small, tmp_path, root, arguments, message):
     (tmp_path / "wide.yaml").write_text(small.read_text() + "interference: {qpsk: {bandwidth_hz: 9.0e+6}}\n")
     flat = root / "flowgraphs" / "landing"
     arguments = [a.format(flat=flat, out=tmp_path) for a in arguments]
     study = [] if arguments[0].endswith(".yaml") else [str(small)]
-    assert landing_eval.main([*study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"]) == 2
-    error = capsys.readouterr().err
+    status, error = ended(
+        landing_command.main, *study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"
+    )
+    assert status == 2
     assert message in error and error.count("\n") == 1
 
 

@@ -241,15 +241,16 @@ def test_idle_slots_send_control_alone():
     assert (np.abs(grid.values.reshape(-1, 10, 14)[..., :2]) > 0).any(axis=(0, 2)).all()
 
 
-def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None)):
+def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slice(None), spacing_hz=15e3):
     """Correlate with every subcarrier over one symbol length, timing in units of T_c (clauses 4.1, 5.3.1)."""
     kappa_tc = 64 / (480e3 * 4096)
-    frequency = ((np.arange(subcarriers) - subcarriers / 2) * 15e3 + carrier_hz)[kept]
-    length = round(rate_hz / 15e3)
+    numerology = {15e3: 0, 30e3: 1}[spacing_hz]
+    frequency = ((np.arange(subcarriers) - subcarriers / 2) * spacing_hz + carrier_hz)[kept]
+    length = round(rate_hz / spacing_hz)
     out = np.empty((frequency.size, symbols), complex)
     start = 0  # of the symbol, prefix included, in kappa T_c
     for number in range(symbols):
-        prefix = 144 + (16 if number % 7 == 0 else 0)
+        prefix = 144 // 2**numerology + (16 if number % (7 * 2**numerology) == 0 else 0)
         useful_s = (start + prefix) * kappa_tc
         first = int(np.ceil((start + prefix / 2) * kappa_tc * rate_hz - 1e-9))  # half the prefix early
         t = np.arange(first, first + length) / rate_hz
@@ -257,8 +258,8 @@ def demodulate(samples, rate_hz, subcarriers, symbols, carrier_hz=0.0, kept=slic
         # The carrier offset turns from sample 0 on, the subcarriers from the start of the useful part.
         lag = np.exp(2j * np.pi * (frequency - carrier_hz) * useful_s)
         out[:, number] = kernel @ samples[first : first + length] / length * lag
-        start += 2048 + prefix
-    assert start * kappa_tc == pytest.approx(symbols / 14 * 1e-3, rel=1e-12)
+        start += 2048 // 2**numerology + prefix
+    assert start * kappa_tc == pytest.approx(symbols / 14 * 1e-3 / 2**numerology, rel=1e-12)
     return out
 
 
@@ -277,6 +278,180 @@ def test_every_resource_element_comes_back_at_the_native_rate(bandwidth_hz):
     received = demodulate(samples, config.sample_rate_hz, config.subcarriers, 140)
     assert np.max(np.abs(received - sent)) < 1e-9  # unscaled definition, so even the gain is 1
     assert evm_db(received, sent) < -60
+
+
+@pytest.mark.parametrize(
+    ("spacing_hz", "bandwidth_hz", "blocks", "rate_hz"),
+    [
+        (15e3, 20e6, 106, 30.72e6),
+        (30e3, 10e6, 24, 15.36e6),
+        (30e3, 20e6, 51, 30.72e6),
+        (30e3, 100e6, 273, 122.88e6),
+    ],
+)
+def test_wider_carriers_and_30_khz_come_back_element_by_element(spacing_hz, bandwidth_hz, blocks, rate_hz):
+    """TS 38.101-1 Table 5.3.2-1; 28 symbols, which hold every kind of cyclic prefix."""
+    config = nr.NrConfig(channel_bandwidth_hz=bandwidth_hz, subcarrier_spacing_hz=spacing_hz, cell_id=9)
+    assert (config.resource_blocks, config.sample_rate_hz) == (blocks, rate_hz)
+    sent = nr.resource_grid(config, np.random.default_rng(config.seed)).values
+    assert sent.shape == (12 * blocks, {15e3: 140, 30e3: 280}[spacing_hz])
+    samples = nr.frame_samples(config)
+    assert samples.size == round(rate_hz * 10e-3)
+    kept = slice(None, None, 1 + blocks // 40)
+    received = demodulate(samples, rate_hz, 12 * blocks, 28, 0.0, kept, spacing_hz)
+    assert np.max(np.abs(received - sent[kept, :28])) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("spacing_hz", "bandwidth_hz", "carrier_hz"),
+    [(30e3, 10e6, 0.0), (30e3, 40e6, 19e6), (30e3, 100e6, -30e6), (15e3, 50e6, 3e6)],
+)
+def test_what_the_filter_passes_of_a_wide_carrier_comes_back(spacing_hz, bandwidth_hz, carrier_hz):
+    emitter = nr.NrEmitter(
+        channel_bandwidth_hz=bandwidth_hz,
+        subcarrier_spacing_hz=spacing_hz,
+        carrier_hz=carrier_hz,
+        ssb_indices=(),
+    )
+    sent = nr.resource_grid(emitter, np.random.default_rng(emitter.seed)).values
+    received, _ = emitter.period(RATE_HZ)
+    assert np.mean(np.abs(received) ** 2) == pytest.approx(1.0)
+    offset = (np.arange(emitter.subcarriers) - emitter.subcarriers / 2) * spacing_hz + carrier_hz
+    passed = np.abs(offset) < 0.45 * RATE_HZ - 40e3
+    assert passed.sum() > 90
+    symbols = 28
+    got = demodulate(received, RATE_HZ, emitter.subcarriers, symbols, carrier_hz, passed, spacing_hz)
+    assert evm_db(got, sent[passed, :symbols]) < -35  # the filter's edges lie in half a prefix of 8.8 samples
+
+
+@pytest.mark.parametrize("modulation", ["qpsk", "16qam", "64qam", "256qam"])
+@pytest.mark.parametrize("evm", [0.1, "typical"])
+def test_a_textbook_demodulator_measures_the_evm_asked_for(modulation, evm):
+    config = nr.NrConfig(modulation=modulation, evm=evm)
+    limit = {"qpsk": 0.175, "16qam": 0.125, "64qam": 0.08, "256qam": 0.035}[modulation]  # TS 38.104
+    wanted = limit / 2 if evm == "typical" else evm
+    grid = nr.resource_grid(config, np.random.default_rng(config.seed))
+    assert np.array_equal(
+        grid.values, nr.resource_grid(nr.NrConfig(modulation=modulation), np.random.default_rng(0)).values
+    )
+    data = grid.where(Element.PDSCH)
+    got = demodulate(nr.frame_samples(config), config.sample_rate_hz, config.subcarriers, 140)
+    error = got - grid.values
+    reference = np.sqrt(np.mean(np.abs(grid.values[data]) ** 2))
+    measured = np.sqrt(np.mean(np.abs(error[data]) ** 2)) / reference
+    assert measured == pytest.approx(wanted, rel=0.02)
+    # white, circular, and of every element alike, pilots and empty ones too
+    assert abs(np.mean(error**2)) < 0.03 * np.mean(np.abs(error) ** 2)
+    for axis in (0, 1):
+        lagged = np.vdot(np.delete(error, 0, axis), np.delete(error, -1, axis)) / np.vdot(error, error)
+        assert abs(lagged) < 0.03
+    rest = ~data & (grid.elements.any(axis=0))
+    assert np.sqrt(np.mean(np.abs(error[rest]) ** 2)) / reference == pytest.approx(wanted, rel=0.05)
+
+
+def test_mixed_users_have_the_typical_evm_of_their_own_alphabet_and_frames_differ():
+    config = nr.NrConfig(modulation="mixed", evm="typical", ssb_indices=(), frame_count=2)
+    rng = np.random.default_rng(config.seed)
+    grids = [nr.resource_grid(config, rng) for _ in range(2)]
+    samples = nr.frame_samples(config).reshape(2, -1)
+    errors = [
+        demodulate(s, config.sample_rate_hz, 300, 140) - g.values for s, g in zip(samples, grids, strict=True)
+    ]
+    assert abs(np.vdot(*errors)) < 0.02 * np.linalg.norm(errors[0]) * np.linalg.norm(errors[1])
+    grid, error = grids[0], errors[0]
+    seen = {}
+    for first in range(0, 288, 24):
+        for slot in range(10):
+            part = slice(first, first + 24), slice(14 * slot, 14 * slot + 14)
+            here = grid.elements[part] == Element.PDSCH
+            sent = np.round(grid.values[part][here], 9)
+            size = next(s for s in (4, 16, 64, 256) if np.unique(sent).size <= s)
+            seen.setdefault(size, []).append(np.mean(np.abs(error[part][here]) ** 2))
+    for size, limit in ((4, 0.175), (16, 0.125), (64, 0.08), (256, 0.035)):
+        assert np.sqrt(np.mean(seen[size])) == pytest.approx(limit / 2, rel=0.02)
+
+
+def test_error_vectors_are_in_the_prefix_as_in_the_symbol():
+    samples = nr.frame_samples(nr.NrConfig(evm=0.2))
+    np.testing.assert_allclose(samples[:40], samples[512:552], atol=1e-9)
+
+
+def precoded(config):
+    """(groups of four blocks, slots) factor of the DM-RS against the sequence, and how much it varies within them."""
+    grid = nr.resource_grid(config, np.random.default_rng(config.seed))
+    factors, spread = [], []
+    for slot in range(config.slots_per_frame):
+        pilots = np.array(lfsr_qpsk((2**17 * (14 * slot + 3) * 1) % 2**31, 6 * config.resource_blocks))
+        factor = grid.values[::2, 14 * slot + 2] / (10 ** (3 / 20) * pilots)
+        factor = factor[: factor.size // 24 * 24].reshape(-1, 24)
+        factors.append(factor.mean(axis=1))
+        spread.append(np.abs(factor - factors[-1][:, None]).max())
+    return grid, np.array(factors).T, max(spread)
+
+
+def test_precoders_are_constant_over_four_blocks_and_a_slot_and_within_6_db():
+    config = nr.NrConfig(channel_bandwidth_hz=20e6, modulation="qpsk", precoding=True, ssb_indices=())
+    grid, factors, spread = precoded(config)
+    assert spread < 1e-12
+    level = 20 * np.log10(np.abs(factors))
+    assert -3.0 <= level.min() < -2.7 and 2.7 < level.max() <= 3.0
+    assert np.unique(np.round(np.angle(factors), 6)).size == factors.size
+    data = grid.values[: 48 * factors.shape[0]].reshape(-1, 48, 10, 14)[:, :, :, 3:11]
+    points = data / factors[:, None, :, None]  # data with its DM-RS
+    np.testing.assert_allclose(np.abs(points), 1.0, atol=1e-9)
+    np.testing.assert_allclose(points**4, -1.0, atol=1e-9)
+
+
+def test_second_layer_has_its_power_and_the_other_port_of_the_dmrs():
+    config = nr.NrConfig(modulation="64qam", second_layer_db=-6.0, ssb_indices=())
+    one = nr.resource_grid(nr.NrConfig(modulation="64qam", ssb_indices=()), np.random.default_rng(0))
+    both = nr.resource_grid(config, np.random.default_rng(0))
+    assert np.array_equal(one.elements, both.elements)
+    data = both.where(Element.PDSCH)
+    power = np.mean(np.abs(both.values[data]) ** 2)
+    assert power == pytest.approx(1 + 10**-0.6, rel=0.03)
+    for slot in (0, 7):
+        pilots = np.array(lfsr_qpsk((2**17 * (14 * slot + 3)) % 2**31, 150)) * 10 ** (3 / 20)
+        seen = (both.values[::2, 14 * slot + 2] / pilots)[:144].reshape(
+            -1, 12, 2
+        )  # covers + + and + - of 1000 and 1001
+        np.testing.assert_allclose(seen.mean(axis=2), 1.0, atol=1e-9)
+        other = (seen[..., 0] - seen[..., 1]) / 2
+        np.testing.assert_allclose(np.abs(other), 10**-0.3, atol=1e-9)
+        assert np.abs(np.diff(other[:, 0])).min() > 1e-3  # a precoder of its own, by the group of 24 pilots
+        assert np.abs(other - other[:, :1]).max() < 1e-9
+
+
+def test_tdd_sends_in_downlink_slots_and_ten_symbols_of_special_ones():
+    config = nr.NrConfig(
+        channel_bandwidth_hz=20e6, subcarrier_spacing_hz=30e3, tdd="DDDSU", dmrs_additional_positions=2
+    )
+    grid = nr.resource_grid(config, np.random.default_rng(1))
+    used = grid.elements.any(axis=0).reshape(20, 14)
+    for slot, kind in enumerate("DDDSU" * 4):
+        assert (
+            used[slot].tolist() == {"D": [True] * 14, "S": [True] * 10 + [False] * 4, "U": [False] * 14}[kind]
+        )
+    pilots = (grid.elements == Element.PDSCH_DMRS).any(axis=0).reshape(20, 14)
+    assert np.flatnonzero(pilots[5]).tolist() == [2, 7, 11]
+    assert np.flatnonzero(pilots[8]).tolist() == [2, 6, 9]  # Table 7.4.1.1.2-3, ten symbols
+    silent = nr.frame_samples(nr.NrConfig(tdd="DDDSU", evm=0.1)).reshape(10, -1)
+    assert not silent[4].any() and silent[5].any()  # no error vectors where nothing is sent
+
+
+def test_tracking_reference_signal():
+    """Clause 7.4.1.5.3, row 1: density 3, one port; TS 38.214 clause 5.1.6.1.1: two symbols in two slots in a row."""
+    cell_id = 77
+    config = nr.NrConfig(cell_id=cell_id, csi_rs=True, dmrs_additional_positions=3)
+    grid = nr.resource_grid(config, np.random.default_rng(1))
+    rows, columns = np.nonzero(grid.elements == Element.CSI_RS)
+    assert np.unique(columns).tolist() == [14 + 6, 14 + 10, 28 + 6, 28 + 10]
+    for column in np.unique(columns):
+        slot, symbol = divmod(int(column), 14)
+        c_init = (2**10 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + cell_id) % 2**31
+        assert rows[columns == column].tolist() == list(range(0, 300, 4))
+        np.testing.assert_allclose(grid.values[::4, column], lfsr_qpsk(c_init, 75), atol=1e-12)
+        assert (grid.elements[1::4, column] == Element.PDSCH).all()  # data around it
 
 
 @pytest.mark.parametrize(
@@ -389,8 +564,16 @@ def test_received_fraction_counts_what_the_filter_leaves():
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("channel_bandwidth_hz", 20e6),
+        ("channel_bandwidth_hz", 21e6),
+        ("channel_bandwidth_hz", 100e6),
+        ("subcarrier_spacing_hz", 60e3),
         ("subcarrier_spacing_hz", 30e3),
+        ("evm", -0.1),
+        ("evm", "good"),
+        ("second_layer_db", 30.0),
+        ("tdd", "DDX"),
+        ("tdd", "DDD"),
+        ("tdd", "UDDDD"),
         ("cell_id", 1008),
         ("cell_id", -1),
         ("cell_id", 1.5),

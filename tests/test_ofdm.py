@@ -8,12 +8,9 @@ from scipy import signal
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
-from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from radalt.core.interference.multipath import FadedEmitter, FadingChannel
 from radalt.core.interference.stream import JammerStream
 from radalt.core.mitigation import MitigationError, create, ofdm_cancel
-from radalt.core.mitigation.interference_detector import InterferenceDetector
-from radalt.core.mitigation.joint import JointCancel
 from radalt.core.mitigation.ofdm import demodulator
 from radalt.core.mitigation.ofdm.acquisition import find_prefix
 from radalt.core.mitigation.ofdm.burst import whole
@@ -533,11 +530,7 @@ def test_what_cannot_be_read_is_looked_for_less_often_and_found_when_it_can():
 def test_what_noise_hides_is_given_up_in_the_first_turn(monkeypatch):
     hidden, _ = received(CASES["nr10_noise10"], -40.0, 4, np.random.default_rng(991203))
     monkeypatch.delattr(demodulator, "true_up")  # which ends a turn, and would fail
-    asked = []
-    monkeypatch.setattr(JointCancel, "cancel", lambda self, frame: asked.append(1))
     np.testing.assert_array_equal(create("ofdm_cancel", W).process(hidden), hidden)
-    create("hybrid", W, other="whitening").process(hidden)
-    assert not asked  # without a clock there is no QPSK in the band
 
 
 def test_a_carrier_is_found_so_well_that_no_symbols_are_read_again(monkeypatch):
@@ -751,183 +744,3 @@ def test_what_does_not_fit_is_one_line():
         create("ofdm_cancel", W, span_m=-1.0)
     with pytest.raises(MitigationError, match="a frame shorter than 0.3e-3 holds too few symbols"):
         create("ofdm_cancel", Waveform(sweep_s=0.2e-3))
-
-
-def test_hybrid_gives_each_frame_to_the_method_that_knows_it():
-    _, frames = returns(6, 22)
-    frames[:2] += heard(NrEmitter(**NR10), 2, -40, 23)
-    frames[2:4] += heard(ToneEmitter(3), 2, -30, 24, 0.5)
-    frames = frames.astype(np.complex64)
-    for other in ("whitening", "tcae"):
-        method = create("hybrid", W, other=other, max_altitude_m=1500.0)
-        cleaned = method.process(frames)
-        cancelled = create("ofdm_cancel", W, span_m=1500.0).process(frames[:2])
-        np.testing.assert_array_equal(cleaned[:2], cancelled)
-        expected = [create(other, W).process(frame) for frame in frames[2:]]
-        np.testing.assert_array_equal(cleaned[2:], expected)
-        assert method.status()["cancelled"] == 2
-    with pytest.raises(MitigationError, match="hybrid.other is 'lms'; one of tcae, whitening"):
-        create("hybrid", W, other="lms")
-
-
-def test_beside_bursts_the_network_alone_decides():
-    """The quiet part is what the network lives on, and whitening spreads bursts over it.
-
-    NR that may be found there is read with many errors: other emitters' bursts stand beside it.
-    """
-    emitters = [
-        Interferer(emitter, 0.0, 0.3) for emitter in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=3))
-    ]
-    rng = np.random.default_rng(50)
-    frames = point_return(W, rng.uniform(3, 1500, 30), dtype=np.complex128)
-    frames += interference_frames(emitters, 30, 7500, W.rate_hz, rng, total_sir_db=-55.0)
-    frames = frames.astype(np.complex64)
-    hybrid, network = create("hybrid", W), create("tcae", W)
-    same = [np.array_equal(hybrid.process(frame), network.process(frame)) for frame in frames]
-    assert sum(same) >= 27
-
-
-@pytest.mark.parametrize("received", [True, False])
-def test_what_no_pulse_explains_has_the_networks_output_beside_it(received):
-    """QPSK that the sample grid cuts, heard between its samples, is no sum of pulses; what a receiver hears is."""
-    rng = np.random.default_rng(61)
-    frames = point_return(W, rng.uniform(3, 1500, 4), dtype=np.complex128)
-    for frame in frames:
-        sent = (QpskReceivedEmitter() if received else QpskEmitter()).samples(4628, W.rate_hz, rng)
-        between = np.exp(-1j * np.pi * np.fft.fftfreq(sent.size))
-        frame[1000:5500] += 100.0 * np.fft.ifft(np.fft.fft(sent) * between)[64:-64]
-        frame += np.sqrt(0.05) * rng.standard_normal((W.samples_per_frame, 2)).view(np.complex128)[:, 0]
-    frames = frames.astype(np.complex64)
-    hybrid, network = create("hybrid", W), create("tcae", W)
-    for frame in frames:
-        alone = create("qpsk_cancel", W).process(frame[None])[0]
-        out = network.process(frame[None])[0]
-        both = out + 2 * np.linalg.norm(out) / np.linalg.norm(alone) * alone
-        hybrid.reset()
-        wanted = alone if received else both
-        np.testing.assert_allclose(
-            hybrid.process(frame[None])[0], wanted, rtol=0, atol=1e-6 * np.abs(both).max()
-        )
-
-
-@pytest.mark.parametrize(("busy", "misread"), [(0.6, 0.01), (1.0, 0.2)])
-def test_what_leaves_no_return_has_not_read_the_frame(busy, misread):
-    """A return at an SNR of -8 dB is left; or another emitter's burst beside it, 14 dB above it."""
-    _, frames = returns(1, 3, snr_db=-8.0)
-    hybrid = create("hybrid", W)
-    hybrid._ofdm.busy, hybrid._ofdm.misread = busy, misread
-    assert hybrid._fills(hybrid._ofdm, frames[0].astype(np.complex64))
-    frames += heard(QpskEmitter(), 1, -14.0, 3, overlap=0.3)
-    assert not hybrid._fills(hybrid._ofdm, frames[0].astype(np.complex64))
-
-
-def test_a_live_path_looks_ever_less_often_for_what_it_cannot_follow(monkeypatch):
-    """Tones go to the other method all the same; a carrier that begins later is found, and followed from then on."""
-    _, tones = returns(120, 41)
-    tones = (tones + heard(ToneEmitter(3), 120, -30, 42)).astype(np.complex64)
-    carrier, _ = received(CASES["nr10_stream"], -45.0, 70, np.random.default_rng(43))
-    method, looks = create("hybrid", W, other="whitening", live=True), []
-    find = method._ofdm._find
-    monkeypatch.setattr(method._ofdm, "_find", lambda frame: looks.append(1) or find(frame))
-    cleaned = [method.process(frame) for frame in tones]
-    assert len(looks) == 6  # after pauses of 1, 3, 7, 15 and 31 frames
-    np.testing.assert_array_equal(cleaned, create("whitening", W).process(tones))
-    method.process(carrier)
-    assert len(looks) == 7 and method.cancelled == 64  # found in its seventh frame
-    method.process(tones[:1])
-    assert len(looks) == 8  # what was followed for so long is looked for at once
-
-
-@pytest.mark.parametrize("live", [False, True])
-@pytest.mark.parametrize(
-    ("emitters", "total_sir_db", "better"),
-    [
-        ((ToneEmitter(3), QpskEmitter(), NrEmitter(seed=6, frame_count=2)), -34.5, "whitening"),
-        ((QpskEmitter(pulse="rrc"), NrEmitter(seed=6, frame_count=2)), -46.0, "tcae"),
-    ],
-)
-def test_hybrid_whitens_where_the_network_is_at_its_end(monkeypatch, live, emitters, total_sir_db, better):
-    """Several emitters over the whole frame that cannot be read: the network is far better, or a little worse."""
-    monkeypatch.setattr(JointCancel, "cancel", lambda self, frame: None)  # as if it could not be read
-    altitude_m, frames = returns(100, 36)
-    parts = [Interferer(emitter, 0.0) for emitter in emitters]
-    rng = np.random.default_rng(37)
-    frames = frames + interference_frames(
-        parts, 100, W.samples_per_frame, W.rate_hz, rng, total_sir_db=total_sir_db
-    )
-    frames = frames.astype(np.complex64)
-    cleaned = {m: create(m, W).process(frames) for m in ("tcae", "whitening")}
-    cleaned["hybrid"] = create("hybrid", W, live=live).process(frames)
-    pd = {m: right(out, altitude_m) for m, out in cleaned.items()}
-    other = "tcae" if better == "whitening" else "whitening"
-    assert pd[better] > pd[other] + 0.05
-    assert pd["hybrid"] >= pd[better] - 0.05
-
-
-def test_hybrid_whitens_white_frames_in_which_the_network_is_near_its_end():
-    """White noise alone beside the return: the network can only make it smaller, and parts of the return with it."""
-    _, frames = returns(40, 39)
-    frames = frames + 10 ** (21 / 20) * noise(40, np.random.default_rng(40))
-    frames = frames.astype(np.complex64)
-    of_network, white, out = (create(m, W).process(frames) for m in ("tcae", "whitening", "hybrid"))
-    left_db = InterferenceDetector(W).residual_db(of_network)
-    near = (left_db > -2.9) & (left_db <= -1.0)
-    assert np.count_nonzero(near) > 10
-    np.testing.assert_array_equal(out[near], white[near])
-
-
-def test_a_live_path_runs_the_network_on_one_frame_in_eight_where_it_is_at_its_end(monkeypatch):
-    """However the frames are split."""
-    _, frames = returns(72, 36)
-    parts = [Interferer(e, 0.0) for e in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=6, frame_count=8))]
-    rng = np.random.default_rng(38)
-    frames += interference_frames(parts, 72, W.samples_per_frame, W.rate_hz, rng, total_sir_db=-43.0)
-    frames = frames.astype(np.complex64)
-    cleaned = []
-    for sizes in ([72], [1, 7, 13, 3, 48]):
-        method, count = create("hybrid", W, live=True), []
-        run = method._other.process
-        monkeypatch.setattr(
-            method._other,
-            "process",
-            lambda part, run=run, count=count: (count.append(len(part)), run(part))[1],
-        )
-        cleaned.append(
-            np.concatenate([method.process(part) for part in np.split(frames, np.cumsum(sizes)[:-1])])
-        )
-        assert sum(count) <= 18  # 9 of them tell, and at first it may not be at its end
-    # the network's last bits depend on the batch
-    np.testing.assert_allclose(*cleaned, rtol=0, atol=1e-5 * np.abs(cleaned[0]).max())
-
-
-@pytest.mark.parametrize("altitude_m", [30.0, 750.0, 1470.0])
-def test_a_return_under_a_mixture_stands_out_at_the_ends_of_the_span_as_well(altitude_m):
-    """Summed over frames, as the tracker does. The network alone leaves a quarter less at both ends."""
-    rng = np.random.default_rng(45)
-    frames = point_return(W, np.full(80, altitude_m)) + 10**-0.5 * noise(80, rng)
-    parts = [Interferer(e, 0.0) for e in (ToneEmitter(3), QpskEmitter(), NrEmitter(seed=7, frame_count=8))]
-    frames = frames + interference_frames(parts, 80, W.samples_per_frame, W.rate_hz, rng, total_sir_db=-38.0)
-    frames = frames.astype(np.complex64)
-    clean = ALTIMETER.spectra(point_return(W, np.full(1, altitude_m))).power[0]
-
-    def votes(method):
-        """Of the return's cells over those of all cells, in standard deviations of one cell."""
-        power = ALTIMETER.spectra(method.process(frames)).power
-        level = np.log1p(power / power.mean(axis=-1, keepdims=True))
-        here = [level[:, half, clean[half].argmax()] for half in range(2)]
-        return float((np.mean(here) - level.mean()) / level.std())
-
-    assert votes(create("hybrid", W, live=True)) >= 0.95 * votes(create("whitening", W))
-
-
-@pytest.mark.parametrize("live", [False, True])
-def test_hybrid_whitens_what_is_white_noise_to_it(live):
-    """64QAM whose own noise, 5 dB below it, hides every point: a network makes errors of its own there."""
-    frames, altitude_m = received(CASES["nr10_noise5"], -25.0, 60, np.random.default_rng(38))
-    cleaned = {m: create(m, W).process(frames) for m in ("none", "whitening")}
-    cleaned["network"] = create("tcae", W, skip_lost=False).process(frames)
-    cleaned["hybrid"] = create("hybrid", W, live=live).process(frames)
-    pd = {m: right(out, altitude_m) for m, out in cleaned.items()}
-    assert pd["hybrid"] >= max(pd["none"] - 0.03, pd["network"] + 0.03)
-    alone = np.all(cleaned["hybrid"] == cleaned["whitening"], axis=1)
-    assert np.mean(alone) > 0.3

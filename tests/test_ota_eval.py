@@ -242,7 +242,7 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
-    assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make eval" in done.stderr
+    assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
 
 def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path):

@@ -14,7 +14,7 @@ import pytest
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
-from radalt.core.scene import load_scene
+from radalt.core.scene import SceneError, load_scene, parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.embedded import embed
 from radalt.evaluation.flowgraph.generate import Prepared, generate, prepare
@@ -256,7 +256,7 @@ def test_embedding_changes_our_blocks_and_the_places_alone():
 
 def test_shipped_flowgraphs_are_the_mechanical_ones():
     """After a change of ota_b210.grc, ota_live.grc or a block description: `make flowgraphs`."""
-    spec = importlib.util.spec_from_file_location("make_flowgraphs", FLOWGRAPHS / "make_flowgraphs.py")
+    spec = importlib.util.spec_from_file_location("make_flowgraphs", ROOT / "tools/make_flowgraphs.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, data in module.made().items():
@@ -299,3 +299,56 @@ def test_unusable_file_ends_the_program_with_one_line(tmp_path, option):
     done = call(FLOWGRAPHS / "ota_eval.py", "--sim", option, path, "--out", tmp_path / "out")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
+
+
+# -- networks and files of the user's own, beside each other and beside the shipped ones ------------------------------
+
+
+def test_several_own_methods_are_rows_of_their_own(root, tmp_path):
+    own = root / "flowgraphs/own_method.py"
+    words = (
+        "--sim --overlap 1 --sir-db=-28 --altitudes 300 --frames 4 --jobs 1 --methods none --model".split()
+    )
+    words += [
+        f"mine={root / 'models/any_sweep.onnx'}",
+        "--method-file",
+        f"notch={own}",
+        "--method-file",
+        str(own),
+    ]
+    command = [sys.executable, str(root / "flowgraphs/ota_eval.py"), *words, "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    rows = {row["method"]: row for row in report["rows"]}
+    assert set(rows) == {"none", "mine", "notch", "custom"}
+    assert rows["notch"]["correct"] == rows["custom"]["correct"]
+    assert report["methods"]["mine"]["model"] == "any_sweep.onnx"
+    assert len(report["methods"]["notch"]["sha256"]) == 64
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tcae": {"method": "tcae", "model": "x.onnx"}}, "cannot be called 'tcae'"),
+        ({"Mine!": {"method": "custom", "file": "x.py"}}, "take a new name of lower-case letters"),
+        ({"mine": {"method": "fft"}}, "method is 'fft'; it has to be tcae or custom"),
+        ({"whitening": {"waveform": 1}}, "has the key 'waveform', which the scene itself gives"),
+        ({"whitening": {"name": "x"}}, "has the key 'name', which the scene itself gives"),
+    ],
+)
+def test_a_name_or_an_option_that_cannot_be_is_one_line(options, message):
+    with pytest.raises((SceneError, MitigationError), match=message):
+        parse_scene({"method_options": options})
+
+
+def test_a_batch_that_is_none_is_one_line():
+    with pytest.raises(MitigationError, match="whitening.batch is 'x'; it has to be a whole number"):
+        create("whitening", Waveform(), batch="x")
+
+
+def test_a_method_that_returns_real_numbers_is_refused(tmp_path):
+    source = "import numpy as np\ndef mitigate(frames, waveform):\n    return np.abs(frames)\n"
+    (tmp_path / "real.py").write_text(source)
+    with pytest.raises(MitigationError, match="gives float32 of shape .*; expected complex frames"):
+        create("custom", Waveform(), file=tmp_path / "real.py")

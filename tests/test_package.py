@@ -31,10 +31,6 @@ def run_in_package(root: Path, tmp_path: Path):
     return run
 
 
-def test_public_names_are_the_block_files(run_in_package):
-    assert run_in_package("import gauge; print(*gauge.__all__)") == "chirp_source range_sink"
-
-
 def test_listing_shows_blocks_before_they_are_imported(run_in_package):
     listing = run_in_package("import gauge; print(*dir(gauge))").split()
     assert {"chirp_source", "range_sink", "core", "__version__"} <= set(listing)
@@ -54,7 +50,6 @@ def test_using_one_block_imports_no_other(run_in_package):
         "from gauge import chirp_source as block",
         "import gauge.blocks.chirp_source; block = gauge.chirp_source",
         "from gauge.blocks.chirp_source import chirp_source; import gauge; block = gauge.chirp_source",
-        "from gauge import *; block = chirp_source",
     ],
 )
 def test_block_name_is_the_class_however_it_was_first_imported(run_in_package, statements):
@@ -67,7 +62,7 @@ def test_subpackage_is_an_attribute(run_in_package):
 
 def test_unknown_block_is_named_with_those_there_are(run_in_package):
     statements = "import gauge\ntry: gauge.chrip_source\nexcept AttributeError as error: print(error)"
-    assert run_in_package(statements).endswith("no block 'chrip_source'; it has: chirp_source, range_sink")
+    assert run_in_package(statements).endswith("; blocks: chirp_source, range_sink")
 
 
 def test_package_and_core_load_nothing_but_numpy_and_scipy(root: Path):
@@ -91,7 +86,7 @@ def test_every_block_is_a_class_of_gnu_radio(root: Path):
     from gnuradio import radalt
 
     files = {file.stem for file in (root / "python/radalt/blocks").glob("[!_]*.py")}
-    assert set(radalt.__all__) == files
+    assert files <= set(dir(radalt)) and not files & set(radalt.__all__)
     for name in files:
         assert isinstance(getattr(radalt, name), type), f"{name}.py defines no class {name}"
 

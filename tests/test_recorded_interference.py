@@ -3,7 +3,6 @@
 import json
 import re
 
-import make_recording
 import numpy as np
 import pytest
 
@@ -17,6 +16,7 @@ from radalt.core.interference.own_noise import MOST_DB, prefix_snr_db
 from radalt.core.interference.stream import JammerStream
 from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
 from radalt.core.waveform import Waveform
+from radalt.evaluation.commands import make_recording
 
 RATE_HZ = 7.5e6
 

@@ -1,8 +1,10 @@
 """SigMF capture and replay: to the bit what was live, gaps included; foreign recordings; files that do not fit."""
 
+import csv
 import hashlib
 import json
 import os
+import tarfile
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 import sigmf
 import uhd_double
 
+from radalt.core.interference.emitters.recording import RecordingEmitter
 from radalt.core.mitigation import CUSTOM, METHODS
 from radalt.core.radio.calibration import CalibrationKey, store_latency_samples
 from radalt.core.radio.recording import RecordingError, open_capture
@@ -17,7 +20,7 @@ from radalt.core.returns.point import point_return
 from radalt.core.scene import parse_scene
 from radalt.core.waveform import Waveform
 from radalt.evaluation.flowgraph.generate import prepare
-from radalt.evaluation.flowgraph.recorder import prepare_replay, replay_scene, run_replay, summary
+from radalt.evaluation.flowgraph.replay import prepare_replay, replay_scene, run_replay, summary
 from radalt.evaluation.flowgraph.run import run_point
 from radalt.evaluation.radios.hardware import run_hardware
 from radalt.evaluation.results.folder import FolderError, read_report
@@ -176,6 +179,118 @@ def test_resampling_in_blocks_is_resampling_at_once(tmp_path, monkeypatch):
     want = signal.resample_poly(samples.astype(np.complex64), 3, 4)
     assert got.size == want.size == 30_000
     assert np.abs(got - want).max() < 1e-5
+
+
+def sweeps(count: int, altitude_m: float = 0.0) -> np.ndarray:
+    """(count frames) of the default sweep's return with a little noise."""
+    samples = np.tile(point_return(Waveform(), altitude_m).ravel(), count).astype(np.complex128)
+    rng = np.random.default_rng(3)
+    return samples + 0.1 * (rng.standard_normal(samples.size) + 1j * rng.standard_normal(samples.size))
+
+
+def rewritten(path, change) -> Path:
+    """The recording with other metadata."""
+    meta = json.loads(path.read_text())
+    change(meta)
+    path.write_text(json.dumps(meta))
+    return path
+
+
+def test_keys_of_other_programs_are_ignored(tmp_path):
+    """SDRangel writes keys of a namespace that it does not declare."""
+    samples = sweeps(2)
+    path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
+
+    def sdrangel(meta):
+        meta["global"] |= {"sdrangel:version": "7.2", "sdrangel:qt_version": "5"}
+        meta["captures"][0] |= {"sdrangel:sample_rate": 7500000, "sdrangel:tsms": 1}
+
+    (block,) = (b for _, b in open_capture(rewritten(path, sdrangel)).blocks(7.5e6))
+    assert np.array_equal(block, samples.astype(np.complex64))
+
+
+def test_headers_before_captures_are_no_samples(tmp_path):
+    """As receiver, and as an interferer of another file format's recording."""
+    samples = sweeps(2)
+    path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
+    data = path.with_suffix(".sigmf-data")
+    raw, cut = data.read_bytes(), 8 * 7000
+    data.write_bytes(b"h" * 44 + raw[:cut] + b"h" * 12 + raw[cut:])
+
+    def headers(meta):
+        del meta["global"]["core:sha512"]
+        first = {"core:sample_start": 0, "core:header_bytes": 44}
+        meta["captures"] = [first, {"core:sample_start": 7000, "core:header_bytes": 12}]
+
+    capture = open_capture(rewritten(path, headers))
+    assert np.array_equal(np.concatenate([b for _, b in capture.blocks(7.5e6)]), samples.astype(np.complex64))
+    emitter = RecordingEmitter(file=str(path), receiver_bandwidth_hz=7.5e6)
+    assert emitter.period_s == 15000 / 7.5e6
+
+
+def test_an_archive_is_read_where_it_lies(tmp_path):
+    samples = sweeps(2)
+    path = write_foreign(tmp_path, samples, 7.5e6, "ci16_le")
+    sigmf.sigmffile.fromfile(str(path)).archive(str(tmp_path / "flight.sigmf"))
+    plain, packed = (
+        np.concatenate([b for _, b in open_capture(p).blocks(7.5e6)])
+        for p in (path, tmp_path / "flight.sigmf")
+    )
+    assert np.array_equal(plain, packed)
+    with tarfile.open(tmp_path / "empty.sigmf", "w"):
+        pass
+    with pytest.raises(RecordingError, match="0 .sigmf-meta and 0 .sigmf-data are in it"):
+        open_capture(tmp_path / "empty.sigmf")
+
+
+@pytest.mark.parametrize(
+    ("second", "stretches", "note"),
+    [
+        (
+            "2026-11-28T07:00:00.002000000Z",
+            [(0, 7500), (15000, 7500)],
+            "",
+        ),  # a frame is lost, to a nanosecond
+        ("2026-11-28T07:00:00.001000000Z", [(0, 7500), (7500, 7500)], ""),
+        ("2026-11-28T07:00:00.006Z", [(0, 7500)], "what follows a gap at sample 7500 is left out"),
+    ],
+)
+def test_gaps_come_from_the_time_of_captures(tmp_path, second, stretches, note):
+    path = write_foreign(tmp_path, sweeps(2), 7.5e6, "cf32_le")
+
+    def times(meta):
+        meta["captures"] = [
+            {"core:sample_start": 0, "core:datetime": "2026-11-28T07:00:00.000000000Z"},
+            {"core:sample_start": 7500, "core:datetime": second},
+        ]
+
+    capture = open_capture(rewritten(path, times))
+    assert [(s.global_index, s.count) for s in capture.stretches] == stretches
+    assert note in " ".join(capture.notes) and bool(capture.notes) == bool(note)
+
+
+def test_a_recording_that_begins_airborne_says_so_or_takes_the_altitude(tmp_path, capsys):
+    """Through the command: 500 m, then 300 m."""
+    import ota_eval
+
+    samples = np.concatenate([sweeps(20, 500.0), sweeps(20, 300.0)])
+    path = write_foreign(tmp_path, samples, 7.5e6, "cf32_le")
+    (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
+    words = ["--replay", str(path), "--scene", str(tmp_path / "scene.yaml"), "--methods", "none", "--out"]
+    assert ota_eval.main([*words, str(tmp_path / "relative")]) == 0
+    assert "altitudes are relative to its first sweeps" in capsys.readouterr().err
+    assert ota_eval.main([*words, str(tmp_path / "true"), "--reference-m", "500"]) == 0
+    assert capsys.readouterr().err == ""
+    with (tmp_path / "true" / "frames.csv").open() as file:
+        altitudes = [float(row["altitude_m"]) for row in csv.DictReader(file)]
+    assert np.allclose(altitudes[2:15], 500.0, atol=1.0) and np.allclose(altitudes[-12:], 300.0, atol=1.0)
+    assert (tmp_path / "true" / "altitude.png").stat().st_size > 5000
+
+
+def test_a_rate_that_is_rounded_is_taken_and_said(tmp_path):
+    capture = open_capture(write_foreign(tmp_path, sweeps(2), 7_500_015.0, "cf32_le"))
+    assert sum(b.size for _, b in capture.blocks(7.5e6)) == 15000
+    assert "2 ppm off a ratio" in capture.notes[0]
 
 
 def damage(path, how):

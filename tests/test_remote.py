@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-import control_client
 import numpy as np
 import pytest
 import uhd_double
@@ -22,6 +21,7 @@ from waiting import wait_for
 from radalt.core.radio.control import RequestError, parse_request
 from radalt.core.radio.endpoint import check_endpoint
 from radalt.core.scene import parse_scene
+from radalt.evaluation.commands import control as control_client
 from radalt.evaluation.flowgraph.rewrite import load_grc, prune, remote
 from radalt.evaluation.radios.remote import drive_remotely
 

@@ -526,7 +526,7 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert "default-src 'none'" in text
     assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
-        assert f'<td data-value="{row["pd"]}">{row["pd"]:.3f} (' in text
+        assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
 
 
 def test_names_from_a_scene_stay_text(tmp_path):
@@ -539,8 +539,9 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
         pytest.skip("no Chromium here: apt install chromium")
     # what a click on "Pd" does, twice, and what the browser complains about
     probe = """<script>
-    const seen = () => [...document.querySelectorAll("#rows tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
-    const pd = document.querySelectorAll("#rows th button")[6];
+    const rows = [...document.querySelectorAll("table")].at(-1);
+    const seen = () => [...rows.querySelectorAll("tbody tr")].map((r) => r.cells[6].dataset.value).join(" ");
+    const pd = rows.querySelectorAll("th button")[6];
     pd.click(); document.body.dataset.up = seen();
     pd.click(); document.body.dataset.down = seen();
     document.body.dataset.drawn = [...document.querySelectorAll("svg")].filter((s) => s.getBBox().width > 100).length;

@@ -66,6 +66,8 @@ def test_pattern_file_with_azimuth_wraps_around(tmp_path):
         ("angle_deg,gain_dbi\n5,1\n10,0\n", "angles start at 0"),
         ("angle_deg,azimuth_deg,gain_dbi\n0,0,1\n0,90,1\n9,0,1\n", "angle 9 azimuth 90 deg is missing"),
         ("angle_deg,gain_dbi\n0,high\n", "has to be a number"),
+        ("angle_deg,gain_dbi\n0,1\n9,nan\n", "row 2 is not finite"),
+        ("angle_deg,gain_dbi\n0,1\n9,0\n9,-3\n", "row 3 gives angle 9 again"),
     ],
 )
 def test_pattern_files_that_do_not_fit(tmp_path, text, message):
@@ -73,6 +75,11 @@ def test_pattern_files_that_do_not_fit(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
         TabulatedAntenna.load(path)
+
+
+def test_a_pattern_of_a_spreadsheet_is_read(tmp_path):
+    (tmp_path / "p.csv").write_text("\ufeffangle_deg,gain_dbi\n0,1\n9,0\n")
+    assert TabulatedAntenna.load(tmp_path / "p.csv").angle_deg.size == 2
 
 
 def test_polarisations_agree_at_nadir():

@@ -5,6 +5,7 @@ import struct
 import dted
 import numpy as np
 import pytest
+from make_landing_data import encode_dted, write_dted
 
 from radalt.core.returns import terrain
 from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError
@@ -24,7 +25,7 @@ def test_written_posts_come_back_bit_exact(tmp_path, level, lat, lon, shape):
     relief = _relief(level, lat, lon)
     assert relief.shape == shape
     relief[3, 5], relief[0, 0], relief[-1, -1] = VOID_M, -1, 32766
-    path = terrain.write_dted(tmp_path / f"cell.dt{level}", relief, lat, lon, level)
+    path = write_dted(tmp_path / f"cell.dt{level}", relief, lat, lon, level)
     read = dted.Tile(path, warn=False)  # checks every record's checksum and sentinel
     assert np.array_equal(read.data, relief)
     assert read.dsi.south_west_corner == dted.LatLon(lat, lon)
@@ -37,7 +38,7 @@ def test_written_posts_come_back_bit_exact(tmp_path, level, lat, lon, shape):
 def test_bytes_of_a_record_are_sign_magnitude_with_a_byte_sum():
     relief = np.full((121, 121), -5, dtype=np.int16)
     relief[2] = np.arange(121)
-    data = terrain.encode_dted(relief, 41, -88, 0)
+    data = encode_dted(relief, 41, -88, 0)
     assert data[:20] == b"UHL10880000W0410000N"
     assert data[80:83] == b"DSI" and data[728:731] == b"ACC"
     length = 12 + 242
@@ -63,7 +64,7 @@ def test_shipped_files_are_what_the_command_writes(tmp_path, root):
 
 def test_height_is_exact_on_posts_and_bilinear_between(tmp_path):
     relief = _relief(0, 41, -88)
-    ground = Terrain.load([terrain.write_dted(tmp_path / "a.dt0", relief, 41, -88, 0)])
+    ground = Terrain.load([write_dted(tmp_path / "a.dt0", relief, 41, -88, 0)])
     lat, lon = terrain.cell_posts(0, 41, -88)
     assert np.abs(ground.height_m(lat[None, :], lon[:, None]) - relief).max() < 1e-6
     i, j, fx, fy = 17, 88, 0.3, 0.65
@@ -77,8 +78,8 @@ def test_height_is_exact_on_posts_and_bilinear_between(tmp_path):
 
 
 def test_neighbouring_cells_answer_across_their_edge(tmp_path):
-    west = terrain.write_dted(tmp_path / "w.dt0", np.full((121, 121), 100, np.int16), 41, -89, 0)
-    east = terrain.write_dted(tmp_path / "e.dt0", np.full((121, 121), 300, np.int16), 41, -88, 0)
+    west = write_dted(tmp_path / "w.dt0", np.full((121, 121), 100, np.int16), 41, -89, 0)
+    east = write_dted(tmp_path / "e.dt0", np.full((121, 121), 300, np.int16), 41, -88, 0)
     ground = Terrain.load([west, east])
     assert ground.height_m(41.5, np.array([-88.2, -87.9])) == pytest.approx([100, 300])
 
@@ -86,7 +87,7 @@ def test_neighbouring_cells_answer_across_their_edge(tmp_path):
 def test_a_void_post_is_named_or_filled(tmp_path):
     relief = np.full((121, 121), 200, np.int16)
     relief[60, 60] = VOID_M
-    path = terrain.write_dted(tmp_path / "void.dt0", relief, 41, -88, 0)
+    path = write_dted(tmp_path / "void.dt0", relief, 41, -88, 0)
     ground = Terrain.load([path])
     assert ground.height_m(41.2, -87.8) == pytest.approx(200.0)  # voids elsewhere do no harm
     lat, lon = terrain.cell_posts(0, 41, -88)
@@ -99,7 +100,7 @@ def test_a_void_post_is_named_or_filled(tmp_path):
 
 
 def test_defective_files_get_one_line(tmp_path):
-    good = terrain.write_dted(tmp_path / "a.dt0", _relief(0, 41, -88), 41, -88, 0)
+    good = write_dted(tmp_path / "a.dt0", _relief(0, 41, -88), 41, -88, 0)
     data = good.read_bytes()
     cases = {
         "short.dt0": data[:9000],
@@ -117,15 +118,15 @@ def test_defective_files_get_one_line(tmp_path):
         DtedCell.load(tmp_path / "missing.dt0")
     nothing = np.full((121, 121), VOID_M, np.int16)
     with pytest.raises(TerrainError, match="no elevation"):
-        DtedCell.load(terrain.write_dted(tmp_path / "v.dt0", nothing, 41, -88, 0))
+        DtedCell.load(write_dted(tmp_path / "v.dt0", nothing, 41, -88, 0))
 
 
 def test_writer_refuses_what_dted_cannot_hold():
     with pytest.raises(TerrainError, match=r"needs \(121, 121\)"):
-        terrain.encode_dted(np.zeros((120, 121), np.int16), 41, -88, 0)
+        encode_dted(np.zeros((120, 121), np.int16), 41, -88, 0)
     with pytest.raises(TerrainError, match="whole metres"):
-        terrain.encode_dted(np.zeros((121, 121)), 41, -88, 0)
+        encode_dted(np.zeros((121, 121)), 41, -88, 0)
     with pytest.raises(TerrainError, match="32766"):
-        terrain.encode_dted(np.full((121, 121), -32768, np.int32), 41, -88, 0)
+        encode_dted(np.full((121, 121), -32768, np.int32), 41, -88, 0)
     with pytest.raises(TerrainError, match="level is 3"):
         terrain.cell_posts(3, 41, -88)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from make_landing_data import write_dted
 from scipy.integrate import quad
 
 from radalt.core.returns.terrain import (
@@ -17,7 +18,6 @@ from radalt.core.returns.terrain import (
     TrajectoryError,
     synthesise,
     synthesise_directly,
-    write_dted,
 )
 from radalt.core.waveform import Waveform
 

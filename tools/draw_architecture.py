@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "python" / "radalt"
 FIGURE = ROOT / "docs" / "figures" / "architecture.svg"
 
-# along the signal's way: a room imports itself and what stands before it
+# Along the signal's way: a room imports itself and what stands before it. The receiver stands before the methods, since
+# an altimeter is a function of one frame that two of them judge their own output with (docs/design.md).
 ROOMS = (
     "core",  # what in core/ is no room of its own: it knows of none
     "core.radio.device",  # numbers of radios: the scene checks its own against them
@@ -36,6 +37,7 @@ ROOMS = (
     "core.radio",
     "blocks",
     "evaluation",
+    "api",
     "studies",
 )
 
@@ -143,14 +145,14 @@ _NARROW = {
     "core.receiver": 2,
     "core.mitigation": 2,
 }
-_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "stud": "#E9E2F3"}
+_COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "api": "#D9F0E6", "stud": "#E9E2F3"}
 
 
 def contents(room: str, package: Path = PACKAGE) -> str:
     """What a room holds, by the names of its files and folders."""
     folder = package.joinpath(*room.split("."))
     if not folder.is_dir():
-        return "numbers of each type of radio"
+        return {"api": "simulate, method, evaluate, Report"}.get(room, "numbers of each type of radio")
     other = {r.rpartition(".")[2] for r in ROOMS if r.rpartition(".")[0] == room}
     files = [] if room in ("evaluation", "studies") else [f.stem for f in sorted(folder.glob("[!_]*.py"))]
     folders = [f.name + "/" for f in sorted(folder.iterdir()) if (f / "__init__.py").is_file()]
@@ -223,7 +225,7 @@ def _places(layer: dict[str, int], package: Path) -> tuple[dict[str, tuple], int
 
 def _box(room: str, x: int, y: int, wide: int, high: int, lines: Sequence[str]) -> list[str]:
     shape = f'<rect x="{x}" y="{y}" width="{wide}" height="{high}" rx="5" '
-    name = room.replace(".", "/") + ("" if room.endswith("device") else "/")
+    name = room.replace(".", "/") + ("" if room.endswith(("device", "api")) else "/")
     return [
         shape + f'fill="{_COLOURS[room[:4]]}" stroke="#666"/>',
         f'<text x="{x + 8}" y="{y + 16}" font-size="13" font-weight="bold">{escape(name)}</text>',

@@ -140,7 +140,7 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="folder")
     parser.add_argument("--share", default=str(ROOT), help="where flowgraphs/ will lie (default: here)")
     args = parser.parse_args()
-    parsers = {name: programs.load(name)._parser() for name in programs.PROGRAMS}
+    parsers = {name: programs.load(name)._parser() for name in programs.programs()}
     for folder in ("man1", "completion"):
         (args.out / folder).mkdir(parents=True, exist_ok=True)
     (args.out / "man1/radalt.1").write_text(overview(), encoding="utf-8")

@@ -21,6 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "python"))
 
+from radalt.core.interference.effects import Impairments  # noqa: E402 - the path first
 from radalt.core.interference.emitters import emitter_class, emitter_names  # noqa: E402 - the path first
 from radalt.core.interference.placement import Interferer  # noqa: E402
 from radalt.core.mitigation import METHODS, create  # noqa: E402, F401
@@ -224,7 +225,11 @@ def page() -> str:
     out += [TOP, *rows(Interferer, ("interference", "qpsk"), frozenset({"emitter", "channel", "multipath"}))]
     out += [
         "",
-        "`multipath: {profile, delay_spread_s, doppler_hz}` as in [Interference](interference.md).",
+        "`multipath: {profile, delay_spread_s, doppler_hz}` as in [Interference](interference.md), drawn anew for",
+        "every frame, and these effects, off where a scene does not name them:",
+        "",
+        TOP,
+        *rows(Impairments, ("interference", "tones")),
         "",
     ]
     for name in emitter_names():

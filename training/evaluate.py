@@ -19,10 +19,11 @@ from typing import Any, ClassVar
 import numpy as np
 from configs import SceneConfig
 from data import return_parts
-from evaluate_report import PAPER_CASE, break_points, write_report
+from evaluate_report import IDEAL, PAPER_CASE, break_points, write_report
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.evm import TYPICAL
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
@@ -59,20 +60,25 @@ COLUMNS = Columns(
 )
 
 
-def emitters() -> dict[str, list[object]]:
+def emitters(evm: float | str = 0.0) -> dict[str, list[object]]:
     """Interferer families; NR payload seeds differ from those of the training bank."""
-    nr5 = NrEmitter(seed=99, cell_id=321, frame_count=2)
-    nr10 = NrEmitter(channel_bandwidth_hz=10e6, seed=98, cell_id=123, frame_count=2)
-    rectangular = QpskEmitter()
+    nr5 = NrEmitter(seed=99, cell_id=321, frame_count=2, evm=evm)
+    nr10 = NrEmitter(channel_bandwidth_hz=10e6, seed=98, cell_id=123, frame_count=2, evm=evm)
+    rectangular = QpskEmitter(evm=evm)
     return {
         "tones": [ToneEmitter(5)],
         "qpsk_rectangular": [rectangular],
         "qpsk_rectangular_delayed": [Delayed(rectangular)],
-        "qpsk_shaped": [QpskEmitter(pulse="rrc")],
+        "qpsk_shaped": [QpskEmitter(pulse="rrc", evm=evm)],
         "nr5": [nr5],
         "nr10": [nr10],
         "mixture": [ToneEmitter(3), rectangular, nr5],  # equal powers, each gated on its own
     }
+
+
+def sent(name: str) -> list[object]:
+    """What a name of rows sends: typical error vectors, or none where it ends in `IDEAL`."""
+    return emitters(0.0 if name.endswith(IDEAL) else TYPICAL)[name.removesuffix(IDEAL)]
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,7 @@ class Scenes:
 
     def with_interference(self, parts: list[object], overlap: float, sir_db: float, seed: int) -> np.ndarray:
         """(n, N) complex64: the frames with the emitters' sum at exactly ``sir_db``."""
-        rng = np.random.default_rng([SEED, seed, round(-10 * sir_db), round(1000 * overlap)])
+        rng = np.random.default_rng([SEED, seed, round(-10 * sir_db) % 2**32, round(1000 * overlap)])
         interferers = [Interferer(emitter, 0.0, overlap) for emitter in parts]
         extra = interference_frames(
             interferers,
@@ -160,13 +166,14 @@ class CasePoint(Point):
 class MethodStudy(Study):
     """Every method on the same frames.
 
-    ``trials`` are the frames per SIR of the sweep, ``special_trials`` those of the clean scene, the paper's case and
-    other returns; 0 leaves either out.
+    ``kinds`` are the emitters of the sweep, typical, ideal or both. ``trials`` are the frames per SIR of the sweep,
+    ``special_trials`` those of the clean scene, the paper's case and other returns; 0 leaves either out.
     """
 
     chains: tuple[Chain, ...]
     trials: int = 60
     special_trials: int = 200
+    kinds: tuple[str, ...] = (TYPICAL,)
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {
@@ -195,6 +202,7 @@ class MethodStudy(Study):
             "methods": [chain.label for chain in self.chains],
             "trials": self.trials,
             "special_trials": self.special_trials,
+            "emitters": list(self.kinds),
             "models": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
         }
 
@@ -203,7 +211,9 @@ class MethodStudy(Study):
         n, swept = self.special_trials, self.trials * len(SIRS_DB)
         special = [
             CasePoint("clean", n, scenes=1),
-            CasePoint(PAPER_CASE, n, "rows", "qpsk_rectangular", 1.0, (PAPER_SIR_DB,), scenes=1, draw=90),
+            CasePoint(
+                PAPER_CASE, n, "rows", f"qpsk_rectangular{IDEAL}", 1.0, (PAPER_SIR_DB,), scenes=1, draw=90
+            ),
         ] + [
             CasePoint(
                 f"{name}, {ground}", n, "rows", name, 1.0, () if sir is None else (sir,), number, draw=91
@@ -213,8 +223,11 @@ class MethodStudy(Study):
         ]
         sweep = [
             CasePoint(f"{name}, overlap {rho:g}", swept, "rows", name, rho, SIRS_DB, draw=case)
-            for case, name in enumerate(emitters())
+            for kind in self.kinds
+            for case, name in enumerate(f"{name}{IDEAL * (kind == 'ideal')}" for name in emitters())
             for rho in OVERLAPS
+            # tones have no symbols: both kinds are the same
+            if kind == self.kinds[0] or not name.startswith("tones")
         ]
         return (special if n else []) + (sweep if swept else [])
 
@@ -227,7 +240,7 @@ class MethodStudy(Study):
         for sir_db in point.sirs_db or (None,):
             frames = scenes.frames
             if sir_db is not None:
-                parts = emitters()[point.interferer]
+                parts = sent(point.interferer)
                 frames = scenes.with_interference(parts, point.overlap, sir_db, FIRST_DRAW + point.draw)
             for chain in [c for c, count in failures.items() if count < 2]:
                 results, method = chain.results(frames, scenes.waveform)
@@ -262,7 +275,7 @@ class MethodStudy(Study):
 def chain_of(name: str, models: Path) -> Chain:
     """A method of `CLASSICAL` or `NETWORKS`; a network as it is: nothing silences what it invents."""
     if name not in NETWORKS:
-        return Chain(name, name)
+        return Chain(name, name, independent=name == "hybrid")
     return Chain.of_model(models / NETWORKS[name], name, options=(("shift_check", False),))
 
 
@@ -282,6 +295,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.add_options(parser, out=str(ROOT / "results" / "tcae"), time_limit_s=7200.0, sampled=False)
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
     parser.add_argument("--methods", default=",".join([*CLASSICAL, *NETWORKS]), help="comma-separated")
+    parser.add_argument(
+        "--emitters", default=TYPICAL, help="typical, ideal or typical,ideal (default: %(default)s)"
+    )
     parser.add_argument("--trials", type=int, default=60, help="frames per SIR of the sweep; 0 leaves it out")
     parser.add_argument(
         "--clean-trials", type=int, default=200, help="frames of the clean scene and the other special cases"
@@ -292,10 +308,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     strange = next((name for name in names or ("",) if name not in (*CLASSICAL, *NETWORKS)), None)
     if strange is not None:
         parser.error(f"--methods holds {strange!r}; known: {', '.join([*CLASSICAL, *NETWORKS])}")
+    kinds = tuple(dict.fromkeys(kind.strip() for kind in args.emitters.split(",")))
+    strange = next((kind for kind in kinds if kind not in (TYPICAL, "ideal")), None)
+    if strange is not None:
+        parser.error(f"--emitters holds {strange!r}; known: typical, ideal")
     if min(args.trials, args.clean_trials) < 0 or not args.trials + args.clean_trials:
         parser.error(f"--trials is {args.trials}, --clean-trials {args.clean_trials}; 0 or above, not both 0")
     chains = tuple(chain_of(name, args.models.resolve()) for name in names)
-    study = MethodStudy(chains, args.trials, args.clean_trials)
+    study = MethodStudy(chains, args.trials, args.clean_trials, kinds)
     return command.main(lambda: study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
 
 

@@ -1,4 +1,4 @@
-"""Tables and figures of `evaluate.py`: break-points, protection gain, targets, Pd, before and after."""
+"""Tables and figures of `evaluate.py`: break-points, protection gain, targets, Pd, beat spectra."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
-from scipy import signal
 
+from radalt.core.interference.evm import EMITTERS
 from radalt.core.mitigation import METHODS, PlotStyle
 from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
 from radalt.core.waveform import Waveform
@@ -31,7 +31,7 @@ from radalt.evaluation.results.page import render
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
-__all__ = ["PAPER_CASE", "beat_spectra", "before_after", "break_points", "write_report"]
+__all__ = ["PAPER_CASE", "beat_spectra", "break_points", "write_report"]
 
 Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
@@ -44,11 +44,13 @@ STYLES = {
     "paper": PlotStyle("#5D3A9B", "X", "--"),
     "compact": METHODS["tcae"].style,
 } | {name: method.style for name, method in METHODS.items() if method.style}
+_EMITTERS = f"{EMITTERS}, unless called ideal"
 GAIN_CASES = ("tones", "qpsk_rectangular", "qpsk_shaped", "nr5", "mixture")
 GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
 PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and what ships
 PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # what the paper's networks were trained for
+IDEAL = "_ideal"  # ends the name of an interferer without error vectors
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # not the special cases
 
 
@@ -56,7 +58,7 @@ def curves(rows: Sequence[Row]) -> dict[Case, dict[str, list[Row]]]:
     """Rows of the sweep by case and method, in the order measured: highest SIR first."""
     found: dict[Case, dict[str, list[Row]]] = {}
     for row in rows:
-        if row["interferer"] in SWEPT:
+        if row["interferer"].removesuffix(IDEAL) in SWEPT:
             case = found.setdefault((row["interferer"], row["overlap"]), {})
             case.setdefault(row["method"], []).append(row)
     return found
@@ -124,6 +126,19 @@ def _break_table(breaks: Breaks, names: Sequence[str]) -> str:
         cells = [f"**{found[m]}**" if found[m].sir_db <= best + 1e-9 else str(found[m]) for m in names]
         lines.append([name, f"{overlap:g}", *cells])
     return table(["interferer", "overlap", *names], lines)
+
+
+def _both_table(breaks: Breaks, names: Sequence[str]) -> str:
+    """Break-points behind ideal and typical emitters side by side; empty unless both were measured."""
+    lines = []
+    for (name, overlap), typical in breaks.items():
+        ideal = breaks.get((f"{name}{IDEAL}", overlap))
+        if name == "tones":  # without symbols there is nothing to err
+            ideal = typical
+        if ideal is not None:
+            lines.append([name, f"{overlap:g}", *(f"{ideal[m]} / {typical[m]}" for m in names)])
+    both = any(name.endswith(IDEAL) for name, _ in breaks)
+    return table(["interferer", "overlap", *names], lines) if both and lines else ""
 
 
 def _wrong_table(rows: Sequence[Row], names: Sequence[str]) -> str:
@@ -206,6 +221,7 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         Path(__file__).with_name("evaluate.md.j2"),
         **report,
         break_table=_break_table(breaks, names) if breaks else "",
+        both_table=_both_table(breaks, names),
         wrong_table=_wrong_table(rows, names) if breaks else "",
         clean_table=_score_table(rows, "clean") if special else "",
         paper_table=_score_table(rows, PAPER_CASE),
@@ -273,7 +289,8 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
         axis.set_xlabel("SIR / dB")
     for axis in axes[:, 0]:
         axis.set_ylabel("Pd")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize=8)
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -292,36 +309,6 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     axis.invert_yaxis()
     axis.set_xlabel("protection gain against no mitigation / dB")
     axis.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def before_after(path: Path, waveform: Waveform, frames: dict[str, np.ndarray], title: str) -> None:
-    """Spectrogram and spectrum of the same frame, one column a method: {label: (N,) complex}."""
-    figure, axes = plt.subplots(2, len(frames), figsize=(3.0 * len(frames), 5.2), layout="constrained")
-    image = None
-    for column, (label, frame) in enumerate(frames.items()):
-        frame = frame / np.sqrt(np.mean(np.abs(frame) ** 2))
-        f, t, plane = signal.stft(frame, waveform.rate_hz, nperseg=128, noverlap=112, return_onesided=False)
-        order = np.argsort(f)
-        level = 20 * np.log10(np.abs(plane[order]) + 1e-9)
-        level -= level.max()
-        upper, lower = axes[:, column]
-        image = upper.pcolormesh(
-            t * 1e3, f[order] / 1e6, level, vmin=-50, vmax=0, cmap="cividis", rasterized=True
-        )
-        upper.set(title=label, xlabel="time / ms")
-        lower_f, density = signal.welch(frame, waveform.rate_hz, nperseg=512, return_onesided=False)
-        order = np.argsort(lower_f)
-        lower.plot(lower_f[order] / 1e6, 10 * np.log10(density[order] + 1e-20) + 60, color="#0072B2", lw=1)
-        lower.set(xlabel="frequency / MHz", ylim=(-45, 15))
-        lower.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("frequency / MHz")
-    axes[1, 0].set_ylabel("density at unit power / dB(1/MHz)")
-    for axis in axes[1, 1:]:
-        axis.set_yticklabels([])
-    figure.colorbar(image, ax=axes[0], label="level / dB", shrink=0.9)
-    figure.suptitle(title, fontsize=10)
+    figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
     figure.savefig(path, dpi=110)
     plt.close(figure)

@@ -22,6 +22,7 @@ from evaluate import SNR_DB, Delayed, Scenes
 
 from radalt.core.interference import QpskEmitter, ToneEmitter
 from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.evm import TYPICAL
 from radalt.core.mitigation.tcae import default_model_path
 from radalt.core.paths import model_path
 from radalt.core.receiver.altimeter import Altimeter
@@ -89,15 +90,17 @@ def emitters(waveform: Waveform) -> dict[str, list[object]]:
     At the default sweep all those of `evaluate`, to compare with the network that was trained for it alone.
     """
     if waveform == Waveform():
-        return evaluate.emitters()
+        return evaluate.emitters(TYPICAL)
     qpsk_hz = 0.267 * waveform.bandwidth_hz
     wide = waveform.bandwidth_hz > 12e6
     return {
         "tones": [ToneEmitter(5)],
-        "qpsk_shaped": [QpskEmitter(bandwidth_hz=qpsk_hz, pulse="rrc")],
-        "qpsk_rectangular_delayed": [Delayed(QpskEmitter(bandwidth_hz=qpsk_hz))],
+        "qpsk_shaped": [QpskEmitter(bandwidth_hz=qpsk_hz, pulse="rrc", evm=TYPICAL)],
+        "qpsk_rectangular_delayed": [Delayed(QpskEmitter(bandwidth_hz=qpsk_hz, evm=TYPICAL))],
         f"nr{10 if wide else 5}": [
-            NrEmitter(channel_bandwidth_hz=10e6 if wide else 5e6, seed=97, cell_id=213, frame_count=2)
+            NrEmitter(
+                channel_bandwidth_hz=10e6 if wide else 5e6, seed=97, cell_id=213, frame_count=2, evm=TYPICAL
+            )
         ],
     }
 

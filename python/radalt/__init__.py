@@ -1,16 +1,32 @@
-"""FMCW radar altimeter blocks for GNU Radio: `from gnuradio import radalt`.
+"""FMCW radar altimeters under interference: `import radalt` for Python, `from gnuradio import radalt` for flowgraphs.
 
-`radalt.<block>` is the class `<block>` of `blocks/<block>.py`, imported on first use, so that a flowgraph loads (and
-needs) only what it contains. `dir(radalt)` lists the blocks. `radalt.core` and `radalt.evaluation` need no GNU Radio:
-with this package's parent folder on the path, `import radalt.core` works under any Python.
+`__all__` is what one calls from Python; it needs no GNU Radio (`radalt.api`). `radalt.<block>` is the class `<block>`
+of `blocks/<block>.py`, a GNU Radio block. Each is imported on first use, so that a program loads, and needs, only what
+it contains; `dir(radalt)` lists them.
 
-Installed, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that GNU Radio
-and other modules keep the NumPy they were built for.
+Installed by CMake, Python packages lie in lib/gr-radalt of the same prefix. They come last on Python's path, so that
+GNU Radio and other modules keep the NumPy they were built for.
 """
 
 import importlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from . import blocks as blocks
+    from . import core as core
+    from . import evaluation as evaluation
+    from . import studies as studies
+    from .api import Names, Report, evaluate, method, simulate
+    from .core.mitigation import Mitigation
+    from .core.receiver.altimeter import Altimeter, AltimeterSettings
+    from .core.receiver.tracker import AltitudeTracker, TrackerSettings
+    from .core.scene import Scene, load_scene
+    from .core.waveform import Waveform
+
+    methods: Names
+    scenes: Names
 
 __version__ = "0.2.0"
 
@@ -19,22 +35,67 @@ for _prefix in Path(__file__).resolve().parents:
     if (_prefix / _FOLDER).is_dir() and str(_prefix / _FOLDER) not in sys.path:
         sys.path.append(str(_prefix / _FOLDER))
 
-_SUBPACKAGES = ("blocks", "core", "evaluation")
+_HOMES = {
+    "Altimeter": "core.receiver.altimeter",
+    "AltimeterSettings": "core.receiver.altimeter",
+    "AltitudeTracker": "core.receiver.tracker",
+    "TrackerSettings": "core.receiver.tracker",
+    "Mitigation": "core.mitigation",
+    "Report": "api",
+    "Scene": "core.scene",
+    "Waveform": "core.waveform",
+    "evaluate": "api",
+    "load_scene": "core.scene",
+    "method": "api",
+    "simulate": "api",
+}
+_LISTS = ("methods", "scenes")  # made anew each time: a plugin may have added to them
+_SUBPACKAGES = ("blocks", "core", "evaluation", "studies")
+
+__all__ = [
+    "Altimeter",
+    "AltimeterSettings",
+    "AltitudeTracker",
+    "Mitigation",
+    "Report",
+    "Scene",
+    "TrackerSettings",
+    "Waveform",
+    "evaluate",
+    "load_scene",
+    "method",
+    "methods",
+    "scenes",
+    "simulate",
+]
 
 # files whose name starts with an underscore are shared helpers, no blocks
-__all__ = sorted(file.stem for file in (Path(__file__).parent / "blocks").glob("[!_]*.py"))
+_BLOCKS = sorted(file.stem for file in (Path(__file__).parent / "blocks").glob("[!_]*.py"))
 
 
-def __getattr__(name: str) -> object:
-    """Import the block or subpackage `name` (PEP 562); raises AttributeError where there is none."""
+def __getattr__(name: str) -> Any:
+    """Import what is called `name` (PEP 562); raises AttributeError where there is nothing."""
     if name in _SUBPACKAGES:
         return importlib.import_module(f".{name}", __name__)
-    if name not in __all__:
-        raise AttributeError(f"gnuradio.radalt has no block {name!r}; it has: {', '.join(__all__) or 'none'}")
-    block = getattr(importlib.import_module(f".blocks.{name}", __name__), name)
-    globals()[name] = block
-    return block
+    if name in _LISTS:
+        return getattr(importlib.import_module(".api", __name__), name)()
+    home = _HOMES.get(name) or (f"blocks.{name}" if name in _BLOCKS else "")
+    if not home:
+        raise AttributeError(
+            f"radalt has no {name!r}; it has: {', '.join(__all__)}; blocks: {', '.join(_BLOCKS) or 'none'}"
+        )
+    try:
+        found = getattr(importlib.import_module(f".{home}", __name__), name)
+    except ImportError as error:
+        if (error.name or "").split(".")[0] not in ("gnuradio", "pmt"):
+            raise
+        raise ImportError(
+            f"radalt.{name} is a GNU Radio block, and {sys.executable} has no GNU Radio; from Python alone use "
+            f"{', '.join(_HOMES)}"
+        ) from None
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_SUBPACKAGES})
+    return sorted({*globals(), *__all__, *_BLOCKS, *_SUBPACKAGES})

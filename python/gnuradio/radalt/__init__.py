@@ -13,6 +13,7 @@ from importlib.util import spec_from_loader
 from types import ModuleType
 
 import radalt
+from radalt.core.paths import say_other_installation
 
 
 class _SameModules(MetaPathFinder, Loader):
@@ -32,3 +33,4 @@ class _SameModules(MetaPathFinder, Loader):
 
 sys.meta_path.insert(0, _SameModules())
 sys.modules[__name__] = radalt
+say_other_installation()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from gnuradio import gr
 
-from ..core.programme import SentAltitudes
 from ..core.scene import Scene
+from ..core.scene.build import sweeps_of
 from ._frames import SENT_KEY, gather_frames, sent_tag
 from ._guard import WORK_DONE, guarded
 
@@ -45,16 +45,16 @@ class fmcw_chirp_source(gr.sync_block):
     def __init__(self, scene: Scene, altitude_m: float | None = None, frames: int = 0) -> None:
         gr.sync_block.__init__(self, "radalt_fmcw_chirp_source", None, [np.complex64])
         self.waveform = scene.waveform
-        self._sent = SentAltitudes(scene.altitude.programme)
+        self._sweeps = sweeps_of(scene)
+        self._sent = self._sweeps.sent
         self._searched_m = scene.altimeter_settings.max_altitude_m
-        self._shifting = scene.altitude.mode == "synthetic"
+        self._shifting = self._sweeps.synthetic
         self._n = scene.waveform.samples_per_frame
         self._limit = int(frames) * self._n
-        self._tables: dict[float, np.ndarray] = {}
         self._position = 0
         self._told_m: float | None = None
         self.set_altitude(altitude_m)
-        self._frame = self._table(0)
+        self._frame = self._sweeps.sweep(0)
         gather_frames(self, self._n)
 
     def set_altitude(self, altitude_m: float | None) -> None:
@@ -93,18 +93,6 @@ class fmcw_chirp_source(gr.sync_block):
         altitude_m, rate = self._sent.at(frame_index)
         return altitude_m, 0.0 if self._shifting else rate
 
-    def _table(self, index: int) -> np.ndarray:
-        """(N,) complex64 sweep number ``index``."""
-        altitude = self._sent.at(index)[0] if self._shifting else 0.0
-        if altitude not in self._tables:
-            if len(self._tables) >= 64:
-                self._tables.clear()
-            self._tables[altitude] = self.waveform.beat_shifted(altitude)
-        table = self._tables[altitude]
-        if self.waveform.cycles_per_frame:
-            table = table * np.complex64(self.waveform.frame_rotation(index))
-        return table
-
     def _tell(self, index: int, offset: int) -> None:
         """Record an altitude set by hand since the last sweep, and send it as a tag."""
         manual_m = self._manual_m
@@ -127,7 +115,7 @@ class fmcw_chirp_source(gr.sync_block):
             index, at = divmod(self._position, self._n)
             if at == 0:
                 self._tell(index, self.nitems_written(0) + done)
-                self._frame = self._table(index)
+                self._frame = self._sweeps.sweep(index)
             count = min(self._n - at, out.size - done)
             out[done : done + count] = self._frame[at : at + count]
             done += count

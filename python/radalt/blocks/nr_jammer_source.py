@@ -23,7 +23,8 @@ class nr_jammer_source(JammerSource):
     scene : Scene
         Frame length, rate, programme (the jammer is silent while timing is acquired) and seed.
     channel_bandwidth_hz : float
-        5e6 (25 resource blocks) or 10e6 (52).
+        5e6 (25 resource blocks), 10e6 (52) and so on to 50e6; 30 kHz spacing, error vectors and all else come from a
+        scene, which `mixture_jammer_source` plays.
     carrier_hz : float
         Centre of the NR carrier relative to the radar's.
     cell_id : int

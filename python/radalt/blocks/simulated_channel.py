@@ -7,8 +7,8 @@ import time
 import numpy as np
 from gnuradio import gr
 
-from ..core.channel.simulated import SimulatedChannel, TerrainPlayer
 from ..core.scene import Scene
+from ..core.scene.build import channel_of
 from ._frames import RX_TIME_KEY, SENT_KEY, gather_frames, time_tag
 from ._guard import guarded
 
@@ -46,18 +46,7 @@ class simulated_channel(gr.basic_block):
         gr.basic_block.__init__(
             self, "radalt_simulated_channel", [np.complex64] * (2 if jammer else 1), [np.complex64]
         )
-        programme = scene.altitude.programme
-        on_terrain = scene.return_model == "terrain"
-        self.channel = SimulatedChannel(
-            scene.waveform,
-            scene.channel,
-            seed=scene.seed,
-            true_delay=programme if scene.altitude.mode == "true_delay" and not on_terrain else None,
-            terrain=TerrainPlayer(scene.landing, programme, scene.waveform, scene.seed)
-            if on_terrain
-            else None,
-            frames=programme.total_frames,
-        )
+        self.channel = channel_of(scene)
         self._n = scene.waveform.samples_per_frame
         self._rate = scene.waveform.rate_hz
         self._tagged = scene.channel.drops.tagged

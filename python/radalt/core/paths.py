@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from pathlib import Path
 
-__all__ = ["model_path", "remedy", "scene_path", "share_dir"]
+__all__ = ["model_path", "no_gnu_radio", "remedy", "say_other_installation", "scene_path", "share_dir"]
 
 
 def share_dir() -> Path:
     """The folder that holds ``flowgraphs/`` and ``models/``.
 
-    In the source tree that is the repository root; installed, ``<prefix>/share/gr-radalt`` of the prefix the package
-    lies under.
+    In the source tree that is the repository root; in a wheel, ``share`` within the package; installed by CMake,
+    ``<prefix>/share/gr-radalt`` of the prefix the package lies under.
 
     Raises
     ------
@@ -20,7 +22,7 @@ def share_dir() -> Path:
         If neither exists; names both places.
     """
     package = Path(__file__).resolve().parents[1]
-    candidates = [package.parents[1]]
+    candidates = [package.parents[1], package / "share"]
     candidates += [parent / "share" / "gr-radalt" for parent in package.parents]
     candidates.append(Path(sys.prefix) / "share" / "gr-radalt")
     for candidate in candidates:
@@ -38,6 +40,45 @@ def remedy(*packages: str) -> str:
         return "run 'make setup' and use .venv/bin/python"
     names = " ".join(packages)
     return f"'make install' brings it along; without: {sys.executable} -m pip install --user {names}"
+
+
+def say_other_installation() -> None:
+    """One line on stderr where Python's path holds another version of this package; once for a program and its workers.
+
+    The source tree, whose programs put it before all others, says nothing.
+    """
+    package = Path(__file__).resolve().parents[1]
+    if "RADALT_VERSIONS" in os.environ or (package.parents[1] / "requirements.txt").is_file():
+        return
+    os.environ["RADALT_VERSIONS"] = version = _version(package / "__init__.py")
+    for entry in dict.fromkeys(sys.path):
+        other = Path(entry or ".", "radalt").resolve()
+        found = _version(other / "__init__.py") if other != package else ""
+        if found not in ("", version):
+            print(
+                f"radalt {version} of {package} runs, and {found} is installed in {other}; remove one of them",
+                file=sys.stderr,
+            )
+            return
+
+
+def _version(file: Path) -> str:
+    """``__version__`` of a package's file; empty where it cannot be read."""
+    try:
+        found = re.search(r'^__version__ = "(.+)"$', file.read_text(encoding="utf-8"), re.MULTILINE)
+    except OSError:
+        return ""
+    return found[1] if found else ""
+
+
+def no_gnu_radio() -> str:
+    """What a command that needs GNU Radio says under a Python that has none."""
+    if (share_dir() / "requirements.txt").is_file():
+        return f"{sys.executable} has no GNU Radio; run 'make setup' and use .venv/bin/python"
+    return (
+        f"{sys.executable} has no GNU Radio 3.10, which this command needs; install it and use its Python, or measure "
+        "without a flowgraph: radalt.evaluate in Python"
+    )
 
 
 def model_path(name: str) -> Path:

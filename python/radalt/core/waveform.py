@@ -30,7 +30,7 @@ _FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
     """``exp(j 2 pi phase)`` of float64 phases in cycles, any shape, reduced modulo one cycle first."""
     angle = 2.0 * np.pi * (phase_cycles - np.rint(phase_cycles))
-    out = np.empty(np.shape(phase_cycles), dtype=dtype)
+    out: np.ndarray = np.empty(np.shape(phase_cycles), dtype=dtype)
     out.real = np.cos(angle)
     out.imag = np.sin(angle)
     return out

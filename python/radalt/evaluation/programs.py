@@ -1,57 +1,77 @@
-"""The command ``radalt``: one sub-command per program of ``flowgraphs/``, the same code.
+"""The command ``radalt``: one sub-command per study and per program of the bench, found by scanning.
 
-``radalt eval --sim`` is ``flowgraphs/ota_eval.py --sim`` as installed. ``radalt env`` prints what a shell has to know
-so that Python and GNU Radio Companion find a module below an unusual prefix.
+``radalt eval --sim`` is ``flowgraphs/ota_eval.py --sim`` as installed. A command is a module `evaluation/commands/X.py`
+or `studies/X/command.py` with a docstring, a ``main``, a ``_parser`` and its names: ``PROGRAM, COMMAND = "script",
+"word"``. ``radalt env`` prints what a shell has to know so that Python and GNU Radio Companion find a module below an
+unusual prefix.
 """
 
 from __future__ import annotations
 
+import ast
+import difflib
 import importlib
+import re
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
 from ..core.paths import share_dir
 
-__all__ = ["PROGRAMS", "load", "main"]
+__all__ = ["Program", "load", "main", "programs", "summaries"]
 
-PROGRAMS = {
-    "eval": "ota_eval",
-    "collect": "collect",
-    "landing": "landing_eval",
-    "integrity": "integrity",
-    "detection": "detection",
-    "stability": "stability",
-    "cancellation": "cancellation",
-    "error-vs-runtime": "error_vs_runtime",
-    "leaving-out": "leaving_out",
-    "benchmark": "realtime_benchmark",
-    "remote": "ota_remote",
-    "control": "control_client",
-    "gallery": "gallery",
-    "screenshot": "screenshot",
-    "make-landing-data": "make_landing_data",
-    "make-recording": "make_recording",
-    "make-flowgraphs": "make_flowgraphs",
-}
+_PACKAGE = Path(__file__).resolve().parents[1]
+_NAMES = re.compile(r'^PROGRAM, COMMAND = "(\w+)", "([\w-]+)"$', re.MULTILINE)
+_TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # commands until 0.2.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """A command.
+
+    Attributes
+    ----------
+    script : str
+        Its entry in ``flowgraphs/``.
+    file : Path
+        Its module.
+    """
+
+    script: str
+    file: Path
+
+    @property
+    def module(self) -> str:
+        """Name below the package."""
+        return ".".join(self.file.relative_to(_PACKAGE).with_suffix("").parts)
+
+
+@lru_cache(maxsize=1)
+def programs() -> dict[str, Program]:
+    """Every command by its word: the bench's in the order of their names, then the studies'."""
+    found = {}
+    for pattern in ("evaluation/commands/[!_]*.py", "studies/*/command.py"):
+        for file in sorted(_PACKAGE.glob(pattern)):
+            names = _NAMES.search(file.read_text(encoding="utf-8"))
+            if names is not None:
+                found[names[2]] = Program(names[1], file)
+    return found
 
 
 def load(name: str) -> ModuleType:
     """The program behind a sub-command, with a help text that shows what is typed here; sets ``sys.argv[0]`` to it."""
-    share = share_dir()
-    folder = str(share / "flowgraphs")
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
     sys.argv[0] = f"radalt {name}"
-    importlib.import_module("_startup")  # as in each program, before NumPy
-    program = importlib.import_module(PROGRAMS[name])
+    importlib.import_module(".startup", __package__)  # before NumPy
+    program = importlib.import_module(f"..{programs()[name].module}", __package__)
     text = program.__doc__ or ""
-    for other, script in PROGRAMS.items():
-        text = text.replace(f".venv/bin/python flowgraphs/{script}.py", f"radalt {other}")
+    for other, found in programs().items():
+        text = text.replace(f".venv/bin/python flowgraphs/{found.script}.py", f"radalt {other}")
     for part in ("flowgraphs", "models"):
-        text = text.replace(f" {part}/", f" {share / part}/")
+        text = text.replace(f" {part}/", f" {share_dir() / part}/")
     program.__doc__ = text
     return program
 
@@ -71,9 +91,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name == "env":
         print(_environment())
         return 0
-    if name not in PROGRAMS:
-        known = ", ".join([*PROGRAMS, "env"])
-        print(f"radalt: no command {name[:40]!r}; there are {known}", file=sys.stderr)
+    if name in _TOOLS:
+        script = name.replace("-", "_")
+        print(
+            f"radalt: {name} is a tool of the source tree now: .venv/bin/python tools/{script}.py",
+            file=sys.stderr,
+        )
+        return 2
+    if name not in programs():
+        known = [*programs(), "env"]
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+        print(f"radalt: no command {name[:40]!r}; {hint}", file=sys.stderr)
         return 2
     try:
         program = load(name)
@@ -84,16 +113,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"radalt {name}: stopped", file=sys.stderr)
         return 130
     sys.argv = [f"radalt {name}", *words[1:]]
-    return program.main(words[1:])
+    status: int = program.main(words[1:])
+    return status
 
 
 def summaries() -> dict[str, str]:
     """First line of every program's docstring, read without importing it."""
-    import ast
-
-    folder = share_dir() / "flowgraphs"
-    texts = {name: (folder / f"{script}.py").read_text("utf-8") for name, script in PROGRAMS.items()}
-    return {n: (ast.get_docstring(ast.parse(text)) or "").splitlines()[0] for n, text in texts.items()}
+    texts = {name: program.file.read_text("utf-8") for name, program in programs().items()}
+    return {name: (ast.get_docstring(ast.parse(text)) or "").splitlines()[0] for name, text in texts.items()}
 
 
 def _overview() -> str:
@@ -107,11 +134,15 @@ def _environment() -> str:
     """Shell lines; none for what is found without."""
     from .flowgraph.generate import grc_dirs
 
-    package = Path(__file__).absolute().parent.parent
+    wanted = [("PYTHONPATH", _PACKAGE.parent), ("GRC_BLOCKS_PATH", Path(grc_dirs()[0]))]
+    prefix = share_dir().parent.parent  # of an installation
+    if (prefix / "bin" / "radalt").is_file():
+        wanted += [("PATH", prefix / "bin"), ("MANPATH", prefix / "share" / "man")]
     lines = []
-    for name, value in (("PYTHONPATH", str(package.parent)), ("GRC_BLOCKS_PATH", grc_dirs()[0])):
-        text = shlex.quote(value)
-        lines.append(f'export {name}={text}"${{{name}:+:${name}}}"')
+    for name, value in wanted:
+        # an empty MANPATH entry stands for the system's own pages
+        rest = '":$MANPATH"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
+        lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)
 
 

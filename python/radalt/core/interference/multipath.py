@@ -182,6 +182,15 @@ class FadingChannel:
             gains[..., 0, :] += np.sqrt(self.los_power) * exp_cycles(cycles, np.complex128)
         return gains
 
+    def draw(self, rng: np.random.Generator) -> Paths:
+        """One draw of the channel, whose gains are a function of time without end."""
+        waves = _WAVES if self.doppler_hz else 1
+        shape = (self.powers.size, waves)
+        weights = _gaussian(shape, rng) * np.sqrt(self.powers / waves)[:, None]
+        wave_hz = self.doppler_hz * np.cos(2 * np.pi * rng.random(shape))
+        sight = np.sqrt(self.los_power) * np.exp(2j * np.pi * rng.random())
+        return Paths(weights, wave_hz, sight, _LOS_DOPPLER * self.doppler_hz)
+
     def apply(
         self, frames: np.ndarray, rate_hz: float, rng: np.random.Generator, *, periodic: bool = False
     ) -> np.ndarray:
@@ -229,6 +238,27 @@ class FadingChannel:
         return faded
 
 
+@dataclass(frozen=True)
+class Paths:
+    """A draw of a `FadingChannel`: each tap is a sum of plane waves, ``weights`` (taps, waves) at ``wave_hz``.
+
+    ``sight`` is the line of sight's complex amplitude, at ``sight_hz``, in tap 0.
+    """
+
+    weights: np.ndarray
+    wave_hz: np.ndarray
+    sight: complex
+    sight_hz: float
+
+    def gains(self, seconds: np.ndarray) -> np.ndarray:
+        """(n, taps) complex128 gains at (n,) times, any time."""
+        cycles = seconds[:, None, None] * self.wave_hz
+        waves = exp_cycles((cycles - np.rint(cycles)).astype(np.float32))
+        gains = np.einsum("ntw,tw->nt", waves, self.weights)
+        gains[:, 0] += self.sight * exp_cycles(seconds * self.sight_hz, np.complex128)
+        return gains
+
+
 @dataclass(frozen=True, kw_only=True)
 class FadedEmitter(NamedEmitter):
     """An emitter heard through multipath: emitter protocol, long-run mean power 1.
@@ -269,8 +299,3 @@ class FadedEmitter(NamedEmitter):
 def faded(emitter: Emitter, data: Any, where: str) -> FadedEmitter:
     """The emitter heard through a multipath profile (`FadingChannel`) given as a mapping."""
     return FadedEmitter(emitter=emitter, channel=build(FadingChannel, data, where))
-
-
-def unfaded(emitter: Emitter) -> tuple[Emitter, FadingChannel | None]:
-    """The emitter itself and its multipath channel, None without."""
-    return (emitter.emitter, emitter.channel) if isinstance(emitter, FadedEmitter) else (emitter, None)

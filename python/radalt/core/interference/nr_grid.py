@@ -2,8 +2,9 @@
 
 Exact: PSS, SSS, all DM-RS, all resource-element positions. Random: the payload bits under PBCH, PDCCH and
 PDSCH. Channel coding followed by Gold scrambling makes transmitted bits equiprobable and uncorrelated, so
-uniform random bits leave the waveform's statistics unchanged; they cannot be decoded. Not modelled: CSI-RS,
-TRS, precoding and beam sweeping (one antenna port), transmit windowing.
+uniform random bits leave the waveform's statistics unchanged; they cannot be decoded. Precoding, a second layer
+and error vectors are drawn. Not modelled: CSI-RS other than the tracking reference signal, beam sweeping,
+transmit windowing.
 """
 
 from __future__ import annotations
@@ -14,19 +15,31 @@ from enum import IntEnum
 import numpy as np
 
 from . import nr_sequences as seq
+from .evm import TYPICAL, TYPICAL_EVM, check_evm, evm_fraction
 
-SUBCARRIER_SPACING_HZ = 15e3
-RESOURCE_BLOCKS = {5e6: 25, 10e6: 52}  # TS 38.101-1 Table 5.3.2-1, 15 kHz
-FFT_LENGTHS = {5e6: 512, 10e6: 1024}  # 7.68 and 15.36 MHz
-GROUP_BLOCKS = {5e6: 2, 10e6: 4}  # resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1
+SUBCARRIER_SPACING_HZ = 15e3  # numerology 0
+# TS 38.101-1 Table 5.3.2-1. 5 MHz at 30 kHz, 11 blocks, is left out: an SS/PBCH block needs 20.
+RESOURCE_BLOCKS = {
+    15e3: {5e6: 25, 10e6: 52, 15e6: 79, 20e6: 106, 25e6: 133, 30e6: 160, 40e6: 216, 50e6: 270},
+    30e3: {
+        **{10e6: 24, 15e6: 38, 20e6: 51, 25e6: 65, 30e6: 78, 40e6: 106, 50e6: 133},
+        **{60e6: 162, 70e6: 189, 80e6: 217, 90e6: 245, 100e6: 273},
+    },
+}
 MIXED = "mixed"
 MODULATIONS = (*seq.BITS_PER_SYMBOL, MIXED)
 SYMBOLS_PER_SLOT = 14
-SLOTS_PER_FRAME = 10
 SSB_SUBCARRIERS = 240
-SSB_START_SYMBOLS = (2, 8)  # case A, TS 38.213 clause 4.1: {2, 8} + 14 n
+SSB_START_SYMBOLS = (2, 8)  # cases A (15 kHz) and C (30 kHz), TS 38.213 clause 4.1: {2, 8} + 14 n
 # Last column group of TS 38.211 Table 7.4.1.1.2-3, single-symbol DM-RS, PDSCH up to the end of the slot.
 DMRS_ADDITIONAL = {0: (), 1: (11,), 2: (7, 11), 3: (5, 8, 11)}
+DOWNLINK_SYMBOLS = {"D": 14, "S": 10, "U": 0}  # of a slot; S is the common 10 : 2 : 2, then a gap and uplink
+DMRS_ADDITIONAL_SPECIAL = {0: (), 1: (9,), 2: (6, 9), 3: (6, 9)}  # the same table for ten symbols
+PRECODED_BLOCKS = 4  # precoding resource block group, TS 38.214 clause 5.1.2.3
+PRECODING_DB = 6.0  # between the strongest and the weakest group
+TRS_SYMBOLS = (6, 10)  # TS 38.214 clause 5.1.6.1.1; of the three pairs allowed the one that no DM-RS meets
+TRS_STEP = 4  # subcarriers: density 3, TS 38.211 Table 7.4.1.5.3-1, row 1
+_MOST_SAMPLES = 1 << 25  # 0.5 GB at the carrier's own rate
 # EPRE ratio of TS 38.214 Table 4.1-1: 0 and -3 dB for one and two CDM groups without data.
 DMRS_AMPLITUDE = {1: 1.0, 2: 10.0 ** (3.0 / 20.0)}
 
@@ -43,16 +56,18 @@ class Element(IntEnum):
     PDCCH_DMRS = 6
     PDSCH = 7
     PDSCH_DMRS = 8
+    CSI_RS = 9
 
 
 @dataclass(frozen=True, kw_only=True)
 class NrConfig:
-    """An NR downlink carrier in FR1: 15 kHz subcarriers, normal cyclic prefix, one antenna port.
+    """An NR downlink carrier in FR1: normal cyclic prefix, what one antenna of a receiver hears of one or two layers.
 
     Parameters
     ----------
-    channel_bandwidth_hz : 5e6 (25 resource blocks) or 10e6 (52)
-    subcarrier_spacing_hz : only 15e3
+    channel_bandwidth_hz : 5e6 (25 resource blocks of 15 kHz spacing), 10e6 (52; 24 of 30 kHz) and so on to 50e6, with
+        30 kHz to 100e6 (273); TS 38.101-1 Table 5.3.2-1
+    subcarrier_spacing_hz : 15e3 or 30e3
     cell_id : physical cell identity, 0..1007
     modulation : PDSCH alphabet, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed': users of their own alphabets, one per
         resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) and slot
@@ -71,7 +86,17 @@ class NrConfig:
     l_max : 4 (carriers up to 3 GHz) or 8 (above)
     frame_count : number of different 10 ms frames before the signal repeats, 1..100
     upconversion_frequency_hz : f_0 of clause 5.4, turns symbols by exp(-j 2 pi f_0 t_symbol); 0: none
-    seed : of the payload bits and of the allocations
+    seed : of the payload bits, the allocations, the precoders and the error vectors
+    evm : error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
+        white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
+        TS 38.104 Table 6.5.2.2-1 for the element's alphabet: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
+    precoding : a phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH
+        and its DM-RS
+    second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; none
+        without
+    tdd : slots that repeat, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
+        which is silent; as many as divide a radio frame's. Empty is downlink alone
+    csi_rs : whether the tracking reference signal (a CSI-RS of one port, density 3) is sent, in two slots of a frame
 
     Raises
     ------
@@ -97,16 +122,23 @@ class NrConfig:
     frame_count: int = 1
     upconversion_frequency_hz: float = 0.0
     seed: int = 0
+    evm: float | str = 0.0
+    precoding: bool = False
+    second_layer_db: float | None = None
+    tdd: str = ""
+    csi_rs: bool = False
 
     def __post_init__(self) -> None:
-        if self.subcarrier_spacing_hz != SUBCARRIER_SPACING_HZ:
+        if self.subcarrier_spacing_hz not in RESOURCE_BLOCKS:
             raise ValueError(
-                f"subcarrier_spacing_hz {self.subcarrier_spacing_hz:g} is not supported; "
-                "only numerology 0 is built, use 15000"
+                f"subcarrier_spacing_hz {self.subcarrier_spacing_hz:g} is not supported; choose 15e3 or 30e3"
             )
-        if self.channel_bandwidth_hz not in RESOURCE_BLOCKS:
+        carriers = RESOURCE_BLOCKS[self.subcarrier_spacing_hz]
+        if self.channel_bandwidth_hz not in carriers:
             raise ValueError(
-                f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported; choose 5e6 or 10e6"
+                f"channel_bandwidth_hz {self.channel_bandwidth_hz:g} is not supported with subcarrier_spacing_hz "
+                f"{self.subcarrier_spacing_hz:g}; choose one of "
+                f"{', '.join(f'{hz / 1e6:g}e6' for hz in carriers)}"
             )
         seq.check_cell_id(self.cell_id)
         if self.modulation not in MODULATIONS:
@@ -121,6 +153,7 @@ class NrConfig:
                     f"{name} {getattr(self, name):g} is outside 0..1; give a fraction, not per cent"
                 )
         self._check_control()
+        self._check_transmitter()
         self._check_ssb()
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} has to be 0 or above")
@@ -128,9 +161,30 @@ class NrConfig:
             raise ValueError(
                 f"frame_count {self.frame_count} is outside 1..100; use fewer frames (1.2 MB each)"
             )
+        if self.frame_count * self.sample_rate_hz / 100 > _MOST_SAMPLES:
+            raise ValueError(
+                f"frame_count {self.frame_count} of {self.channel_bandwidth_hz / 1e6:g} MHz take more than 0.5 GB; "
+                f"use at most {int(_MOST_SAMPLES * 100 / self.sample_rate_hz)}"
+            )
+        if self.csi_rs and not self.trs_slots:
+            raise ValueError(
+                "csi_rs needs two downlink slots in a row without SS/PBCH blocks; change tdd or ssb_indices"
+            )
         if not np.isfinite(self.upconversion_frequency_hz) or self.upconversion_frequency_hz < 0:
             raise ValueError(
                 f"upconversion_frequency_hz {self.upconversion_frequency_hz} must be finite and >= 0"
+            )
+
+    def _check_transmitter(self) -> None:
+        check_evm("nr", self.evm)
+        if self.second_layer_db is not None and not -40.0 <= self.second_layer_db <= 20.0:
+            raise ValueError(
+                f"second_layer_db {self.second_layer_db:g} is outside -40..20; leave it out for one layer"
+            )
+        if self.tdd and (set(self.tdd) - set(DOWNLINK_SYMBOLS) or self.slots_per_frame % len(self.tdd)):
+            raise ValueError(
+                f"tdd {self.tdd!r} has to be slots D, S and U, as many as divide the {self.slots_per_frame} of a radio "
+                "frame, such as DDDSU"
             )
 
     def _check_control(self) -> None:
@@ -164,6 +218,13 @@ class NrConfig:
                 raise ValueError(
                     f"ssb_indices {self.ssb_indices} hold {index}, outside 0..{self.l_max - 1}; drop it"
                 )
+            if self.tdd:
+                last = SSB_START_SYMBOLS[index % 2] + 4
+                if DOWNLINK_SYMBOLS.get(self.slot_kinds[index // 2], 14) < last:
+                    raise ValueError(
+                        f"ssb_indices {self.ssb_indices} hold {index}, whose symbols tdd {self.tdd!r} does not "
+                        "give to the downlink; drop it"
+                    )
         limit = self.subcarriers - SSB_SUBCARRIERS
         if self.ssb_subcarrier is not None and not 0 <= self.ssb_subcarrier <= limit:
             raise ValueError(
@@ -173,7 +234,7 @@ class NrConfig:
     @property
     def resource_blocks(self) -> int:
         """Transmission bandwidth N_RB in resource blocks."""
-        return RESOURCE_BLOCKS[self.channel_bandwidth_hz]
+        return RESOURCE_BLOCKS[self.subcarrier_spacing_hz][self.channel_bandwidth_hz]
 
     @property
     def subcarriers(self) -> int:
@@ -182,17 +243,41 @@ class NrConfig:
 
     @property
     def occupied_bandwidth_hz(self) -> float:
-        """N_RB * 180 kHz."""
+        """12 N_RB subcarrier spacings."""
         return self.subcarriers * self.subcarrier_spacing_hz
 
     @property
     def fft_length(self) -> int:
-        """Smallest usual transform: 512 or 1024."""
-        return FFT_LENGTHS[self.channel_bandwidth_hz]
+        """Smallest power of two, from 512 on, with as many subcarriers: 512 or 1024 for 5 or 10 MHz of 15 kHz."""
+        return max(512, 1 << (self.subcarriers - 1).bit_length())
+
+    @property
+    def slots_per_frame(self) -> int:
+        """10, or 20 with a spacing of 30 kHz."""
+        return round(10 * self.subcarrier_spacing_hz / SUBCARRIER_SPACING_HZ)
+
+    @property
+    def slot_kinds(self) -> str:
+        """'D', 'S' or 'U' of each slot of a radio frame."""
+        return (self.tdd or "D") * (self.slots_per_frame // len(self.tdd or "D"))
+
+    @property
+    def trs_slots(self) -> tuple[int, ...]:
+        """The two slots of a radio frame with the tracking reference signal, empty where there are none."""
+        busy = {index // 2 for index in self.ssb_indices}
+        free = [slot for slot, kind in enumerate(self.slot_kinds) if kind == "D" and slot not in busy]
+        return next(((a, b) for a, b in zip(free, free[1:], strict=False) if b == a + 1), ())
+
+    @property
+    def group_blocks(self) -> int:
+        """Resource block group, TS 38.214 Table 5.1.2.2.1-1, configuration 1."""
+        return next(
+            size for most, size in ((36, 2), (72, 4), (144, 8), (275, 16)) if self.resource_blocks <= most
+        )
 
     @property
     def sample_rate_hz(self) -> float:
-        """Native rate: 7.68e6 or 15.36e6."""
+        """Native rate: 7.68e6, 15.36e6 and so on to 122.88e6."""
         return self.fft_length * self.subcarrier_spacing_hz
 
     @property
@@ -203,6 +288,11 @@ class NrConfig:
         return (self.subcarriers - SSB_SUBCARRIERS) // 2
 
     @property
+    def dmrs_symbols_special(self) -> tuple[int, ...]:
+        """PDSCH DM-RS symbols of a special slot."""
+        return (self.dmrs_type_a_position, *DMRS_ADDITIONAL_SPECIAL[self.dmrs_additional_positions])
+
+    @property
     def dmrs_symbols(self) -> tuple[int, ...]:
         """PDSCH DM-RS symbols of a slot, Table 7.4.1.1.2-3 (mapping type A)."""
         return (self.dmrs_type_a_position, *DMRS_ADDITIONAL[self.dmrs_additional_positions])
@@ -210,10 +300,14 @@ class NrConfig:
 
 @dataclass(frozen=True)
 class ResourceGrid:
-    """`values` (subcarriers, symbols) complex128; `elements` (subcarriers, symbols) uint8 of `Element`."""
+    """`values` (subcarriers, symbols) complex128; `elements` (subcarriers, symbols) uint8 of `Element`.
+
+    `evm` (subcarriers, symbols) is the error vectors' RMS fraction, None for an ideal carrier.
+    """
 
     values: np.ndarray
     elements: np.ndarray
+    evm: np.ndarray | None = None
 
     def where(self, *kinds: Element) -> np.ndarray:
         """Boolean mask (subcarriers, symbols) of the resource elements that carry any of `kinds`."""
@@ -256,7 +350,7 @@ def _place_ssb(config: NrConfig, grid: ResourceGrid, rng: np.random.Generator) -
 
 def _ssb_reserved(config: NrConfig) -> np.ndarray:
     """(resource blocks, symbols of a frame) bool: touched by an SS/PBCH block, TS 38.214 clause 5.1.4."""
-    reserved = np.zeros((config.resource_blocks, SLOTS_PER_FRAME * SYMBOLS_PER_SLOT), dtype=bool)
+    reserved = np.zeros((config.resource_blocks, config.slots_per_frame * SYMBOLS_PER_SLOT), dtype=bool)
     low = config.ssb_first_subcarrier // 12
     high = -(-(config.ssb_first_subcarrier + SSB_SUBCARRIERS) // 12)
     for index in config.ssb_indices:
@@ -276,11 +370,13 @@ def _place_pdcch(
     duration = config.coreset_symbols
     width = 6 // duration
     cce_count = (config.resource_blocks // 6) * duration
-    slots, symbols = np.meshgrid(np.arange(SLOTS_PER_FRAME), np.arange(duration), indexing="ij")
+    slots, symbols = np.meshgrid(np.arange(config.slots_per_frame), np.arange(duration), indexing="ij")
     pilots = seq.pdcch_dmrs(config.cell_id, slots, symbols, config.resource_blocks)
     kinds = np.full(12, Element.PDCCH, dtype=np.uint8)
     kinds[[1, 5, 9]] = Element.PDCCH_DMRS
-    for slot in range(SLOTS_PER_FRAME):
+    for slot in range(config.slots_per_frame):
+        if config.slot_kinds[slot] == "U":
+            continue
         columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * slot + duration)
         blocked = reserved[: cce_count * width, columns].reshape(cce_count, -1).any(axis=1)
         free = rng.permutation(np.flatnonzero(~blocked))
@@ -306,55 +402,104 @@ def _place_pdsch(
     A resource block whose DM-RS would fall on an SS/PBCH block is not scheduled in that slot (TS 38.214
     clause 5.1.4 forbids it); otherwise the data is rate matched around the block.
     """
-    dmrs = np.array(config.dmrs_symbols)
-    pilots = seq.pdsch_dmrs(config.cell_id, np.arange(SLOTS_PER_FRAME)[:, None], dmrs, config.resource_blocks)
-    pilots = pilots * DMRS_AMPLITUDE[config.cdm_groups_without_data]
-    even = np.arange(config.subcarriers) % 2 == 0
     count = round(config.load * config.resource_blocks)
-    for slot in range(SLOTS_PER_FRAME):
-        if config.slot_load < 1 and rng.random() >= config.slot_load:
+    for slot, kind in enumerate(config.slot_kinds):
+        if kind == "U" or (config.slot_load < 1 and rng.random() >= config.slot_load):
             continue
         columns = slice(SYMBOLS_PER_SLOT * slot, SYMBOLS_PER_SLOT * (slot + 1))
         start = rng.integers(0, config.resource_blocks - count + 1)
         block = np.zeros((config.resource_blocks, 1), dtype=bool)
         block[start : start + count] = True
-        busy = reserved[:, columns]
+        busy, elements = reserved[:, columns], grid.elements[:, columns]
+        dmrs = config.dmrs_symbols if kind == "D" else config.dmrs_symbols_special
         block[busy[:, dmrs].any(axis=1)] = False
         data = np.repeat(block & ~busy, 12, axis=0)
         data[:, : config.coreset_symbols] = False
-        allotted = np.repeat(block[:, 0], 12)
-        for number, symbol in enumerate(dmrs):
-            data[even, symbol] = False
-            if config.cdm_groups_without_data == 2:
-                data[:, symbol] = False
-            rows = allotted & even
-            grid.values[rows, columns.start + symbol] = pilots[slot, number][rows[even]]
-            grid.elements[rows, columns.start + symbol] = Element.PDSCH_DMRS
-        grid.values[:, columns][data] = _payload(config, data, rng)
-        grid.elements[:, columns][data] = Element.PDSCH
+        data[:, DOWNLINK_SYMBOLS[kind] :] = False
+        data[elements == Element.CSI_RS] = False
+        comb = np.zeros(data.shape, dtype=bool)  # of the DM-RS
+        comb[::2, dmrs] = np.repeat(block, 12, axis=0)[::2]
+        data[:, dmrs] &= config.cdm_groups_without_data == 1
+        data &= ~comb
+        sent = _layers(config, slot, dmrs, data, comb, grid, rng)
         if config.power_spread_db:
             own = _of_groups(config, rng.uniform(-config.power_spread_db, 0.0, _groups(config)))
-            sent = np.isin(grid.elements[:, columns], (Element.PDSCH, Element.PDSCH_DMRS))
-            grid.values[:, columns] *= np.where(sent, 10.0 ** (own[:, None] / 20.0), 1.0)
+            sent *= 10.0 ** (own[:, None] / 20.0)
+        grid.values[:, columns][data | comb] = sent[data | comb]
+        elements[data], elements[comb] = Element.PDSCH, Element.PDSCH_DMRS
+
+
+def _layers(
+    config: NrConfig,
+    slot: int,
+    dmrs: tuple[int, ...],
+    data: np.ndarray,
+    comb: np.ndarray,
+    grid: ResourceGrid,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """(subcarriers, 14) one slot's PDSCH and DM-RS as an antenna hears them: one or two layers, precoded."""
+    pilots = seq.pdsch_dmrs(config.cell_id, slot, np.array(dmrs), config.resource_blocks)
+    pilots = pilots.T * DMRS_AMPLITUDE[config.cdm_groups_without_data]
+    total = np.zeros(data.shape, dtype=np.complex128)
+    user = None
+    if config.modulation == MIXED:
+        user = _of_groups(config, rng.integers(0, len(seq.BITS_PER_SYMBOL), _groups(config)))
+    layers = 1 if config.second_layer_db is None else 2
+    for layer in range(layers):
+        one = np.zeros(data.shape, dtype=np.complex128)
+        one[::2, dmrs] = pilots
+        if layer:  # port 1001: the other cover of the same comb, TS 38.211 Table 7.4.1.1.2-1
+            one[2::4, dmrs] *= -1.0
+        one[~comb] = 0.0
+        one[data] = _payload(config, data, user, rng)
+        if config.precoding or layer:
+            one *= _precoder(config, rng)[:, None]
+        total += one if not layer else 10.0 ** (config.second_layer_db / 20.0) * one
+    if grid.evm is not None and user is not None and config.evm == TYPICAL:
+        own = np.array([TYPICAL_EVM[name] for name in seq.BITS_PER_SYMBOL])[user][:, None]
+        here = grid.evm[:, SYMBOLS_PER_SLOT * slot : SYMBOLS_PER_SLOT * (slot + 1)]
+        here[:] = np.where(data | comb, own, here)
+    return total
+
+
+def _precoder(config: NrConfig, rng: np.random.Generator) -> np.ndarray:
+    """(subcarriers,) a phase, and with ``precoding`` an amplitude within 6 dB, per group of four resource blocks."""
+    groups = -(-config.resource_blocks // PRECODED_BLOCKS)
+    weights = np.exp(2j * np.pi * rng.random(groups))
+    if config.precoding:
+        weights *= 10.0 ** (rng.uniform(-0.5, 0.5, groups) * PRECODING_DB / 20.0)
+    return np.repeat(weights, 12 * PRECODED_BLOCKS)[: config.subcarriers]
+
+
+def _place_trs(config: NrConfig, grid: ResourceGrid) -> None:
+    """Tracking reference signal, a CSI-RS of one port and density 3 over the carrier, TS 38.211 clause 7.4.1.5."""
+    for slot in config.trs_slots:
+        for symbol in TRS_SYMBOLS:
+            column = SYMBOLS_PER_SLOT * slot + symbol
+            grid.values[::TRS_STEP, column] = seq.csi_rs(
+                config.cell_id, slot, symbol, 3 * config.resource_blocks
+            )
+            grid.elements[::TRS_STEP, column] = Element.CSI_RS
 
 
 def _groups(config: NrConfig) -> int:
     """Resource block groups of the carrier, the last one perhaps smaller."""
-    return -(-config.resource_blocks // GROUP_BLOCKS[config.channel_bandwidth_hz])
+    return -(-config.resource_blocks // config.group_blocks)
 
 
 def _of_groups(config: NrConfig, values: np.ndarray) -> np.ndarray:
     """(subcarriers,) each group's value."""
-    return np.repeat(values, 12 * GROUP_BLOCKS[config.channel_bandwidth_hz])[: config.subcarriers]
+    return np.repeat(values, 12 * config.group_blocks)[: config.subcarriers]
 
 
-def _payload(config: NrConfig, data: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Points of the elements in which ``data`` (subcarriers, symbols of a slot) is True, of their users' alphabets."""
-    if config.modulation != MIXED:
+def _payload(
+    config: NrConfig, data: np.ndarray, user: np.ndarray | None, rng: np.random.Generator
+) -> np.ndarray:
+    """Points of the elements in which ``data`` (subcarriers, 14) is True; ``user`` (subcarriers,) numbers alphabets."""
+    if user is None:
         return _random_symbols(config.modulation, int(data.sum()), rng)
-    names = list(seq.BITS_PER_SYMBOL)
-    user = _of_groups(config, rng.integers(0, len(names), _groups(config)))
-    drawn = np.stack([_random_symbols(name, int(data.sum()), rng) for name in names])
+    drawn = np.stack([_random_symbols(name, int(data.sum()), rng) for name in seq.BITS_PER_SYMBOL])
     return np.take_along_axis(drawn, user[np.nonzero(data)[0]][None], axis=0)[0]
 
 
@@ -364,10 +509,32 @@ def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
     Returns a `ResourceGrid` of shape (12 N_RB, 140): subcarrier 0 is the lowest, column 14 slot + symbol.
     PDSCH, PBCH and PDCCH elements have unit mean power; `rng` gives payload bits and allocations.
     """
-    shape = (config.subcarriers, SLOTS_PER_FRAME * SYMBOLS_PER_SLOT)
-    grid = ResourceGrid(np.zeros(shape, dtype=np.complex128), np.zeros(shape, dtype=np.uint8))
+    shape = (config.subcarriers, config.slots_per_frame * SYMBOLS_PER_SLOT)
+    evm = None
+    if (
+        config.evm
+    ):  # what is not a user's own has the value of the carrier's alphabet, of the highest where users mix
+        rest = evm_fraction(config.evm, "256qam" if config.modulation == MIXED else config.modulation)
+        evm = np.full(shape, rest)
+    grid = ResourceGrid(np.zeros(shape, dtype=np.complex128), np.zeros(shape, dtype=np.uint8), evm)
     reserved = _ssb_reserved(config)
     _place_ssb(config, grid, rng)
     _place_pdcch(config, grid, reserved, rng)
+    if config.csi_rs:
+        _place_trs(config, grid)
     _place_pdsch(config, grid, reserved, rng)
     return grid
+
+
+def transmitted(grid: ResourceGrid, rng: np.random.Generator) -> np.ndarray:
+    """(subcarriers, symbols) the elements with the transmitter's error vectors, which symbols without anything lack.
+
+    The error is white within the carrier: elements that carry nothing have it, too.
+    """
+    if grid.evm is None:
+        return grid.values
+    data = grid.where(Element.PDSCH)
+    reference = grid.values[data if data.any() else grid.elements != Element.EMPTY]
+    rms = np.sqrt(0.5 * np.mean(np.abs(reference) ** 2)) if reference.size else 0.0
+    error = rng.standard_normal((*grid.values.shape, 2)).view(np.complex128)[..., 0] * (rms * grid.evm)
+    return grid.values + error * (grid.elements != Element.EMPTY).any(axis=0)

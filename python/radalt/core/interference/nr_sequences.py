@@ -145,6 +145,13 @@ def pdsch_dmrs(cell_id: int, slot: np.ndarray, symbol: np.ndarray, resource_bloc
     return gold_qpsk(_symbol_c_init(slot, symbol, cell_id), 6 * resource_blocks)
 
 
+def csi_rs(cell_id: int, slot: int, symbol: int, length: int) -> np.ndarray:
+    """CSI-RS r(m), clause 7.4.1.5.2, n_ID = cell identity: (length,) complex128."""
+    check_cell_id(cell_id)
+    c_init = (2**10 * (14 * slot + symbol + 1) * (2 * cell_id + 1) + cell_id) % 2**31
+    return gold_qpsk(c_init, length)
+
+
 def constellation(modulation: str) -> np.ndarray:
     """QAM alphabet of clause 5.1, unit mean power: (2**Q,) complex128, index = bits with b(0) as the MSB.
 

@@ -51,6 +51,15 @@ def around(signal: np.ndarray, start: int, count: int) -> np.ndarray:
     return np.concatenate([signal[start:], *[signal] * whole, signal[:last]])
 
 
+def random_window(signal: np.ndarray, residual: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count,) samples of an (n,) signal that repeats: random start and phase, shifted by ``residual`` cycles each."""
+    start = rng.integers(0, signal.size)
+    phase = rng.random()
+    window = around(signal, start, count)
+    cycles = phase + np.arange(count) * residual if residual else phase
+    return window * np.exp(2j * np.pi * cycles)
+
+
 def check_count(count: int) -> int:
     """Number of samples as int; ValueError below 1."""
     if int(count) != count or count < 1:

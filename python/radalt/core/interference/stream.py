@@ -9,6 +9,7 @@ import numpy as np
 
 from ..programme import Programme
 from ..waveform import Waveform
+from .effects import ImpairedEmitter, Running
 from .placement import Emitter, Interferer, interference_frames
 
 __all__ = ["Continued", "JammerStream"]
@@ -77,6 +78,11 @@ class Continued:
         return True
 
 
+def _is_steady(emitter: Emitter) -> bool:
+    """Whether an emitter goes on with one gain."""
+    return isinstance(emitter, (Continued, Running)) and emitter.steady
+
+
 class JammerStream:
     """Endless interference in frames of N samples, silent while the segmenter takes its timing.
 
@@ -94,7 +100,9 @@ class JammerStream:
         False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
         part of a frame, as for an emitter that knows nothing of the radar. SIR and overlap then hold in its own
         windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
-        repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean.
+        repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean; with
+        ``fading`` in the mean over the fading. Channels and oscillators of ``fading``, ``oscillator`` and
+        ``phase_noise`` go on either way.
     total_sir_db : float or None
         SIR of the sum; None leaves each interferer its own.
     """
@@ -111,7 +119,7 @@ class JammerStream:
     ) -> None:
         self.waveform, self.programme = waveform, programme
         self._free_running = free_running
-        self._going_on: dict[int, Continued] = {}  # by place
+        self._going_on: dict[int, Continued | Running] = {}  # by place
         self.play(interferers, total_sir_db)
         self._rng = np.random.default_rng([seed, 0x3A3])
         n = waveform.samples_per_frame
@@ -127,9 +135,10 @@ class JammerStream:
         self.interferers, self.total_sir_db = tuple(interferers), total_sir_db
         self._playing, self._scaled_to_db = self.interferers, total_sir_db
         if not self._free_running:
+            self._playing = tuple(self._moving(k, one, steady=False) for k, one in enumerate(interferers))
             return
         self._playing = tuple(self._continued(k, one) for k, one in enumerate(interferers))
-        if total_sir_db is not None and all(isinstance(i.emitter, Continued) for i in self._playing):
+        if total_sir_db is not None and all(_is_steady(i.emitter) for i in self._playing):
             # scaled frame by frame the sum would step where frames meet
             excess_db = total_sir_db + 10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in interferers))
             self._playing = tuple(replace(i, sir_db=i.sir_db + excess_db) for i in self._playing)
@@ -138,7 +147,10 @@ class JammerStream:
     def _continued(self, place: int, interferer: Interferer) -> Interferer:
         """The same interferer, running on from frame to frame if it fills whole frames."""
         emitter, going_on = interferer.emitter, self._going_on.get(place)
-        if interferer.overlap < 1 or getattr(emitter, "always_in_window", False):
+        whole = interferer.overlap == 1 and not getattr(emitter, "always_in_window", False)
+        if isinstance(emitter, ImpairedEmitter):
+            return self._moving(place, interferer, steady=whole)
+        if not whole:
             return interferer
         if going_on is None or going_on.emitter is not emitter:
             frames = getattr(emitter, "period_s", 0.0) / self.waveform.sweep_s
@@ -148,6 +160,17 @@ class JammerStream:
             cycles = getattr(emitter, "carrier_hz", 0.0) * count * self.waveform.sweep_s if repeats else 0.0
             going_on = Continued(emitter, n, count, repeats=repeats, steady=True, cycles=cycles)
             self._going_on[place] = going_on
+        return replace(interferer, emitter=going_on)
+
+    def _moving(self, place: int, interferer: Interferer, *, steady: bool) -> Interferer:
+        """The same interferer, its channel and oscillators running on from frame to frame, if it has any."""
+        emitter, going_on = interferer.emitter, self._going_on.get(place)
+        if not isinstance(emitter, ImpairedEmitter):
+            return interferer
+        if going_on is None or going_on.emitter is not emitter:
+            going_on = Running(emitter, self.waveform.samples_per_frame)
+            self._going_on[place] = going_on
+        going_on.steady = steady  # a burst goes through the same channel as what filled the frame before it
         return replace(interferer, emitter=going_on)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+import re
 
 from ..cores import allowed_cores
 from ..parsing import arguments
@@ -39,6 +40,7 @@ __all__ = [
     "PlotStyle",
     "create",
     "method_class",
+    "name_method",
     "register",
 ]
 
@@ -77,6 +79,42 @@ def method_class(name: str) -> type[Mitigation]:
     return METHODS[name]
 
 
+_NAMED: dict[str, type[Mitigation]] = {}  # by `name_method`
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
+# as bold as lines can be: what a user brings is what a figure is for
+_OWN_STYLES = (
+    PlotStyle("#000000"),
+    PlotStyle("#B2182B", "D"),
+    PlotStyle("#1B7837", "s"),
+    PlotStyle("#762A83", "P"),
+)
+
+
+def name_method(name: str, kind: str) -> None:
+    """Make a network (``kind`` `tcae`) or a method file (`custom`) a method of its own name, in this process.
+
+    A scene does so where ``method_options`` of a name say ``method: tcae`` or ``method: custom``.
+
+    Raises
+    ------
+    MitigationError
+        If the name is a shipped method's, or none that a block can have.
+    """
+    if kind not in (Tcae.name, CUSTOM):
+        raise MitigationError(
+            f"method_options.{name}.method is {kind!r}; it has to be {Tcae.name} or {CUSTOM}"
+        )
+    base = Tcae if kind == Tcae.name else Custom
+    if name in _NAMED and issubclass(_NAMED[name], base):
+        return
+    if not _NAME.fullmatch(name) or name in METHODS or name == CUSTOM:
+        raise MitigationError(
+            f"a method of your own cannot be called {name!r}; take a new name of lower-case letters, digits and _"
+        )
+    style = _OWN_STYLES[len(_NAMED) % len(_OWN_STYLES)]
+    _NAMED[name] = register(type(base.__name__, (base,), {"name": name, "style": style}))
+
+
 def create(
     name: str,
     waveform: Waveform,
@@ -107,13 +145,21 @@ def create(
     MitigationError
         For an unknown name or parameter; names what is allowed.
     """
+    if "method" in parameters:
+        name_method(name, parameters["method"])
     method = method_class(name)
+    if isinstance(batch, bool) or not isinstance(batch, int) or not 1 <= batch <= 64:
+        raise MitigationError(f"{name}.batch is {batch!r}; it has to be a whole number within 1..64")
+    gone = next((option for option in parameters if option in method.removed), None)
+    if gone is not None:
+        raise MitigationError(f"{name}.{gone} is gone: {method.removed[gone]}")
     if max_altitude_m is not None and "span_m" in inspect.signature(method).parameters:
         parameters = {"span_m": max_altitude_m, **parameters}
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
         return OwnProcess(name, waveform, batch=batch, max_altitude_m=max_altitude_m, **parameters)
+    parameters.pop("method", None)
     try:
         if isinstance(method, type):
             parameters = arguments(method.__init__, parameters, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -74,6 +75,8 @@ class Mitigation(ABC):
         Frames processed since construction or `reset`.
     diverged_frames : int
         Frames in which an adaptive method left its stable region; always 0 for the others.
+    removed : mapping of str to str
+        Options that earlier releases had, and what to do about each.
     beyond_frames : int
         Frames that passed as they came because the ground lies beyond the span (`BeyondSpan`).
     outside_cpu_ns : int
@@ -89,6 +92,7 @@ class Mitigation(ABC):
     style: ClassVar[PlotStyle | None] = None
     batch: ClassVar[int] = 4
     runs_network: ClassVar[bool] = False
+    removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
     beyond_span: BeyondSpan | None = None  # what `create` gives it; a method inside another one needs none
 

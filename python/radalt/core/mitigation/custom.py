@@ -13,7 +13,7 @@ import numpy as np
 
 from ..parsing import InputError, read_text
 from ..waveform import Waveform
-from .base import Mitigation, MitigationError
+from .base import Mitigation, MitigationError, PlotStyle
 from .rehearsal import MOST_BYTES, rehearse
 
 __all__ = ["Custom"]
@@ -54,12 +54,13 @@ class Custom(Mitigation):
     """
 
     name = "custom"
+    style = PlotStyle("#000000")
 
     def __init__(self, waveform: Waveform, *, file: str | Path | None = None) -> None:
         if not file:
             raise MitigationError(f"method custom has no file; name one with --method-file: {_CONTRACT}")
         self.file = Path(file)
-        rehearse("method file", self.name, self.file, waveform)
+        rehearse("method file", self.file, waveform)
         module = self._load()
         self._mitigate = self._method(module, waveform)
         self.sha256 = hashlib.sha256(self.file.read_bytes()).hexdigest()
@@ -117,7 +118,7 @@ class Custom(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         given = batch.copy()  # the method may work in place
         out = self._guarded(lambda: np.asarray(self._mitigate(given)))
-        if out.shape != batch.shape or out.dtype.kind not in "fc":
+        if out.shape != batch.shape or out.dtype.kind != "c":
             raise MitigationError(
                 f"method file {self.file} gives {out.dtype} of shape {out.shape}; expected complex frames of shape "
                 f"{batch.shape}"

@@ -31,6 +31,7 @@ from .ofdm.steady import Reading, Steady, read_on, steady
 from .ofdm.still import still
 from .ofdm.thorough import read_thoroughly
 from .ofdm.tones import without_tones
+from .outcome import PASSED, Outcome
 
 __all__ = ["OfdmCancel"]
 
@@ -45,6 +46,7 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
 _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
+_SEARCH_FFTS, _TRACKING_FFTS = 300.0, 15.0  # FFTs of 7,500 points that a frame costs in the median
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 8  # from then on one frame in eight is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
@@ -155,6 +157,7 @@ class OfdmCancel(Mitigation):
         self.found = self.followed = 0
         self.busy = self.misread = 0.0
         self._contrast = 0.0  # of the prefix, in the last frame that was searched
+        self.outcome = PASSED
         self._vain = 0  # frames since one had no prefix or could be read
         self._lock: _Lock | None = None
         self._modulator = Modulator(self.waveform.samples_per_frame)
@@ -175,18 +178,32 @@ class OfdmCancel(Mitigation):
         burst = loud_burst(frame, _SHORT) if self._contrast >= _CONTRAST else None
         return frame if burst is None else np.where(burst, 0, frame)
 
-    def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
+    @property
+    def tracking(self) -> bool:
+        """Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it."""
+        return self._lock is not None
+
+    def cancel(self, frame: np.ndarray, *, search: bool = True) -> np.ndarray | None:
         """(N,) complex64: a finite frame without its OFDM; None if it has none that can be demodulated.
 
-        ``toneless`` says that its tones were taken away before.
+        ``search=False`` only tracks an emitter of the frame before.
         """
         out = self.follow(frame)
-        if out is not None or not _audible(frame):
-            return out
+        self.outcome = PASSED if out is None else Outcome("tracked", ffts=_TRACKING_FFTS)
+        if out is None and search:
+            out = self._searched(frame)
+            state = "passed" if out is None else "acquired"
+            self.outcome = Outcome(state, ffts=_SEARCH_FFTS)
+        return out
+
+    def _searched(self, frame: np.ndarray) -> np.ndarray | None:
+        """The frame without an emitter that is searched."""
+        if not _audible(frame):
+            return None
         if self._vain > _PATIENCE and self._vain % _PAUSE:
             self._vain += 1
             return None
-        heard = None if toneless else without_tones(frame)
+        heard = without_tones(frame)
         tones = heard is not None
         heard = heard if tones else frame
         level = float(np.sqrt(np.vdot(heard, heard).real / frame.size))

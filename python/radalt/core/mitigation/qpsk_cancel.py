@@ -1,88 +1,75 @@
-"""Cancellation of QPSK: decide its symbols, subtract what they sound like, keep the return."""
+"""Cancellation of QPSK: demodulate it blindly, rebuild it with the pulse that was received, subtract it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.lattice import middle, power
 from .ofdm.tones import without_tones
-from .qpsk.clock import Clock, find_clocks
-from .qpsk.equaliser import Equaliser, Symbols
-from .qpsk.follower import Follower, can_follow
-from .qpsk.held import Held, astray, find_held
-from .qpsk.pulse import heard
+from .outcome import PASSED, Outcome
+from .qpsk.cma_equaliser import CmaEqualiser
+from .qpsk.pulse_estimation import estimate_pulse
+from .qpsk.settings import DEFAULTS, QpskSettings
+from .qpsk.symbol_timing import find_symbol_timings
+from .qpsk.tracking import Tracker, can_track
+from .qpsk.zero_order_hold import cancel_zero_order_hold
 
 __all__ = ["QpskCancel"]
 
-_CONTRAST = 28.0  # of the clock's line; one frame of OFDM in ten has more than 18, hardly one more than 28
-_ERROR = 0.08  # of the points' power; symbols at random have 0.3
-_ALIKE = 0.3  # correlation of neighbouring points: more is no data
-_TONE = 0.8  # a tone, which an equaliser gives one modulus from any start
-_STARTS = (0, 1, -1)  # half symbols; echoes can close the eye at one
-_SAME = 1e-3  # of the symbol rate, between frames of one emitter
-_WORTH = 4.0  # of power where it sends: a method that takes away less may take from the return
-_SENDS = 0.1  # of the mean power of what was sent
-_LIMIT = 6.0  # times the median power: what is left where a burst begins
-_JUMP = 100.0  # of power, which no emitter that goes on makes in a frame
-_CLEAR = 0.99  # of a frame: where so much is left unblanked, every sample is a point
-_ASTRAY = 0.03  # of the samples' steps, from which a filter made them
-_FEW = 25  # one sample in 25 tells the median
-_SHORTEST = 1024  # samples in a frame
+_MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
+_MEDIAN_STRIDE = 25  # samples between those whose median is taken
+# FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one look at the frame
+# and three trials of symbol timing: 18 + 3 * 82 FFTs, whatever the frame holds
+_TRACKING, _LOOK, _DEMODULATION, _PULSE = 20.0, 18.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
-class _Lock:
-    """An emitter that is followed: what frames are divided by, and whether they had tones on top."""
+class _Track:
+    """A tracker, what frames are divided by for it, and whether they had tones on top."""
 
-    follower: Follower | Held
+    tracker: Tracker
     scale: np.float32
     tones: bool
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What is left of a frame, blanked where it stands out; its mean power before that; what follows the emitter."""
-
-    out: np.ndarray
-    left: float
-    follower: Follower | Held | None
-    depth_db: float
-    busy: float
 
 
 class QpskCancel(Mitigation):
     """Blind demodulation and subtraction of QPSK of any pulse.
 
-    Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol clock. An
-    equaliser that makes all symbols one modulus needs neither carrier nor pulse. Its outputs are decided. The
-    pulse is fitted to the frame by least squares, with channel, filters and their drift over the frame, and
-    subtracted. Tones on top are subtracted before. QPSK that is switched on the sample grid, which no filter leaves, is
-    decided sample by sample. An emitter that fills the frame is followed into the next ones: clock, carrier, equaliser
-    and pulse are known there and only corrected, and one that begins anew within a frame is read on both sides. Frames
-    without QPSK pass bit for bit.
-    So do frames in which the return is too strong for safe decisions (an SIR above some -10 dB), which the
-    altimeter reads without help. What is not QPSK stays: noise of the emitter, other interference.
+    Card: *decision-directed cancellation.* The products of neighbouring samples give the symbol timing. A
+    constant-modulus equaliser needs neither carrier nor pulse. Its outputs are decided. The pulse is fitted to the
+    frame by least squares, with channel, filters and their drift over the frame, and the signal is subtracted. Tones on
+    top are removed before. QPSK that is switched on the sample grid, which no filter leaves, is decided sample by
+    sample. An emitter that fills the frame is tracked: timing, carrier, equaliser and pulse are known in the next frame
+    and only corrected. Frames without QPSK pass bit for bit. So do frames in which the return is too strong for safe
+    decisions (an SIR above some -10 dB), which the altimeter reads without help. What is not QPSK stays: the
+    transmitter's error vectors, other interference.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    settings : QpskSettings
+        For studies of their sensitivity.
 
     Attributes
     ----------
-    cancelled, followed : int
-        Frames in which QPSK was cancelled, and how many of them were read by what the frame before had told.
-    clocked : bool
-        Whether the last frame that was searched may have a symbol clock.
-    depth_db : float
-        By how much the last such frame became weaker where QPSK was sent.
-    busy : float
-        Share of that frame in which it was sent.
+    cancelled, tracked : int
+        Frames in which QPSK was cancelled, and how many of them without a search.
+    outcome : Outcome
+        Of the last frame that `cancel` was given.
+    outcomes : list of Outcome
+        One per finite frame of the last call of `process`.
+    active_share : float
+        Share of the last frame that was cancelled in which QPSK was sent.
+    burst_weight : float
+        Weight, in amplitude, that the samples of a burst have in what is left of that frame; 1 without a burst.
 
     Notes
     -----
-    What is used of the emitter: that its symbols come at a steady rate, 0.02 to 0.47 per sample, and are four points of
-    one modulus (QPSK, turned by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up to 100
+    What is used of the emitter: that its symbols come at an even rate, 0.02 to 0.47 per sample, and are four points of
+    one modulus (QPSK, rotated by any angle per symbol; BPSK). Its pulse may last 14 symbols, echoes included. Up to 100
     samples at either end of a frame are blanked, where symbols are cut.
 
     Raises
@@ -94,154 +81,131 @@ class QpskCancel(Mitigation):
     name = "qpsk_cancel"
     style = PlotStyle("#997700", "h", (0, (2, 1)))
 
-    def __init__(self, waveform: Waveform) -> None:
-        if waveform.samples_per_frame < _SHORTEST:
+    def __init__(self, waveform: Waveform, *, settings: QpskSettings = DEFAULTS) -> None:
+        if waveform.samples_per_frame < _MIN_SAMPLES:
             raise MitigationError(
-                f"qpsk_cancel: a frame has {waveform.samples_per_frame} samples; it takes {_SHORTEST} or more"
+                f"qpsk_cancel: a frame has {waveform.samples_per_frame} samples; it takes {_MIN_SAMPLES} or more"
             )
+        self._s = settings
         super().__init__(waveform)
 
     def reset(self) -> None:
         """See `Mitigation.reset`."""
         super().reset()
-        self.cancelled = self.followed = 0
-        self.clocked = False
-        self.depth_db = self.busy = 0.0
-        self._known: tuple[float, np.ndarray] | None = None  # rate and weights of the frame before
-        self._lock: _Lock | None = None
+        self.cancelled = self.tracked = 0
+        self.outcome, self.outcomes = PASSED, []
+        self.active_share, self.burst_weight = 0.0, 1.0
+        self._track: _Track | None = None
+
+    @property
+    def tracking(self) -> bool:
+        """Whether an emitter is known from the frame before, so that ``cancel(frame, search=False)`` may cancel it."""
+        return self._track is not None
 
     def status(self) -> dict[str, object]:
-        """See `Mitigation.status`; with the frames that were cancelled, and those followed."""
-        return super().status() | {"cancelled": self.cancelled, "followed": self.followed}
+        """See `Mitigation.status`; with the frames that were cancelled, and those tracked."""
+        return super().status() | {"cancelled": self.cancelled, "tracked": self.tracked}
 
-    def cancel(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
-        """An (N,) complex64 frame without its QPSK; None where none could be read.
+    def cancel(self, frame: np.ndarray, *, search: bool = True) -> np.ndarray | None:
+        """(N,) complex64 frame without its QPSK; None where none was demodulated: the frame passes.
 
-        ``toneless`` says that its tones were taken away before.
+        ``search=False`` only tracks an emitter of the frame before.
         """
-        out = self.follow(frame, toneless=toneless)
-        if out is not None:
-            return out
-        rest = None if toneless else without_tones(frame)
+        self._ffts, state = 0.0, "tracked"
+        out = self._next(frame) if self._track else None
+        if out is None and search:
+            state, out = "acquired", self._acquired(frame)
+        if out is None:
+            self.outcome = Outcome(ffts=self._ffts)
+            return None
+        left = np.vdot(out, out).real
+        suppression_db = 10 * float(np.log10(np.vdot(frame, frame).real / left)) if left else np.inf
+        self.outcome = Outcome(state, suppression_db, float(np.sqrt(self._evm_squared)), self._ffts)
+        self.cancelled += 1
+        self.tracked += state == "tracked"
+        return out
+
+    def _next(self, frame: np.ndarray) -> np.ndarray | None:
+        """The frame without the emitter of the frame before; None if it is lost."""
+        track, self._track = self._track, None
+        self._ffts += _TRACKING
+        rest = without_tones(frame) if track.tones else None
+        frame = frame if rest is None else rest
+        if not 0 < np.vdot(frame, frame).real < np.inf:
+            return None
+        found = track.tracker.track(frame * (1 / track.scale))
+        out = None if found is None else self._subtracted(*found)
+        if out is None:
+            return None
+        self._track, self._evm_squared = track, track.tracker.evm_squared
+        return out * track.scale
+
+    def _acquired(self, frame: np.ndarray) -> np.ndarray | None:
+        """The frame without an emitter that is searched; None if there is none."""
+        self._ffts += _LOOK
+        rest = without_tones(frame)
         tones = rest is not None
         frame = rest if tones else frame
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not 0 < scale < np.inf:
             return None
         frame = frame * (1 / scale)  # a complex division costs four times that
-        found = self._found(frame)
-        if found is None:
-            return None
-        self.depth_db, self.busy = found.depth_db, found.busy
-        self.cancelled += 1
-        if found.follower is not None:
-            self._lock = _Lock(found.follower, scale, tones)
-        return found.out * scale
-
-    def _found(self, frame: np.ndarray) -> _Found | None:
-        """QPSK of a frame of unit power. What makes steps of all sizes is no QPSK on the sample grid, and what makes a
-        few is hardly any: it is asked for a pulse first.
-        """
-        self.clocked, strays = True, astray(frame)
-        held = self._held(frame) if strays < _ASTRAY else None
-        if held is not None and np.count_nonzero(held.out) >= _CLEAR * frame.size:
-            return held
-        filtered = self._impulses(frame)
-        if filtered is None and _ASTRAY <= strays < 1:
-            held = self._held(frame)
-        tried = [one for one in (held, filtered) if one is not None]
-        return min(tried, key=lambda one: one.left, default=None)
-
-    def _held(self, frame: np.ndarray) -> _Found | None:
-        """QPSK of a frame of unit power, every sample of which is a point."""
-        found = find_held(frame)
-        if found is None:
-            return None
-        left, model, busy, follower = found
-        out = self._worth(left, model, slice(0, frame.size), busy)
-        return None if out is None else self._result(out, left, follower)
-
-    def _impulses(self, frame: np.ndarray) -> _Found | None:
-        """QPSK of any pulse in a frame of unit power."""
-        clocks = find_clocks(frame, _CONTRAST)
-        self.clocked = bool(clocks)
-        if self._known is not None:  # the same emitter first
-            clocks.sort(key=lambda clock: abs(clock.rate / self._known[0] - 1) > _SAME)
-        for clock in clocks:
-            for symbols in self._symbols(Equaliser(frame, clock), clock):
-                model, train, pulses = heard(frame, symbols)
-                left = frame - model
-                out = self._worth(left, model, train.known, symbols.busy)
-                if out is None:
-                    continue
-                self._known = clock.rate, symbols.weights
-                follows = symbols.busy == 1 and can_follow(symbols, pulses)
-                follower = Follower(clock, symbols, pulses, train, left) if follows else None
-                return self._result(out, left[train.known], follower)
+        held = cancel_zero_order_hold(frame, self._s)
+        if held is not None:
+            model, on, self._evm_squared = held
+            out = self._subtracted(frame - model, model, slice(0, frame.size), on)
+            return None if out is None else out * scale
+        for timing in find_symbol_timings(frame, self._s):
+            self._ffts += _DEMODULATION
+            symbols = CmaEqualiser(frame, timing, self._s).symbols()
+            if symbols is None:
+                continue
+            self._ffts += _PULSE
+            model, train, pulses = estimate_pulse(frame, symbols, self._s)
+            residual = frame - model
+            on = np.interp(np.arange(frame.size), symbols.times, symbols.decisions != 0) > 0.5
+            out = self._subtracted(residual, model, train.known, on)
+            if out is None:
+                continue
+            self._evm_squared = symbols.evm_squared
+            if can_track(symbols, pulses, self._s):
+                self._track = _Track(Tracker(timing, symbols, pulses, train, residual, self._s), scale, tones)
+            return out * scale
         return None
 
-    def _result(self, out: np.ndarray, left: np.ndarray, follower: Follower | Held | None) -> _Found:
-        size = float(np.vdot(left, left).real) / max(left.size, 1)
-        return _Found(out, size, follower if self.busy == 1 else None, self.depth_db, self.busy)
-
-    def follow(self, frame: np.ndarray, *, toneless: bool = False) -> np.ndarray | None:
-        """The same if the emitter of the frame before goes on; None if it does not, or there was none."""
-        lock, self._lock = self._lock, None
-        if lock is None:
-            return None
-        rest = without_tones(frame) if lock.tones and not toneless else None
-        frame = frame if rest is None else rest
-        level = float(np.vdot(frame, frame).real) / frame.size / float(lock.scale) ** 2
-        if not 1 / _JUMP < level < _JUMP:
-            return None
-        found = lock.follower.follow(frame * (1 / lock.scale))
-        out = None if found is None else self._worth(*found)
-        if out is None:
-            return None
-        self._lock = lock
-        self.cancelled += 1
-        self.followed += 1
-        return out * lock.scale
-
-    def _symbols(self, equaliser: Equaliser, clock: Clock) -> Iterator[Symbols]:
-        """Symbols that look safely decided, from one start of the equaliser after another."""
-        for start in (None, *_STARTS):
-            if start is not None:
-                weights = equaliser.blind(start)
-            elif self._known is not None and abs(clock.rate / self._known[0] - 1) < _SAME:
-                weights = self._known[1]
-            else:
-                continue
-            symbols = equaliser.symbols(weights)
-            if symbols is None or symbols.alike > _TONE:
-                return
-            if symbols.error < _ERROR and symbols.alike < _ALIKE:
-                yield symbols
-
-    def _worth(
-        self, left: np.ndarray, model: np.ndarray, known: slice | np.ndarray, busy: float = 1.0
+    def _subtracted(
+        self, residual: np.ndarray, model: np.ndarray, known: slice, on: np.ndarray | None = None
     ) -> np.ndarray | None:
-        """What is left of a frame, blanked where symbols are cut; None if little was taken away."""
-        made, rest = model[known], left[known]
-        level = power(rest)
-        if busy < 1:
-            sent = power(made)
-            mean = sent.mean()
-            there = (sent > _SENDS * mean).astype(np.float32)
-            gain = float(mean * sent.size / max(level @ there, 1e-30))
-        else:
-            gain = float(np.vdot(made, made).real / max(np.vdot(rest, rest).real, 1e-30))
-        if not gain >= _WORTH:
+        """(n,) residual where the symbols are ``known``, blanked where some are cut; None if little was subtracted.
+
+        A burst, ``on`` (n,) bool, leaves its error vectors: there the residual is weighted with the power beside it
+        over its own, as least squares weights samples of unequal noise.
+        """
+        rest, made = residual[known], model[known]
+        level = np.square(np.abs(rest))
+        on = np.ones(level.size, dtype=bool) if on is None else on[known]
+        left = float(level[on].sum())
+        if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
             return None
-        out = np.zeros_like(left)
-        out[known] = rest * (level <= np.float32(_LIMIT) * middle(level[::_FEW]))
-        self.depth_db, self.busy = 10 * float(np.log10(1 + gain)), busy
+        median, beside = _median(level[on]), np.inf if on.all() else _median(level[~on])
+        self.burst_weight = min(1.0, beside / max(median, 1e-30))
+        weight = np.where(on, np.float32(self.burst_weight), np.float32(1))
+        weight[level > self._s.outlier_power * np.where(on, median, beside)] = 0
+        out = np.zeros_like(residual)
+        out[known] = rest * weight
+        self.active_share = float(on.mean())
         return out
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
-        out = batch.copy()
+        out, self.outcomes = batch.copy(), []
         for row, frame in zip(out, batch, strict=True):
             cancelled = self.cancel(frame)
+            self.outcomes.append(self.outcome)
             if cancelled is not None:
                 row[:] = cancelled
         return out
+
+
+def _median(values: np.ndarray) -> float:
+    """Median of some of (n,) ``values``."""
+    return float(np.median(values[::_MEDIAN_STRIDE]))

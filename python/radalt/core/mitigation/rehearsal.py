@@ -23,13 +23,17 @@ from .base import MitigationError
 __all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
 
 LIMIT_S = 60.0  # for loading and one frame; a network takes a second or two
+_METHODS = {
+    "method file": ("custom", "file"),
+    "tcae model": ("tcae", "model"),
+}  # and the option that names a file
 MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
 _FLAG = "RADALT_REHEARSAL"
 # by the name that the parent knows the package by, since a file may name the package, too
 _PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import perform; perform({link})"
 
 
-def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
+def rehearse(what: str, file: Path, waveform: Waveform) -> None:
     """Build a foreign file's method in another process and clean a frame; files already tried return at once.
 
     Worker processes skip it: their work has a time limit, and the program that started them has rehearsed.
@@ -38,8 +42,6 @@ def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
     ----------
     what : str
         "method file" or "tcae model".
-    method : str
-        Registry name.
     file : Path
     waveform : Waveform
 
@@ -56,18 +58,18 @@ def rehearse(what: str, method: str, file: Path, waveform: Waveform) -> None:
     if _FLAG in os.environ or multiprocessing.parent_process() is not None:
         return
     status = file.stat()
-    problem = _rehearsed(what, method, file.resolve(), status.st_mtime_ns, status.st_size, waveform)
+    problem = _rehearsed(what, file.resolve(), status.st_mtime_ns, status.st_size, waveform)
     if problem:
         raise MitigationError(problem)
 
 
 @functools.lru_cache(maxsize=64)
-def _rehearsed(what: str, method: str, file: Path, changed_ns: int, size: int, waveform: Waveform) -> str:
+def _rehearsed(what: str, file: Path, changed_ns: int, size: int, waveform: Waveform) -> str:
     """What is wrong with a file, by its name, time and size; empty for nothing."""
     read, write = os.pipe()
     program = _PROGRAM.format(path=sys.path, module=__name__, link=write)
     word = secrets.token_hex(8)  # that it got to the end: foreign code may exit with any status
-    key = {"tcae": "model", "custom": "file"}[method]
+    method, key = _METHODS[what]
     request = {
         "method": method,
         "options": {key: str(file)},

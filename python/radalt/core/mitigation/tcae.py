@@ -158,7 +158,7 @@ class Tcae(Mitigation):
         self.model = Path(model) if model else default_model_path(waveform, gpu=gpu_there(provider))
         self.threads = threads
         if self.model.is_file() and not _is_shipped(self.model):
-            rehearse("tcae model", self.name, self.model, waveform)
+            rehearse("tcae model", self.model, waveform)
         self._network = OnnxNetwork(self.model, waveform.samples_per_frame, threads, provider)
         self.metadata = self._network.metadata
         self._check(waveform)

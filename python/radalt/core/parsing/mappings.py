@@ -135,7 +135,17 @@ def _fitting(options: list[Any], value: Any) -> Any:
                 f.name for f in dataclasses.fields(option)
             }:
                 return option
+    if str in options and isinstance(value, str):  # a word, or a number that YAML reads as text
+        return str if math.isnan(_number(value)) else next((o for o in options if o is not str), str)
     return options[0]
+
+
+def _number(text: str) -> float:
+    """What a text says as a number; NaN if it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:

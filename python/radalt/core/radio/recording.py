@@ -7,28 +7,28 @@ and, as annotations, altitude and jammer state by frame. sigmf is imported when 
 
 from __future__ import annotations
 
-import json
 import re
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..parsing import LARGEST, InputError, check_file, read_text, shown
-from ..paths import remedy
+from ..parsing import InputError, shown
 from ..scene import Scene, SceneError, parse_scene, scene_to_mapping
+from ..sigmf_file import SigmfFile, open_sigmf
 
 __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
 
 _BLOCK = 1 << 18  # samples read at a time
-_COMPLEX = re.compile(r"c([fi](32|64)|[iu](8|16|32))(_le|_be)?")
 _MAX_TERM = 4096  # of the resampling ratio
+_RATE_PPM = 20.0  # how far a stated rate may be off such a ratio: what programs round, and crystals differ by
 _MAX_RAISE = 16  # of the rate; what was recorded slower does not hold the sweep
-_META_BYTES, _DATA_BYTES = 64 << 20, 1 << 40
+_TIMED = 0.25  # samples: 5 m of altitude, what a frame may be off and still be right
+_TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
 # a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
@@ -156,21 +156,21 @@ class Capture:
     stretches : tuple of Stretch
     radio : dict
         Of a recording off a radio: what `write_metadata` was given.
+    notes : list of str
+        What was assumed, or left out, one line each.
     """
 
-    def __init__(
-        self, path: Path, recording: Any, rate_hz: float, scene: Scene | None, radio: dict[str, float]
-    ) -> None:
-        self.path, self.rate_hz, self.scene, self.radio = path, rate_hz, scene, radio
-        self._recording = recording
-        self.datatype = recording.get_global_field("core:datatype")
-        self.sample_count = int(recording.sample_count)
-        self.stretches = self._find_stretches()
+    def __init__(self, file: SigmfFile, scene: Scene | None, radio: dict[str, float]) -> None:
+        self.path, self.rate_hz, self.datatype = file.path, file.rate_hz, file.datatype
+        self.scene, self.radio = scene, radio
+        self.sample_count = file.sample_count
+        self.notes: list[str] = []
+        self._file = file
+        self.stretches = self._find_stretches(file.captures)
 
-    def _find_stretches(self) -> tuple[Stretch, ...]:
-        captures = self._recording.get_captures() or [{"core:sample_start": 0}]
+    def _find_stretches(self, captures: list[dict[str, Any]]) -> tuple[Stretch, ...]:
         starts = [int(c.get("core:sample_start", 0)) for c in captures]
-        out = []
+        out: list[Stretch] = []
         for k, (capture, start) in enumerate(zip(captures, starts, strict=True)):
             end = starts[k + 1] if k + 1 < len(starts) else self.sample_count
             if not 0 <= start < end <= self.sample_count:
@@ -178,13 +178,38 @@ class Capture:
                     f"{self.path}: capture {k} starts at sample {start}, the data hold {self.sample_count}; "
                     "the data file is truncated or belongs to another recording"
                 )
-            index = int(capture.get("core:global_index", start))
+            lost = 0 if "core:global_index" in capture else self._lost_by_time(captures, starts, k)
+            if lost is None:
+                break
+            index = int(capture.get("core:global_index", start + lost))
             if not 0 <= index <= _MOST_INDEX:
                 raise RecordingError(
                     f"{self.path}: capture {k} has core:global_index {shown(index)}; a sample counter is 0 or above"
                 )
             out.append(Stretch(start, index, end - start))
         return tuple(out)
+
+    def _lost_by_time(self, captures: list[dict[str, Any]], starts: list[int], k: int) -> int | None:
+        """Samples lost before capture ``k`` by ``core:datetime``; None where that is too coarse to go on after them."""
+        times = [_time(captures[j].get("core:datetime")) for j in (0, k)]
+        if k == 0 or None in times:
+            return 0
+        (first, _), (now, digits) = times
+        step = self.rate_hz * 10.0**-digits  # samples within which the time is known
+        lost = float((now - first) * Fraction(self.rate_hz)) - (starts[k] - starts[0])
+        if abs(lost) <= max(1.0, step):
+            return 0
+        if lost < 0:
+            raise RecordingError(
+                f"{self.path}: capture {k} begins before the one before it ends, by core:datetime"
+            )
+        if step > _TIMED:
+            self.notes.append(
+                f"{self.path}: what follows a gap at sample {starts[k]} is left out: core:datetime gives its length to "
+                f"{step:.2g} samples, and timing needs {_TIMED:g}; state core:global_index"
+            )
+            return None
+        return round(lost)
 
     def blocks(self, rate_hz: float) -> Iterator[tuple[int, np.ndarray]]:
         """(sample counter, complex64 samples) at ``rate_hz`` in order, a quarter of a million at a time at most.
@@ -198,7 +223,8 @@ class Capture:
             At once, if there is no such ratio.
         """
         ratio = Fraction(rate_hz / self.rate_hz).limit_denominator(_MAX_TERM)
-        if abs(float(ratio) * self.rate_hz / rate_hz - 1) > 1e-6 or ratio.numerator > _MAX_TERM:
+        off_ppm = 1e6 * abs(float(ratio) * self.rate_hz / rate_hz - 1)
+        if off_ppm > _RATE_PPM or ratio.numerator > _MAX_TERM:
             raise RecordingError(
                 f"{self.path}: rate {self.rate_hz:g} S/s and the scene's {rate_hz:g} S/s have no ratio of "
                 f"whole numbers up to {_MAX_TERM}; resample it first"
@@ -208,6 +234,10 @@ class Capture:
                 f"{self.path}: recorded at {self.rate_hz:g} S/s; at the scene's {rate_hz:g} S/s that would be "
                 f"{float(ratio * self.sample_count):.3g} samples ({float(ratio * self.sample_count) * 8 / 1e9:.3g} GB) "
                 "without the sweep in them: record faster, or name the right scene with --scene"
+            )
+        if off_ppm > 1e-3:
+            self.notes.append(
+                f"{self.path}: core:sample_rate is {off_ppm:.2g} ppm off a ratio to the scene's rate, and taken for it"
             )
         return self._blocks(ratio)
 
@@ -223,7 +253,7 @@ class Capture:
         end = stretch.file_start + stretch.count
         if up == down:
             for at in range(stretch.file_start, end, _BLOCK):
-                yield self._read(at, min(_BLOCK, end - at))
+                yield self._file.read(at, min(_BLOCK, end - at))
             return
         from scipy import signal  # see core/fir.py
 
@@ -233,7 +263,7 @@ class Capture:
         for at in range(stretch.file_start, end, step):
             low = max(stretch.file_start, at - reach * down)
             high = min(end, at + step + reach * down)
-            block = signal.resample_poly(self._read(low, high - low), up, down)
+            block = signal.resample_poly(self._file.read(low, high - low), up, down)
             skip = (at - low) // down * up
             count = -(-(min(at + step, end) - at) * up // down)
             yield block[skip : skip + count].astype(np.complex64)
@@ -244,15 +274,25 @@ class Capture:
         for stretch in self.stretches:
             end = stretch.file_start + stretch.count
             for at in range(stretch.file_start, end, _BLOCK):
-                samples = self._read(at, min(_BLOCK, end - at))
+                samples = self._file.read(at, min(_BLOCK, end - at))
                 good = samples[np.isfinite(samples)]
                 finite = finite or good.size > 0
                 if good.any():
                     return ""
         return "nothing but zeros is in it" if finite else "no sample in it is a finite number"
 
-    def _read(self, start: int, count: int) -> np.ndarray:
-        return np.ascontiguousarray(self._recording.read_samples(start, count), dtype=np.complex64)
+
+def _time(text: Any) -> tuple[Fraction, int] | None:
+    """Seconds of an ISO 8601 time, exact, and its decimal digits; None where there is none."""
+    found = _TIME.fullmatch(text) if isinstance(text, str) else None
+    if found is None:
+        return None
+    try:
+        whole = datetime.strptime(found[1], "%Y-%m-%dT%H:%M:%S").replace(tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    digits = found[2] or ""
+    return Fraction(int(whole.timestamp())) + Fraction(int(digits or 0), 10 ** len(digits)), len(digits)
 
 
 def open_capture(path: Path | str) -> Capture:
@@ -261,7 +301,8 @@ def open_capture(path: Path | str) -> Capture:
     Parameters
     ----------
     path : path
-        ``.sigmf-meta`` (or ``.sigmf-data``) of a complex recording with one channel, any SigMF sample format.
+        ``.sigmf-meta`` (or ``.sigmf-data``, or an archive ``.sigmf``) of a complex recording with one channel, any
+        SigMF sample format. Keys of namespaces other than ``core`` and ``radalt`` are ignored.
 
     Raises
     ------
@@ -269,78 +310,24 @@ def open_capture(path: Path | str) -> Capture:
         One line: what is missing, truncated or does not match.
     """
     try:
-        import sigmf
-    except ImportError:
-        raise RecordingError(f"SigMF needs the package sigmf; {remedy('sigmf')}") from None
-    path = Path(path)
-    meta = path.with_suffix(".sigmf-meta")
-    if not meta.is_file():
-        raise RecordingError(f"{meta}: no such recording; give the .sigmf-meta file")
-    head = _check_header(meta)
-    data = meta.with_suffix(".sigmf-data")
-    named = head.get("core:dataset")
-    if not data.exists() and named is not None:
-        if not isinstance(named, str) or Path(named).name != named:
-            raise RecordingError(f"{meta}: core:dataset is {shown(named)}; name a file beside it, no folder")
-        data = meta.parent / named
-    advice = f"put it beside {meta.name}"
-    try:
-        check_file(data, most_bytes=_DATA_BYTES, what="recording's data", remedy=advice)
+        file = open_sigmf(path)
     except InputError as error:
         raise RecordingError(str(error)) from None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # sigmf warns of truncated data, which a replay must not score
-            recording = sigmf.sigmffile.fromfile(str(meta))
-            recording.validate()
-    except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        reason = reason if len(reason) <= 120 else f"{reason[:50]} ... {reason[-60:]}"
-        raise RecordingError(
-            f"{meta}: {reason}; not SigMF's metadata, or data that are missing, truncated or another recording's"
-        ) from None
-    return _checked(meta, recording)
+    return _checked(file)
 
 
-def _check_header(meta: Path) -> dict[str, Any]:
-    """The object ``global`` with what a replay needs, in terms of the file: sigmf's own words name its internals."""
-    try:
-        data = json.loads(read_text(meta, most_bytes=_META_BYTES, what="recording"))
-    except InputError as error:
-        raise RecordingError(str(error)) from None
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{meta}: not readable as JSON ({str(error)[:100]})") from None
-    head = data.get("global") if isinstance(data, dict) else None
-    if not isinstance(head, dict):
-        raise RecordingError(f"{meta}: not SigMF metadata, an object 'global' is missing")
-    datatype, rate, channels = (head.get(f"core:{k}") for k in ("datatype", "sample_rate", "num_channels"))
-    if not isinstance(datatype, str) or not _COMPLEX.fullmatch(datatype):
-        raise RecordingError(
-            f"{meta}: core:datatype is {shown(datatype)}; complex samples are needed (cf32_le, ci16_le, ...)"
-        )
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate <= LARGEST:
-        raise RecordingError(
-            f"{meta}: core:sample_rate is {shown(rate)}; state the rate in samples per second"
-        )
-    if channels not in (None, 1):
-        raise RecordingError(f"{meta}: {shown(channels)} channels; recordings of one channel are read")
-    return head
-
-
-def _checked(meta: Path, recording: Any) -> Capture:
-    rate = recording.get_global_field("core:sample_rate")
-    if recording.sample_count == 0:
-        raise RecordingError(f"{meta}: the data file holds no samples")
-    mapping = recording.get_global_field("radalt:scene")
+def _checked(file: SigmfFile) -> Capture:
+    meta, head = file.path, file.head
+    mapping = head.get("radalt:scene")
     try:
         scene = parse_scene(mapping, source=str(meta)) if mapping is not None else None
     except SceneError as error:
         raise RecordingError(f"{error}; the recording's scene is of another version, give --scene") from None
     if scene is not None:
-        _check_ours(meta, recording, scene, rate)
+        _check_ours(file, scene)
     radio = {}
     for key in RADIO_KEYS:
-        value = recording.get_global_field(f"radalt:{key}")
+        value = head.get(f"radalt:{key}")
         if value is None:
             continue
         low, high = _RADIO_RANGES[key]
@@ -349,12 +336,12 @@ def _checked(meta: Path, recording: Any) -> Capture:
                 f"{meta}: radalt:{key} is {shown(value)}; it has to be a finite number within {low:g}..{high:g}"
             )
         radio[key] = float(value)
-    return Capture(meta, recording, float(rate), scene, radio)
+    return Capture(file, scene, radio)
 
 
-def _check_ours(meta: Path, recording: Any, scene: Scene, rate_hz: float) -> None:
+def _check_ours(file: SigmfFile, scene: Scene) -> None:
     """A recording with our scene is as we write it, or its metadata were changed: then it says what is not so."""
-    datatype = recording.get_global_field("core:datatype")
+    meta, datatype, rate_hz = file.path, file.datatype, file.rate_hz
     if datatype != "cf32_le":
         raise RecordingError(
             f"{meta}: core:datatype is {datatype!r}, but a recording with radalt:scene holds cf32_le; if it was "

@@ -22,6 +22,8 @@ from .sweep_pairing import FLOOR, Found, PairSearch
 __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra", "shared_altimeter"]
 
 _CLEAR_DB = 999.0  # greatest ambiguity that is given
+# First zero of a window's main lobe, in resolution cells: as many as it has cosine terms.
+_FIRST_ZERO = {"boxcar": 1.0, "hann": 2.0, "hamming": 2.0, "blackman": 3.0}
 # Error of a right altitude, in m; where a resolution cell is longer than 20 m, a quarter of it
 _NEAR_M = 5.0
 
@@ -122,7 +124,7 @@ class Altimeter(BeatSpectra):
         turns = np.exp(2j * np.pi * step * np.arange(shape.size))  # by one cell
         self.cfar = Cfar(
             train=max(2, round(s.train_cells * each)),
-            guard=round((s.guard_cells - 0.5) * each),
+            guard=max(0, round((s.guard_cells - 0.5) * each)),
             group=group,
             per_resolution=self._per_resolution,
             energy=self._per_resolution * shape.size * float(np.sum(shape**2) / np.sum(shape) ** 2),
@@ -211,6 +213,8 @@ class Altimeter(BeatSpectra):
         (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
         ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond the
         main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less likely.
+        ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell beside it, in
+        the range profile: power by altitude, both half sweeps added.
 
         Raises
         ------
@@ -253,12 +257,13 @@ class Altimeter(BeatSpectra):
         out["beat_up_hz"], out["beat_down_hz"] = up, -down
         out["snr_db"] = self._snr_db(found)
         out["ambiguity_db"] = np.minimum(10.0 / np.log(10.0) * found.lead, _CLEAR_DB)
+        out["peak_to_sidelobe_db"] = self._peak_to_sidelobe_db(spectra.power, found.pair)
         if not ok.all():
             reason = np.where(np.isfinite(spectra.scale), reason, Reason.NOT_FINITE)
             reason = np.where(spectra.scale == 0, Reason.NO_SIGNAL, reason)
             for name in ("altitude_m", "vertical_speed_m_per_s", "beat_up_hz", "beat_down_hz", "snr_db"):
                 out[name][~ok] = np.nan
-            for name in ("forced_altitude_m", "ambiguity_db"):
+            for name in ("forced_altitude_m", "ambiguity_db", "peak_to_sidelobe_db"):
                 out[name][~usable] = np.nan
         out["valid"], out["reason"] = ok, reason
         return out
@@ -316,6 +321,17 @@ class Altimeter(BeatSpectra):
         ratio = found.around[..., 1] / found.noise
         with np.errstate(divide="ignore", invalid="ignore"):
             return 10.0 * np.log10(0.5 * (ratio[:, 0] + ratio[:, 1]), dtype=float)
+
+    def _peak_to_sidelobe_db(self, power: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """(n,) main lobe, to its first zeros, over the strongest cell beside it, in the range profile."""
+        margin = self.cfar.margin
+        profile = power[..., margin + self._first : margin + self._last].sum(axis=1)
+        apart = np.abs(np.arange(self._first, self._last) - pair.mean(axis=1)[:, None])
+        inside = apart <= _FIRST_ZERO[self.settings.window] * self._per_resolution
+        main = np.where(inside, profile, 0.0).max(axis=1)
+        beside = np.where(inside, 0.0, profile).max(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.clip(10.0 * np.log10(main / beside, dtype=float), -_CLEAR_DB, _CLEAR_DB)
 
     def _refine(self, spectra: Spectra, found: Found) -> tuple[np.ndarray, np.ndarray]:
         """Sub-cell beats (up, down) in hertz by the strategy."""

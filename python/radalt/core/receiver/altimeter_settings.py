@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ RESULT_DTYPE = np.dtype(
         ("snr_db", np.float64),
         ("forced_altitude_m", np.float64),
         ("ambiguity_db", np.float64),
+        ("peak_to_sidelobe_db", np.float64),
     ]
 )
 
@@ -122,7 +124,7 @@ class AltimeterSettings:
         vertical_speed_m_per_s: float | None = None,
     ) -> AltimeterSettings:
         """The same settings with numbers in place of None: the given ones, the altitude within the waveform's limit."""
-        span = {}
+        span: dict[str, Any] = {}
         if self.max_altitude_m is None:
             floor = self.min_altitude_m + waveform.range_resolution_m
             span["max_altitude_m"] = min(max(highest_altitude_m, floor), waveform.max_unambiguous_altitude_m)

@@ -19,6 +19,7 @@ import numpy as np
 from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
 from .integrator import Integrator
+from .leakage import REACH_M
 from .summed_block import Block, Measurement
 from .track import Evidence, Kalman, Track
 from .track_integrity import SPARE_SIGMAS, Integrity, noise_threshold
@@ -79,6 +80,8 @@ class AltitudeTracker:
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
         t = self.integrator
+        leakage_m = REACH_M if settings.leakage_m is None and t.doppler else settings.leakage_m or -np.inf
+        self._lowest_start_m = leakage_m
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
         self._reach = t.last - t.first
@@ -394,6 +397,8 @@ class AltitudeTracker:
             found = block.best(block.prominent(allowed))
             strong = found is not None and found.strength >= self._integrity.search_threshold
             strong = strong and self._possible(found) and not self._is_followed(found, kept)
+            # leakage stands still as hovering ground does, and nobody knows it apart without a calibration
+            strong = strong and found.altitude_m - self._shift_m >= self._lowest_start_m
             if strong and not self._is_side_lobe(block, found, ghosts=True):
                 kept.append(self._start(block, self._calibrated(found), middle))
         self._candidates = kept

@@ -76,7 +76,9 @@ class RangeProfile:
         if points < 2:
             raise ValueError(f"range_profile.points is {points}; it has to be at least 2")
         self.altimeter = Altimeter(waveform, settings)
-        self.altitude_m = np.linspace(0.0, self.altimeter.settings.max_altitude_m, points)
+        top_m = self.altimeter.settings.max_altitude_m
+        assert top_m is not None  # resolved
+        self.altitude_m = np.linspace(0.0, top_m, points)
         margin = self.altimeter.cfar.margin
         cells_hz = self.altimeter.beat_hz[margin:-margin]
         at = (waveform.altitude_to_beat_hz(self.altitude_m) - cells_hz[0]) / self.altimeter.cell_hz

@@ -10,8 +10,9 @@ import typing
 from pathlib import Path
 from typing import Any
 
-from ..interference.emitters import emitter_class, emitter_names
-from ..interference.multipath import faded, unfaded
+from ..interference.effects import KEYS as EFFECTS
+from ..interference.effects import impaired, parts
+from ..interference.emitters import NamedEmitter, emitter_class, emitter_names
 from ..interference.placement import Interferer
 from ..parsing import InputError, build, convert, load_yaml, plain, shown
 from ..paths import scene_path
@@ -64,7 +65,7 @@ def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
         data = {("return_model" if key == "return" else key): value for key, value in data.items()}
     try:
         data, pfa = without_pfa(data)
-        scene = build(Scene, data, "", {"interference": interference_from_yaml})
+        scene: Scene = build(Scene, data, "", {"interference": interference_from_yaml})
         if pfa is not None:
             raise ValueError(pfa_is_per_frame(pfa, scene.waveform, scene.altimeter_settings))
         if scene.landing is not None and "programme_m" not in (data.get("altitude") or {}):
@@ -85,6 +86,7 @@ def without_pfa(data: Any) -> tuple[Any, float | None]:
 
 def _with_landing(scene: Scene) -> Scene:
     """The altitudes of the scene's landing, one per frame, from first to last."""
+    assert scene.landing is not None
     profile = scene.landing.profile(scene.waveform, scene.altitude.landing_frames, scene.seed)
     altitudes = tuple(float(max(0.0, a)) for a in profile.altitude_m)
     return dataclasses.replace(scene, altitude=dataclasses.replace(scene.altitude, programme_m=altitudes))
@@ -114,10 +116,8 @@ def _interferer(item: Any, where: str) -> Interferer:
         raise ValueError(f"{path} is {shown(params)}; expected a mapping of keys")
     hints = typing.get_type_hints(Interferer)
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
-    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath")}
-    emitter = build(emitter_class(kind), own, path)
-    if params.get("multipath") is not None:
-        emitter = faded(emitter, params["multipath"], f"{path}.multipath")
+    own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath", *EFFECTS)}
+    emitter = impaired(build(emitter_class(kind), own, path), params, path)
     if "sir_db" not in placement and emitter.stated_sir_db is not None:
         placement["sir_db"] = emitter.stated_sir_db
     try:
@@ -171,6 +171,6 @@ def scene_to_mapping(scene: Scene) -> dict[str, Any]:
 
 def interferer_to_mapping(interferer: Interferer) -> dict[str, Any]:
     """``{kind: {emitter and placement keys}}`` of one interferer."""
-    emitter, channel = unfaded(interferer.emitter)
+    emitter, effects = parts(interferer.emitter)
     keys = {key: plain(getattr(interferer, key)) for key in _PLACEMENT} | plain(emitter)
-    return {emitter.scene_name: keys if channel is None else keys | {"multipath": plain(channel)}}
+    return {typing.cast(NamedEmitter, emitter).scene_name: keys | effects}

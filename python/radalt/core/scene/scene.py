@@ -5,17 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..channel.simulated import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import shown
 from ..receiver.altimeter import AltimeterSettings
+from ..receiver.leakage import FITTED_ABOVE_M, UNCALIBRATED
 from ..receiver.segmenter import SegmenterSettings
 from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
 from ..waveform import Waveform
 from .sections import AltitudeSpec, RadioSpec, SweepSpec
+
+if TYPE_CHECKING:
+    from ..interference.emitters import NamedEmitter
 
 __all__ = ["Scene", "burst_db"]
 
@@ -62,7 +66,9 @@ class Scene:
         if not 0 <= self.seed < 2**63:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
+        self._check_leakage()
         top = self.altimeter_settings.max_altitude_m
+        assert top is not None  # resolved
         highest = max(self.altitude.programme_m, default=0.0)
         if self.return_model not in ("point", "terrain"):
             raise ValueError(f"return is {self.return_model!r}; allowed: point, terrain")
@@ -84,9 +90,30 @@ class Scene:
                 "or lower the altitude"
             )
 
+    def _check_leakage(self) -> None:
+        """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""
+        stated = {
+            "channel.leakage_db": self.channel.leakage_db is not None,
+            "segmenter.leakage_calibration": bool(self.segmenter.leakage_calibration),
+        }
+        plays = self.altitude.mode == "true_delay" and self.return_model == "point"
+        wrong = next((key for key, given in stated.items() if given), None)
+        if wrong and not plays:
+            raise ValueError(
+                f"{wrong} needs altitude.mode: true_delay and return: point; a beat shift moves the leakage with the "
+                "return, and the line at 0 m is then the return of the preamble"
+            )
+        least = FITTED_ABOVE_M
+        if self.segmenter.leakage_calibration == UNCALIBRATED and self.altimeter.min_altitude_m < least:
+            raise ValueError(
+                f"segmenter.leakage_calibration: {UNCALIBRATED} needs altimeter.min_altitude_m of {least:g} or more "
+                f"(it is {self.altimeter.min_altitude_m:g}): without a calibration nothing is known below"
+            )
+
     def _check_methods(self) -> None:
         from ..mitigation import CUSTOM, METHODS
 
+        self._name_methods()
         known = (*METHODS, CUSTOM)
         for key in ("methods", "method_options"):
             unknown = [m for m in getattr(self, key) if m not in known]
@@ -101,6 +128,24 @@ class Scene:
             stray = [key for key in options or {} if not isinstance(key, str)]
             if stray:
                 raise ValueError(f"method_options.{name} has the key {shown(stray[0])}; options have names")
+            fixed = [key for key in ("waveform", "name", "max_altitude_m") if key in (options or {})]
+            if fixed:
+                raise ValueError(
+                    f"method_options.{name} has the key {fixed[0]!r}, which the scene itself gives; remove it"
+                )
+
+    def _name_methods(self) -> None:
+        """Methods of the user's own names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""
+        from ..mitigation import name_method
+
+        for name, options in self.method_options.items():
+            if isinstance(options, dict) and "method" in options and isinstance(name, str):
+                name_method(name, options["method"])
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Unpickled in another process, names mean there what they mean here."""
+        self.__dict__.update(state)
+        self._name_methods()
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
@@ -117,11 +162,20 @@ class Scene:
 
     @property
     def tracker_settings(self) -> TrackerSettings:
-        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none."""
-        if self.tracker.doppler is not None:
-            return self.tracker
+        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none.
+
+        A track may start at any altitude, unless the scene plays leakage that the receiver does not know.
+        """
         plays = self.altitude.mode == "true_delay" or self.return_model == "terrain"
-        return dataclasses.replace(self.tracker, doppler=plays)
+        given = {name: getattr(self.tracker, name) for name in ("doppler", "leakage_m")}
+        known = self.channel.leakage_db is None or self.segmenter.leakage_calibration not in (
+            "",
+            UNCALIBRATED,
+        )
+        taken = {"doppler": plays, "leakage_m": 0.0 if known else None}
+        return dataclasses.replace(
+            self.tracker, **{name: taken[name] for name, value in given.items() if value is None}
+        )
 
     @property
     def has_jammer(self) -> bool:
@@ -179,7 +233,7 @@ class Scene:
         """Short label of the interference, for rows and figures."""
         if not self.interference:
             return "none"
-        return "+".join(i.emitter.label for i in self.interference)
+        return "+".join(cast("NamedEmitter", i.emitter).label for i in self.interference)
 
 
 def burst_db(sir_db: float, overlap: float) -> float:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
 __all__ = [
@@ -52,7 +53,9 @@ def complain(program: str, error: object) -> None:
     """
     if isinstance(error, BaseException) and _TRACEBACK in os.environ:
         raise error
-    text = said(error) if isinstance(error, BaseException) else error
+    text = said(error) if isinstance(error, BaseException) else str(error)
+    if isinstance(error, ImportError) and (error.name or "").split(".")[0] in ("gnuradio", "pmt"):
+        text = no_gnu_radio()
     print(one_line(f"{program}: {text}"), file=sys.stderr)
 
 
@@ -160,7 +163,7 @@ class Options:
     resume : bool
         Complete the run that ``out`` holds.
     jobs : int
-        Local worker processes.
+        Local worker processes; 0 measures in this process, one point after the other and without a time limit.
     scheduler : str
         Address or scheduler file of a Dask cluster; empty for local processes.
     time_limit_s : float
@@ -188,6 +191,8 @@ def typed(program: str) -> str:
     called = sys.argv[0]  # see evaluation/programs.py
     if called.startswith("radalt "):
         return called
+    if Path(called).resolve().parent.name == "tools":
+        return f".venv/bin/python tools/{program}.py"
     if Path(called).resolve().parent.name == "training":
         return f"PYTHONPATH=python .venv/bin/python training/{program}.py"
     return f".venv/bin/python flowgraphs/{program}.py"
@@ -302,8 +307,12 @@ _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limi
 def command_of(args: argparse.Namespace, parser: Parser) -> str:
     """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
     words = [typed(parser.program)]
+    positional = {action.dest for action in parser._actions if not action.option_strings}
     for name, value in vars(args).items():
         if name in _NO_ROW or value == parser.get_default(name):
+            continue
+        if name in positional:
+            words.append(shlex.quote(_word(value)))
             continue
         option = f"--{name.replace('_', '-')}"
         if value is True:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,34 +16,12 @@ from .options import Options
 from .pool import WorkerError, run_tasks
 from .precision import batches_needed, check_precision
 from .study import Point, Run, Study
+from .task import Outcome, Task, kept_row, measure_task, peak_memory_bytes
 
 if TYPE_CHECKING:
     from .cluster import Cluster
 
-__all__ = ["Progress", "Task", "peak_memory_bytes", "run"]
-
-
-@dataclass(frozen=True)
-class Task:
-    """One batch of a point of a study, as it goes to a worker."""
-
-    study: Study
-    point: Point
-    batch: int
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return self.point.name if not self.batch else f"{self.point.name}, batch {self.batch}"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a worker gives back; ``process`` is unlike that of any other process of the run."""
-
-    rows: list[dict[str, Any]]
-    process: int | str
-    peak_bytes: int
+__all__ = ["Progress", "run"]
 
 
 @dataclass(frozen=True)
@@ -73,33 +50,9 @@ class Progress:
     rejected: Sequence[str] = ()
 
 
-def measure_task(task: Task) -> Outcome:
-    """Called in a worker."""
-    study = task.study
-    rows = [_row(study, task.point, row) for row in study.measure(task.point, task.batch)]
-    return Outcome(rows, os.getpid(), peak_memory_bytes())
-
-
-def _row(study: Study, point: Point, row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as its table keeps it."""
-    return study.tables[study.table_of(point, row)].row(row)
-
-
 def _own(study: Study, point: Point, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Those of the point's own table."""
     return [row for row in rows if study.table_of(point, row) == point.table]
-
-
-def peak_memory_bytes() -> int:
-    """Highest resident memory of this process so far; 0 where the system does not say.
-
-    From the process's own page: ``ru_maxrss`` of a spawned process starts at what its parent had.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError:
-        return 0
-    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)
 
 
 def head_of(study: Study) -> dict[str, Any]:
@@ -179,7 +132,7 @@ def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool
     if point is None or entry["batch"] < 0:
         return False
     try:
-        return all(_row(study, point, row) == row for row in entry["rows"])
+        return all(kept_row(study, point, row) == row for row in entry["rows"])
     except (AttributeError, TypeError, ValueError, OverflowError):
         return False
 
@@ -209,7 +162,7 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
         count = 1 if options.precision is None else more[point.name]
         batches = [folder.done[point.name, b] for b in range(count)]
         for row in study.pooled(batches):
-            rows[study.table_of(point, row)].append(_row(study, point, row))
+            rows[study.table_of(point, row)].append(kept_row(study, point, row))
     for name, table in rows.items():
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))
@@ -238,7 +191,7 @@ class _Watch:
         inputs: _Inputs | None,
     ) -> None:
         self.folder, self.options, self.progress = folder, options, progress
-        self.jobs = min(options.jobs, study.max_jobs or options.jobs)
+        self.jobs = max(1, min(options.jobs, study.max_jobs or options.jobs))
         self.peaks: dict[int | str, int] = {}
         self._cluster, self._inputs = cluster, inputs
         self.total = self.done = self.resumed = 0
@@ -296,6 +249,8 @@ class _Watch:
         limit = self.options.time_limit_s
         if self._cluster is not None:
             return self._cluster.run_tasks(tasks, time_limit_s=limit)
+        if not self.options.jobs:
+            return ((index, measure_task(task)) for index, task in enumerate(tasks))
         return run_tasks(measure_task, tasks, jobs=self.jobs, time_limit_s=limit, label=lambda t: t.label)
 
     def _tell(self, rows: Sequence[dict[str, Any]], first_s: float, count: int, todo: int) -> None:

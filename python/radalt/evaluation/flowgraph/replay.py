@@ -1,26 +1,35 @@
-"""The command behind ``ota_eval.py --replay``: score every method on a recording, write rows and frames."""
+"""Recordings into scores, through the same flowgraph: ``ota_eval.py --replay`` writes rows and frames."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...core.mitigation import CUSTOM, METHODS, MitigationError
-from ...core.radio.recording import RecordingError, open_capture
+from ...core.paths import share_dir
+from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
+from ..overlap.figures import series_style
 from ..overlap.points import sweep_points
 from ..overlap.rows import COLUMNS
 from ..overlap.study import rows_of
+from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
-from .recorder import prepare_replay, replay_scene, run_replay, summary
-from .run import PointResult
+from ..simulation import PointResult
+from .generate import Prepared, generate
+from .rewrite import from_recording, load_grc, prune
+from .run import make_top, result_of
+from .watch import run_to_end
 
-__all__ = ["score_recording"]
+__all__ = ["prepare_replay", "replay_scene", "run_replay", "score_recording", "summary"]
 
 
 def score_recording(
@@ -31,6 +40,7 @@ def score_recording(
     methods: Sequence[str] | None = None,
     method_options: Mapping[str, dict[str, Any]] | None = None,
     time_limit_s: float = 600.0,
+    reference_m: float | None = None,
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
 
@@ -47,17 +57,25 @@ def score_recording(
     method_options : mapping of method -> options, optional
         Options that replace the scene's; a method that is named here is scored as well.
 
+    reference_m : float, optional
+        Altitude at which another program's recording begins. Without, its altitudes are relative to that.
+
     Returns
     -------
     list of dict
-        Rows as of `make_row` where the altitudes are known, else of `recording.summary`.
+        Rows as of `make_row` where the altitudes are known, else of `summary`.
 
     Raises
     ------
     RecordingError, SceneError, MitigationError, FlowgraphError
         One line.
     """
-    placed, known = replay_scene(open_capture(path), scene)
+    capture = open_capture(path)
+    placed, known = replay_scene(capture, scene)
+    if known and reference_m is not None:
+        raise RecordingError(
+            f"--reference-m {reference_m:g}: {path} states its altitudes; leave the option out"
+        )
     if methods:
         placed = dataclasses.replace(placed, methods=tuple(methods))
     if method_options:
@@ -69,7 +87,9 @@ def score_recording(
         raise MitigationError(f"unknown method {unknown[0]!r}; known: {', '.join(METHODS)}")
     folder = RunFolder(out, {"study": "replay", "recording": str(path), "methods": placed.methods})
     prepared = prepare_replay(placed.methods, out / "flowgraph")
-    result = run_replay(prepared, placed, path, known=known, time_limit_s=time_limit_s)
+    result = run_replay(
+        prepared, placed, path, known=known, time_limit_s=time_limit_s, reference_m=reference_m or 0.0
+    )
     if not any(frames.size for frames in result.results.values()):
         w = placed.waveform
         missing = open_capture(path).what_is_missing()
@@ -81,15 +101,48 @@ def score_recording(
             "and length"
         )
     _write_frames(out / "frames.csv", result)
+    relative = not known and reference_m is None
+    draw_replay(result, placed, out / "altitude.png", relative=relative)
+    notes = [*capture.notes]
+    if relative:
+        notes.append(
+            f"{path}: altitudes are relative to its first sweeps; state their altitude with --reference-m"
+        )
+    for note in notes:
+        print(note, file=sys.stderr)
     if not known:
         rows = summary(result)
-        content = {"version": 1, "recording": str(path), "segmenter": result.segmenter, "methods": rows}
+        content = {"version": 1, "recording": str(path), "segmenter": result.segmenter}
+        content |= {"methods": rows, "notes": notes}
         folder.write_text("summary.json", json.dumps(content))
         return rows
     points = sweep_points(dataclasses.replace(placed, sweep=type(placed.sweep)()))
     rows = rows_of(placed, points[0], result)
     folder.write_text("rows.csv", COLUMNS.csv(rows))
     return rows
+
+
+def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
+    """Altitude over time, a panel per method; below it a mark for every frame in which it declared nothing."""
+    methods = list(result.results)
+    figure = new_figure(7.5, 0.8 + 1.9 * len(methods))
+    axes = figure.subplots(len(methods), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, method in zip(axes, methods, strict=True):
+        frames = result.results[method]
+        time_s, valid = frames["frame_index"] * scene.waveform.sweep_s, frames["valid"]
+        found = frames["altitude_m"][valid]
+        floor_m = (
+            (found.min() if found.size else 0.0) - 0.1 * (np.ptp(found) if found.size > 1 else 1.0) - 1.0
+        )
+        colour = series_style(method, methods)["color"]
+        axis.plot(time_s[valid], found, ".", ms=4, color=colour, label="declared")
+        axis.plot(time_s[~valid], np.full((~valid).sum(), floor_m), "|", color="#999999", label="no altitude")
+        axis.set_title(f"{method}: declared in {valid.sum()} of {valid.size} frames", fontsize=10, loc="left")
+        axis.set_ylabel("above start (m)" if relative else "altitude (m)")
+        axis.grid(alpha=0.3)
+    axes[0].legend(loc="upper right", fontsize=8)
+    axes[-1].set_xlabel("time (s)")
+    save_figure(figure, path)
 
 
 def _write_frames(path: Path, result: PointResult) -> None:
@@ -110,3 +163,83 @@ def _write_frames(path: Path, result: PointResult) -> None:
                         ),
                     ]
                 )
+
+
+def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, bool]:
+    """Scene to score a recording with, and whether its programme is known (a recording of ours).
+
+    Raises
+    ------
+    RecordingError
+        If the recording has no scene of its own and none is given.
+    """
+    if scene is None and capture.scene is None:
+        raise RecordingError(f"{capture.path}: the recording names no scene; give the sweep's with --scene")
+    if capture.scene is None:
+        return scene, False
+    if scene is None:
+        return dataclasses.replace(capture.scene, sweep=type(capture.scene.sweep)()), True
+    return dataclasses.replace(scene, altitude=capture.scene.altitude, seed=capture.scene.seed), True
+
+
+def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
+    """Generate the flowgraph with a recording instead of the receiver and without transmitters."""
+    name = "ota_replay"
+    data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
+    out = ("transmitters and channel: the samples come from a recording",)
+    return Prepared(generate(data, Path(build_dir)), name, tuple(methods), out)
+
+
+def run_replay(
+    prepared: Prepared,
+    scene: Scene,
+    path: Path | str,
+    *,
+    known: bool,
+    time_limit_s: float = 600.0,
+    reference_m: float = 0.0,
+) -> PointResult:
+    """Score every method on a recording.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        Of `prepare_replay`.
+    scene : Scene
+        Waveform, altimeter and programme.
+    path : path
+        ``.sigmf-meta``.
+    known : bool
+        Whether the scene's programme is what was recorded; else timing is acquired on the first sweeps, and lock is
+        kept for any altitude of the span.
+    reference_m : float
+        Altitude of those first sweeps, in metres.
+    """
+    capture = open_capture(path)
+    top = make_top(
+        prepared, scene, drop_when_slow=0, capture_file=str(capture.path), follow_programme=int(known)
+    )
+    if "full_scale" in capture.radio:
+        top.frame_segmenter.set_full_scale(capture.radio["full_scale"])
+    top.frame_segmenter.set_calibration(capture.radio.get("calibration_samples"))
+    top.frame_segmenter.set_reference(reference_m)
+    return result_of(top, prepared, scene, run_to_end(top, time_limit_s=time_limit_s))
+
+
+def summary(result: PointResult) -> list[dict[str, Any]]:
+    """One row per method of a recording without known altitudes: what was found, with no claim about the truth."""
+    rows = []
+    for method, frames in result.results.items():
+        found = frames["altitude_m"][frames["valid"]]
+        low, middle, high = np.percentile(found, [5, 50, 95]) if found.size else [float("nan")] * 3
+        rows.append(
+            {
+                "method": method,
+                "frames": int(frames.size),
+                "found": int(found.size),
+                "altitude_p05_m": float(low),
+                "altitude_median_m": float(middle),
+                "altitude_p95_m": float(high),
+            }
+        )
+    return rows

@@ -6,7 +6,6 @@ import importlib.util
 import os
 import sys
 import threading
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from ...blocks._guard import in_turns
 from ...core.scene import Scene, scene_to_mapping
+from ..simulation import PointResult
 from .generate import Prepared, prepare
 from .plan import left_out
 from .rewrite import CHANNEL
@@ -29,33 +29,6 @@ __all__ = [
     "run_point",
     "write_scene",
 ]
-
-
-@dataclass
-class PointResult:
-    """What one run of the flowgraph gave.
-
-    Attributes
-    ----------
-    results : dict of method -> (frames,) array of RESULT_DTYPE
-    ms_per_frame : dict of method -> (frames,) CPU milliseconds of the mitigation block; empty for ``none``
-    status : dict of method -> counters and state of the method
-    segmenter : dict
-        State, lock quality and counters.
-    real_time_factor : float
-        Seconds of signal a second of wall time.
-    left_out : list of str
-    outputs : dict of method -> (k,) array of OUTPUT_DTYPE
-        Of the tracker; empty where there is none.
-    """
-
-    results: dict[str, np.ndarray]
-    ms_per_frame: dict[str, np.ndarray]
-    status: dict[str, dict[str, Any]]
-    segmenter: dict[str, Any]
-    real_time_factor: float
-    left_out: list[str] = field(default_factory=list)
-    outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def load_class(prepared: Prepared) -> type:

@@ -7,13 +7,14 @@ mouse is over it.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...core.mitigation import METHODS, PlotStyle
+from ...core.mitigation import CUSTOM, METHODS, PlotStyle, method_class
 from ..results.figure import new_figure, save_figure, say
 from ..results.score import CORRECT_LIMIT_M
 from .altitudes import ERRORS_M, groups
@@ -70,7 +71,7 @@ def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
 
 
 def _style(method: str) -> PlotStyle | None:
-    return METHODS[method].style if method in METHODS else None
+    return method_class(method).style if method in (*METHODS, CUSTOM) else None
 
 
 def panels(
@@ -107,20 +108,20 @@ def _minus(value: float) -> str:
 
 def draw_pd(
     rows: Sequence[dict[str, Any]],
-    path: Path,
+    path: Path | None,
     *,
     title: str,
     ceiling: float | None = None,
     against: str = "overlap",
-) -> Path:
+) -> Any:
     """Pd with 95 % Wilson intervals against overlap, a panel for each SIR, or against SIR, a panel for each overlap.
 
     Parameters
     ----------
     rows : sequence of dict
         Rows of a report; ``series`` overrides ``method`` as the label where it is there.
-    path : Path
-        PNG to write.
+    path : Path or None
+        PNG to write; None leaves the figure, which is returned, to pyplot.
     title : str
         What was measured.
     ceiling : float, optional
@@ -129,7 +130,7 @@ def draw_pd(
         ``"overlap"`` or ``"sir_db"``.
     """
     split = panels(rows, against)
-    figure, axes = _grid(len(split), against)
+    figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)
     for axis, (heading, mine) in zip(axes, split, strict=True):
         if ceiling is not None:
@@ -138,7 +139,7 @@ def draw_pd(
             of = _sorted(mine, name, against)
             pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
             error = np.clip([pd - low, high - pd], 0, None)
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, pd, error, k, style)
             _say(axis, x, pd, style, of, against, _pd_words)
@@ -153,15 +154,15 @@ def draw_pd(
 
 def draw_error(
     rows: Sequence[dict[str, Any]],
-    path: Path,
+    path: Path | None,
     *,
     title: str,
     bounds_m: dict[float | None, float],
     against: str = "overlap",
-) -> Path:
+) -> Any:
     """RMSE of the forced decision, logarithmic, with the Cramer-Rao bound by SNR; axes as in `draw_pd`."""
     split = panels(rows, against)
-    figure, axes = _grid(len(split), against)
+    figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)
     for axis, (heading, mine) in zip(axes, split, strict=True):
         bound = bounds_m.get(mine[0]["snr_db"])
@@ -179,7 +180,7 @@ def draw_error(
             error = np.array([_number(r["rmse_forced_m"]) for r in of])
             ends = [[_number(r.get(c)) for r in of] for c in ("rmse_low_m", "rmse_high_m")]
             bars = np.nan_to_num(np.clip([error - ends[0], ends[1] - error], 0, None))
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, error, bars, k, style)
             _say(axis, x, error, style, of, against, _error_words)
@@ -189,10 +190,10 @@ def draw_error(
     return _finish(figure, axes, path, f"{title}\n{note}", "RMSE, forced decision / m")
 
 
-def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path, *, title: str) -> Path:
+def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path | None, *, title: str) -> Any:
     """Pd with 95 % Wilson intervals against altitude, all overlaps together; ``rows`` as of `ALTITUDE_COLUMNS`."""
     split = panels(rows)
-    figure, axes = _grid(len(split), "altitude_m")
+    figure, axes = _grid(len(split), "altitude_m", shown=path is None)
     series = _series(rows)
     lowest, highest = min(r["altitude_low_m"] for r in rows), max(r["altitude_high_m"] for r in rows)
     for axis, (heading, mine) in zip(axes, split, strict=True):
@@ -219,10 +220,10 @@ def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path, *, title: st
     return _finish(figure, axes, path, f"{title}\n{note}", f"Pd: altitude within {CORRECT_LIMIT_M:g} m")
 
 
-def draw_error_cdf(rows: Sequence[dict[str, Any]], path: Path, *, title: str) -> Path:
+def draw_error_cdf(rows: Sequence[dict[str, Any]], path: Path | None, *, title: str) -> Any:
     """Share of trials whose forced decision is at most so far off; ``rows`` as of `ALTITUDE_COLUMNS`."""
     split = panels(rows)
-    figure, axes = _grid(len(split), "error_m")
+    figure, axes = _grid(len(split), "error_m", shown=path is None)
     series = _series(rows)
     for axis, (heading, mine) in zip(axes, split, strict=True):
         axis.axvline(CORRECT_LIMIT_M, color="#999999", lw=0.8, ls=":", zorder=0, label="5 m, limit of Pd")
@@ -247,10 +248,10 @@ def _share_words(row: dict[str, Any]) -> str:
     return f"{row['count']} of {row['trials']} trials within {row['error_m']:g} m"
 
 
-def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Path:
+def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Any:
     """Rate of altitudes declared and 5 m off or more, its bar the 95 % upper bound; axes as in `draw_pd`."""
     split = panels(rows, against)
-    figure, axes = _grid(len(split), against)
+    figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)
     top = max((_number(r["wrong_bound"]) for _, mine in split for r in mine), default=1.0)
     for axis, (heading, mine) in zip(axes, split, strict=True):
@@ -258,7 +259,7 @@ def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, agains
             of = _sorted(mine, name, against)
             rate = np.array([(r["detections"] - r["correct"]) / max(r["trials"], 1) for r in of])
             above = np.array([_number(r["wrong_bound"]) for r in of]) - rate
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, rate, np.stack([np.zeros_like(rate), np.clip(above, 0, None)]), k, style)
             _say(axis, x, rate, style, of, against, _wrong_words)
@@ -313,6 +314,14 @@ def _number(value: float | None) -> float:
     return np.nan if value is None else value
 
 
+def _across(
+    of: Sequence[dict[str, Any]], mine: Sequence[dict[str, Any]], against: str, k: int, count: int
+) -> np.ndarray:
+    """Where the points of series ``k`` stand: side by side with the others', and within what the axis can be."""
+    x = _values(of, against) + _dodge(mine, against, k, count)
+    return np.clip(x, 0.0, 1.0) if against == "overlap" else x
+
+
 def _dodge(rows: Sequence[dict[str, Any]], against: str, k: int, count: int) -> float:
     """Sideways shift of one series, so that bars and markers at the same Pd stand beside each other."""
     values = sorted({r[against] for r in rows})
@@ -336,11 +345,11 @@ def _plot(axis: Any, x: np.ndarray, y: np.ndarray, error: Any, k: int, style: di
     )
 
 
-def _grid(count: int, against: str) -> tuple[Any, list[Any]]:
+def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
     """An Agg figure with that many panels, at most three in a row."""
     columns = min(count, 3)
     lines = -(-count // columns)
-    figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200)
+    figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200, shown=shown)
     axes = list(figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).flat)
     for axis in axes[count:]:
         axis.set_visible(False)
@@ -355,8 +364,8 @@ def _grid(count: int, against: str) -> tuple[Any, list[Any]]:
     return figure, axes[:count]
 
 
-def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str, ylabel: str) -> Path:
-    """One legend below all panels, where it covers no data; write the file."""
+def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, ylabel: str) -> Any:
+    """One legend below all panels, where it covers no data; write the file, and return the figure."""
     for axis in axes:
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)
@@ -370,6 +379,8 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path, title: str, ylabel: st
         frameon=False,
         handlelength=3.4,
     )
-    figure.suptitle(title, fontsize=9)
-    save_figure(figure, path)
-    return path
+    wide = int(13 * figure.get_figwidth())  # characters of this size in a line
+    figure.suptitle("\n".join(textwrap.fill(line, wide) for line in title.splitlines()), fontsize=9)
+    if path is not None:
+        save_figure(figure, path)
+    return figure

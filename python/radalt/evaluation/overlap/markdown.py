@@ -14,7 +14,7 @@ from ..results.table import DASH, interval, metres, number, signed_metres, table
 from .altitudes import groups
 from .figures import panels
 
-__all__ = ["glance", "pd_tables", "report_markdown", "spread", "summary", "tracked_table"]
+__all__ = ["every_row", "glance", "pd_tables", "report_markdown", "spread", "summary", "tracked_table"]
 
 
 def report_markdown(
@@ -54,6 +54,43 @@ def summary(report: dict[str, Any]) -> str:
         f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each{batch}: "
         f"{report['trials_per_point']} trials per point and method. Source: {report['source']}. Seed {report['seed']}."
     )
+
+
+def every_row(rows: Sequence[dict[str, Any]]) -> str:
+    """A heading and a table of all rows."""
+    header = [
+        "method",
+        "interference",
+        "overlap",
+        "SIR / dB",
+        "SNR / dB",
+        "trials",
+        "Pd (95 % interval)",
+        "wrong",
+    ]
+    header += [
+        "its bound",
+        "RMSE detected / m",
+        "RMSE forced / m",
+        "bias / m",
+        "peak to sidelobe / dB",
+        "ms per frame",
+    ]
+    lines = [
+        [
+            *(r["method"], r["interference"]),
+            *(number(r[name], 2) for name in ("overlap", "sir_db", "snr_db")),
+            r["trials"],
+            interval(r["pd"], r["pd_low"], r["pd_high"]),
+            r["detections"] - r["correct"],
+            number(r["wrong_bound"], 4),
+            *(metres(r[name]) for name in ("rmse_detected_m", "rmse_forced_m", "bias_m")),
+            number(r["peak_to_sidelobe_db"], 1),
+            number(r.get("ms_per_frame_median"), 3),
+        ]
+        for r in rows
+    ]
+    return f"## Every row\n\nThe same rows, with more columns, are in rows.csv.\n\n{table(header, lines)}\n"
 
 
 def pd_tables(rows: Sequence[dict[str, Any]]) -> list[str]:

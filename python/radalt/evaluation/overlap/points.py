@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...core.parsing import quantity, shown
-from ...core.scene import Scene
+from ...core.scene import Scene, SceneError
 from ..engine.study import Point
 
-__all__ = ["OverlapPoint", "parse_axis", "point_seed", "scene_at", "sweep_points"]
+__all__ = ["OverlapPoint", "changed", "parse_axis", "point_seed", "scene_at", "sweep_points"]
 
 _MAX_VALUES = 1001  # of one axis; more is a slip of the pen in start:stop:step
 
@@ -79,8 +81,46 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
             )
         for number in numbers:
             quantity(number, f"{what} {shown(part.strip())}: {what.lstrip('-').replace('-', '_')}")
-        values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
+        values += (
+            numbers
+            if len(numbers) == 1
+            else _span(numbers[0], numbers[1], numbers[2], f"{what} {part.strip()}")
+        )
     return tuple(dict.fromkeys(values))
+
+
+def changed(
+    scene: Scene,
+    *,
+    overlap: Sequence[float] | None = None,
+    sir_db: Sequence[float] | None = None,
+    snr_db: Sequence[float] | None = None,
+    altitudes_m: Sequence[float] | None = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    methods: Sequence[str] | None = None,
+) -> Scene:
+    """The scene with other axes, altitudes, frames per altitude, seed or methods; None leaves the scene's.
+
+    Raises
+    ------
+    SceneError
+        For a value that does not fit; one line.
+    """
+    axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
+    flown = {"programme_m": altitudes_m, "frames": frames}
+    whole = {"seed": seed, "methods": methods}
+
+    def given(values: dict[str, Any]) -> dict[str, Any]:
+        fit = {k: tuple(v) if isinstance(v, Sequence) else v for k, v in values.items()}
+        return {k: v for k, v in fit.items() if v is not None}
+
+    try:
+        sweep = dataclasses.replace(scene.sweep, **given(axes))
+        altitude = dataclasses.replace(scene.altitude, **given(flown))
+        return dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
+    except ValueError as error:
+        raise SceneError(str(error)) from None
 
 
 def _span(start: float, stop: float, step: float, what: str) -> list[float]:

@@ -18,11 +18,20 @@ from ..results.chain import seconds_per_frame
 from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
+from ..simulation import run_chain
 from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
 from .points import OverlapPoint, scene_at, sweep_points
 from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
 
-__all__ = ["DWELL_FRAMES", "OverlapStudy", "capture_name", "check_methods", "check_scene", "rows_of"]
+__all__ = [
+    "DWELL_FRAMES",
+    "OverlapStudy",
+    "capture_name",
+    "check_methods",
+    "check_scene",
+    "describe_rows",
+    "rows_of",
+]
 
 DWELL_FRAMES = 400  # at each altitude of a tracked flight, at least: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
@@ -81,7 +90,7 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, Any]]:
-    """Rows of a flowgraph's run (`flowgraph.run.PointResult`), one per method."""
+    """Rows of a flowgraph's run (`simulation.PointResult`), one per method."""
     programme = scene.altitude.programme
     return [
         make_row(
@@ -97,6 +106,16 @@ def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, An
         )
         for method, frames in result.results.items()
     ]
+
+
+def describe_rows(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line."""
+    if "hazardous" in rows[0]:
+        shares = ", ".join(f"{r['method']} {r['computed']}/{r['outputs']}" for r in rows)
+        return f"overlap {rows[0]['overlap']:g}, tracked: computed {shares}"
+    sir = "" if rows[0]["sir_db"] is None else f" SIR {rows[0]['sir_db']:g} dB"
+    pds = ", ".join(f"{r['method']} {'-' if r['pd'] is None else format(r['pd'], '.3g')}" for r in rows)
+    return f"overlap {rows[0]['overlap']:g}{sir}: Pd {pds}"
 
 
 def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
@@ -123,12 +142,15 @@ class OverlapStudy(Study):
         Record what the receiver hears at every point, as SigMF below ``captures`` of the result folder.
     tracked : bool
         Fly every point of the sweep once more, slowly enough for a tracker: `DWELL_FRAMES` at each altitude, at least.
+    flowgraph : bool
+        False calls the flowgraph's parts one after the other (`simulation.run_chain`): the same rows without GNU Radio.
     """
 
     scene: Scene
     hardware: dict[str, Any] | None = None
     capture: bool = False
     tracked: bool = False
+    flowgraph: bool = True
     folder: Path | None = None
     prepared: tuple[tuple[str, Any], ...] = ()
 
@@ -206,11 +228,11 @@ class OverlapStudy(Study):
 
     def begin(self, folder: Path) -> OverlapStudy:
         """With its flowgraphs generated: one with and one without the jammer chain, as the points need."""
-        if self.hardware is not None:
+        if self.hardware is not None or not self.flowgraph:
             return dataclasses.replace(self, folder=folder)
         from ..flowgraph.run import prepare
 
-        scenes = {}
+        scenes: dict[str, tuple[Scene, bool]] = {}
         for point in self.points():
             placed = scene_at(self.scene, point)
             scenes.setdefault(_flowgraph_of(placed, point), (placed, point.table == "tracked"))
@@ -227,7 +249,9 @@ class OverlapStudy(Study):
         capture = None
         if self.capture:
             capture = self.folder / "captures" / capture_name(point, batch)
-        if self.hardware is None:
+        if not self.flowgraph:
+            result = run_chain(scene, scene.methods)
+        elif self.hardware is None:
             from ..flowgraph.run import run_point
 
             prepared = dict(self.prepared)[_flowgraph_of(scene, point)]
@@ -260,7 +284,7 @@ class OverlapStudy(Study):
 
     def left_out(self) -> list[str]:
         """What the flowgraphs leave out, and why."""
-        from ..flowgraph.run import left_out
+        from ..flowgraph.plan import left_out
 
         points = [p for p in self.points() if p.table != "tracked"]
         with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in points}
@@ -290,7 +314,8 @@ class OverlapStudy(Study):
             seconds_per_frame(m, scene.waveform, settings, tuple((scene.method_options.get(m) or {}).items()))
             for m in scene.methods
         )
-        return _START_S + _FLOWGRAPH * scene.altitude.programme.total_frames * (alone + 3e-4)
+        computed = scene.altitude.programme.total_frames * (alone + 3e-4)
+        return _START_S + _FLOWGRAPH * computed if self.flowgraph else computed
 
     def files(self) -> dict[str, Path]:
         """Flowgraphs, models and method files."""

@@ -19,7 +19,6 @@ from ...core.waveform import Waveform
 __all__ = ["Chain", "chains_with", "model_files", "seconds_per_frame"]
 
 _CHUNK = 20  # frames processed at once where only the error counts
-_LIVE: Mapping[str, tuple[tuple[str, Any], ...]] = {"hybrid": (("live", True),)}
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,9 @@ class Chain:
         Of the altimeter behind it.
     looks : int
         Consecutive frames whose power spectra are averaged into one altitude.
+    independent : bool
+        Whether frames are drawn independently of each other, so that the method is reset before each: `Hybrid` has a
+        budget for searches per stream, and independent frames are no stream.
     """
 
     label: str
@@ -48,11 +50,7 @@ class Chain:
     precision: str = "float32"
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
     looks: int = 1
-
-    @classmethod
-    def live(cls, method: str, settings: AltimeterSettings | None = None) -> Chain:
-        """A method with the options that it needs to keep up with the air."""
-        return cls(method, method, _LIVE.get(method, ()), settings=settings or AltimeterSettings())
+    independent: bool = False
 
     @classmethod
     def of_model(
@@ -107,13 +105,21 @@ class Chain:
         parts, changed = [], []
         for k in range(0, len(frames), step):
             given = frames[k : k + step]
-            cleaned = method.process(given)
+            if self.independent:
+                cleaned = np.concatenate([_reset(method).process(frame[None]) for frame in given])
+            else:
+                cleaned = method.process(given)
             changed.append((cleaned != given).any(axis=1))
             spectra = altimeter.spectra(cleaned)
             if self.looks > 1:
                 spectra = _averaged(spectra, self.looks)
             parts.append(altimeter.detect(spectra))
         return np.concatenate(parts), method, np.concatenate(changed)
+
+
+def _reset(method: Mitigation) -> Mitigation:
+    method.reset()
+    return method
 
 
 def model_files(chains: Sequence[Chain]) -> dict[str, Path]:

@@ -13,8 +13,15 @@ import numpy as np
 __all__ = ["new_figure", "save_figure", "say"]
 
 
-def new_figure(width: float, height: float, *, dpi: int = 160) -> Any:
-    """An empty Agg figure, ``width`` and ``height`` in inches; made without pyplot, so no window system is asked for."""
+def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = False) -> Any:
+    """An empty Agg figure, ``width`` and ``height`` in inches; made without pyplot, so no window system is asked for.
+
+    With ``shown`` it is pyplot's, which ``matplotlib.pyplot.show()`` and notebooks display.
+    """
+    if shown:
+        from matplotlib import pyplot
+
+        return pyplot.figure(figsize=(width, height), layout="constrained")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

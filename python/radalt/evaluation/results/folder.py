@@ -7,7 +7,6 @@ written from it, so that what is resumed is what was measured, and for this run.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import math
@@ -108,6 +107,18 @@ def _replace(path: Path, text: str) -> None:
         raise
 
 
+def _lock_alone(file: int) -> None:
+    """Lock an open file for this process alone, until it is closed; raises OSError where another process has it."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined, unused-ignore]
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
 def _read(file: Path, hint: str) -> bytes:
     try:
         return read_bytes(file, most_bytes=MAX_REPORT_BYTES, what="file", remedy=hint)
@@ -198,7 +209,7 @@ class RunFolder:
             reason = getattr(error, "strerror", None) or error
             raise FolderError(f"--out {path} cannot be written ({reason}); name another folder") from None
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock_alone(self._lock.fileno())
         except OSError:
             raise FolderError(
                 f"another process writes into {path}; wait for it, or name another --out"

@@ -12,7 +12,7 @@ from . import table as tables
 from .folder import RunFolder
 from .markdown import to_html
 
-__all__ = ["render", "write_pages"]
+__all__ = ["render", "write_page", "write_pages"]
 
 _FRAME = Path(__file__).parent  # of every HTML page: page.html.j2
 
@@ -37,31 +37,41 @@ def render(template: Path, **values: Any) -> str:
 
 
 def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) -> Path:
-    """Write ``report.md`` from a template, and ``report.html``, which needs nothing beside it and no network.
+    """`write_page` of a template.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    template : Path
+        ``.md.j2``.
+    values : mapping
+        For the template; with ``run``, a `Run` as a dict.
+    """
+    return write_page(folder, render(template, **values), values["run"])
+
+
+def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: str = "") -> Path:
+    """Write ``report.md``, and ``report.html``, which needs nothing beside it and no network; returns the former.
 
     Parameters
     ----------
     folder : RunFolder
         Holds the figures that the page shows; each is taken from its SVG where there is one.
-    template : Path
-        ``.md.j2``.
-    values : mapping
-        For the template; with ``run``, a `Run` as a dict.
-
-    Returns
-    -------
-    Path
-        ``report.md``.
+    text : str
+        Markdown.
+    run : mapping
+        A `Run` as a dict.
+    more : str
+        Markdown at the end of ``report.html`` alone.
     """
-    text = render(template, **values)
     page = folder.write_text("report.md", text)
     html = render(
         _FRAME / "report.html.j2",
         title=text.splitlines()[0].lstrip("# "),
-        content=to_html(text, lambda file: _inline(folder.path / file)),
+        content=to_html(f"{text}\n{more}", lambda file: _inline(folder.path / file)),
         settings=_settings(folder.head),
         created=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        run={"command": ""} | values["run"],
+        run={"command": ""} | run,
         **{name: folder.head[name] for name in ("versions", "schema")},
     )
     folder.write_text("report.html", html)

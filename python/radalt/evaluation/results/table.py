@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 __all__ = ["DASH", "interval", "metres", "number", "signed_metres", "table"]
 
@@ -18,7 +18,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return "\n".join(lines)
 
 
-def _exists(value: float | None) -> bool:
+def _exists(value: float | None) -> TypeGuard[float]:
     return value is not None and math.isfinite(value)
 
 

@@ -1,4 +1,7 @@
-"""What a base station or a QPSK transmitter may send, and what happens to it on the way."""
+"""What a base station or a QPSK transmitter may send, and what happens to it on the way.
+
+Emitters have typical error vectors unless a case is called ideal.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.multipath import FadedEmitter, FadingChannel
 from ...core.interference.placement import Interferer, interference_frames
 from ...core.interference.stream import JammerStream
@@ -25,8 +29,9 @@ WAVEFORM = Waveform()
 SNR_DB = 10.0
 SPEED_M_PER_S = 10.0
 _LEAD = 4  # frames of a stream before the first that counts
-NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41}
-_NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43}
+NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41, "evm": TYPICAL}
+_NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43, "evm": TYPICAL}
+_QPSK = QpskReceivedEmitter(evm=TYPICAL)
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,8 @@ class Antennas(NamedEmitter):
     """A base station's antennas, each with a stream of its own on the same elements, and noise that comes along.
 
     Emitter protocol; the streams have equal power, one timing, and payloads and phases of their own.
-    ``sent``, if given, gets what was sent, (count,) complex64 per call, without the noise: for a genie.
+    ``sent``, if given, gets what an ideal transmitter would have sent, (count,) complex64 per call: a genie knows all
+    symbols, and neither error vectors nor noise.
     """
 
     carrier: NrEmitter
@@ -93,15 +99,21 @@ class Antennas(NamedEmitter):
         """(count,) complex128 at `rate_hz`, mean power of the signal 1."""
         window = int(rng.integers(2**62))
         phase = np.exp(2j * np.pi * rng.random(self.antennas))
-        sent = sum(
-            turn
-            * replace(self.carrier, seed=self.carrier.seed + number).samples(
-                count, rate_hz, np.random.default_rng(window)
+
+        def streams(**changes: float) -> np.ndarray:
+            """(count,) the antennas' sum."""
+            each = (
+                turn
+                * replace(self.carrier, seed=self.carrier.seed + number, **changes).samples(
+                    count, rate_hz, np.random.default_rng(window)
+                )
+                for number, turn in enumerate(phase)
             )
-            for number, turn in enumerate(phase)
-        ) / np.sqrt(self.antennas)
+            return sum(each) / np.sqrt(self.antennas)
+
+        sent = streams()
         if self.sent is not None:
-            self.sent.append(sent.astype(np.complex64))
+            self.sent.append((streams(evm=0.0) if self.carrier.evm else sent).astype(np.complex64))
         if self.own_snr_db is None:
             return sent
         noise = rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
@@ -174,20 +186,17 @@ CASES = {
     "nr10_noise10": Case("10 MHz, 64QAM, heard with noise 10 dB below it", own_snr_db=10.0),
     "nr10_noise5": Case("10 MHz, 64QAM, heard with noise 5 dB below it", own_snr_db=5.0),
     "nr10_antennas": Case("10 MHz, 64QAM, two antennas' streams on the same elements", antennas=2),
-    "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=QpskReceivedEmitter(), asked=True),
-    "qpsk_stream": Case(
-        "QPSK, rectangular, goes on from frame to frame", stream=True, qpsk=QpskReceivedEmitter()
-    ),
-    "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=QpskReceivedEmitter(pulse="rrc")),
-    "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=QpskReceivedEmitter()),
-    "qpsk_burst": Case("QPSK, rectangular, 0.3 of the frame", overlap=0.3, qpsk=QpskReceivedEmitter()),
-    "qpsk_eva": Case(
-        "QPSK, rectangular, nine paths (EVA)", fading=FadingChannel(profile="EVA"), qpsk=QpskReceivedEmitter()
-    ),
-    "qpsk_radios": Case(
-        "QPSK, rectangular, two radios", stream=True, radio=_TWO_RADIOS, qpsk=QpskReceivedEmitter()
-    ),
-    "qpsk_paper": Case("QPSK as in the paper, switched on the sample grid", qpsk=QpskEmitter()),
+    "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=_QPSK, asked=True),
+    "qpsk_stream": Case("QPSK, rectangular, goes on from frame to frame", stream=True, qpsk=_QPSK),
+    "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=replace(_QPSK, pulse="rrc")),
+    "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=_QPSK),
+    "qpsk_burst": Case("QPSK, rectangular, 0.3 of the frame", overlap=0.3, qpsk=_QPSK),
+    "qpsk_eva": Case("QPSK, rectangular, nine paths (EVA)", fading=FadingChannel(profile="EVA"), qpsk=_QPSK),
+    "qpsk_radios": Case("QPSK, rectangular, two radios", stream=True, radio=_TWO_RADIOS, qpsk=_QPSK),
+    "nr10_ideal": Case("10 MHz, 64QAM, ideal emitter", _nr10(evm=0.0)),
+    "nr10_256qam_ideal": Case("10 MHz, 256QAM, ideal emitter", _nr10(modulation="256qam", evm=0.0)),
+    "qpsk_ideal": Case("QPSK, rectangular, as received, ideal emitter", qpsk=QpskReceivedEmitter()),
+    "qpsk_paper": Case("QPSK as in the paper, switched on the sample grid, ideal", qpsk=QpskEmitter()),
 }
 
 

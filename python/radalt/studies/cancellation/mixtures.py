@@ -1,4 +1,4 @@
-"""How far `hybrid` comes in a mixture of tones, QPSK and NR: one emitter at a time, both jointly, helped by a genie."""
+"""How far `hybrid` comes in a mixture of tones, QPSK and NR, and how far with the help of a genie."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.placement import Emitter, Interferer, interference_frames
 from ...evaluation.results.chain import Chain
 from ...evaluation.results.rows import Columns
@@ -22,7 +23,7 @@ from .known_symbols import rmse_correct_m
 __all__ = ["MIXTURES", "MIXTURE_COLUMNS", "MIXTURE_SIRS_DB", "Mixture", "measure_mixture"]
 
 MIXTURE_SIRS_DB = (-20.0, -25.0, -30.0, -35.0, -40.0, -45.0, -50.0)
-_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43)
+_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, frame_count=2, seed=43, evm=TYPICAL)
 MIXTURE_COLUMNS = Columns(
     ("mixture", "sir_db", "method", *SCORE_COLUMNS, "rmse_correct_m"),
     text=frozenset({"mixture", "method"}),
@@ -38,21 +39,18 @@ class Mixture:
     ----------
     title : str
     qpsk : Emitter
-    joint : bool
-        Whether `hybrid` may read QPSK and NR in turns.
     removed : tuple of str
         What a genie takes away exactly: ``tones``, ``QPSK``, ``NR``.
     """
 
     title: str
     qpsk: Emitter
-    joint: bool
     removed: tuple[str, ...] = ()
 
     @property
     def chain(self) -> Chain:
-        """`hybrid`, reading jointly or not."""
-        return Chain("hybrid", "hybrid", options=(("joint", self.joint),))
+        """`hybrid`."""
+        return Chain("hybrid", "hybrid", independent=True)
 
     @property
     def emitters(self) -> Mapping[str, Emitter]:
@@ -60,15 +58,13 @@ class Mixture:
         return {"tones": ToneEmitter(3), "QPSK": self.qpsk, "NR": _NR5}
 
 
-_PAPER, _RECEIVED = QpskEmitter(), QpskReceivedEmitter()
+_PAPER, _RECEIVED = QpskEmitter(), QpskReceivedEmitter(evm=TYPICAL)
 MIXTURES = {
-    "paper": Mixture("nothing removed, one emitter at a time", _PAPER, joint=False),
-    "paper_tones": Mixture("tones removed, one emitter at a time", _PAPER, joint=False, removed=("tones",)),
-    "paper_nr": Mixture("NR removed", _PAPER, joint=False, removed=("NR",)),
-    "paper_qpsk": Mixture("QPSK removed", _PAPER, joint=False, removed=("QPSK",)),
-    "paper_joint": Mixture("nothing removed, read jointly", _PAPER, joint=True),
-    "received": Mixture("QPSK as received, one emitter at a time", _RECEIVED, joint=False),
-    "received_joint": Mixture("QPSK as received, read jointly", _RECEIVED, joint=True),
+    "paper": Mixture("nothing removed", _PAPER),
+    "paper_tones": Mixture("tones removed", _PAPER, removed=("tones",)),
+    "paper_nr": Mixture("NR removed", _PAPER, removed=("NR",)),
+    "paper_qpsk": Mixture("QPSK removed", _PAPER, removed=("QPSK",)),
+    "received": Mixture("QPSK as received", _RECEIVED),
 }
 
 

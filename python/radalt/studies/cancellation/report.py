@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.interference.evm import EMITTERS
 from ...core.mitigation import create
 from ...core.mitigation.ofdm.acquisition import acquire, find_prefix
 from ...core.mitigation.ofdm.demodulator import FIRST, demodulate
@@ -237,7 +238,8 @@ def draw_pd(rows: Sequence[Row], methods: Sequence[str], path: Path) -> None:
         axis.tick_params(labelbottom=True)  # also where the last line is not full
     axes[0].invert_xaxis()
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=8)
+    title = f"{EMITTERS}, unless called ideal"
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(methods), fontsize=8, title=title)
     figure.supxlabel("SIR / dB", fontsize=9)
     figure.supylabel("Pd within 5 m", fontsize=9)
     save_figure(figure, path)

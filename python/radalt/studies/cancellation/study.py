@@ -197,7 +197,7 @@ class CancellationStudy(Study):
             each = sum(seconds_per_frame(m, WAVEFORM, settings) for m in TRACKED_METHODS)
             return point.frames * (each + 0.012)
         if point.table == "mixtures":
-            each = 0.5 if MIXTURES[point.case].joint else seconds_per_frame("hybrid", WAVEFORM, settings)
+            each = seconds_per_frame("hybrid", WAVEFORM, settings)
             return len(MIXTURE_SIRS_DB) * point.frames * (each + 0.012)
         if point.table == "known":
             each = seconds_per_frame("ofdm_cancel", WAVEFORM, settings)

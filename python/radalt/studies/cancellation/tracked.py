@@ -12,6 +12,7 @@ import numpy as np
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.tones import ToneEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.placement import Emitter, Interferer
 from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation
@@ -58,11 +59,11 @@ class Flight:
 
 
 NR_MS = 1000  # before a carrier repeats its data: a track without a return would live on what recurs earlier
-_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402)
+_NR5 = NrEmitter(channel_bandwidth_hz=5e6, cell_id=402, evm=TYPICAL)
 FLIGHTS = {
     "nr10": Flight(
         "10 MHz, 64QAM, SIR -48 dB",
-        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211),),
+        (NrEmitter(channel_bandwidth_hz=10e6, cell_id=211, evm=TYPICAL),),
         -48.0,
     ),
     "mixture": Flight(
@@ -74,7 +75,7 @@ FLIGHTS = {
 
 @lru_cache(maxsize=16)
 def _method(name: str) -> Mitigation:
-    return Chain.live(name).build(WAVEFORM)
+    return Chain(name, name).build(WAVEFORM)
 
 
 def fly(name: str, methods: Sequence[str], rng: np.random.Generator, count: int) -> list[dict[str, Any]]:

@@ -14,8 +14,9 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.effects import parts as parts_of
 from ...core.interference.emitters.nr import NrEmitter
-from ...core.interference.multipath import unfaded
+from ...core.interference.evm import TYPICAL
 from ...core.interference.stream import Continued
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.landing import LandingSpec
@@ -325,7 +326,7 @@ def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer]
             span = emitter.span_hz or WAVEFORM.rate_hz
             tones = rng.uniform(-0.5, 0.5, emitter.count) * span
             emitter = dataclasses.replace(emitter, frequencies_hz=tuple(tones))
-        name = unfaded(emitter)[0].scene_name
+        name = parts_of(emitter)[0].scene_name
         if name != _ANEW:
             periodic = name == _PERIODIC
             length = 1 if periodic else BLOCK
@@ -344,6 +345,7 @@ def _emitter(rng: np.random.Generator) -> object:
             bandwidth_hz=float(np.exp(rng.uniform(np.log(3e5), np.log(5e6)))),
             carrier_hz=float(rng.uniform(-1e6, 1e6)),
             pulse=str(rng.choice(("rrc", "rectangular"))),
+            evm=TYPICAL,
         )
     return NrEmitter(
         channel_bandwidth_hz=float(rng.choice((5e6, 10e6))),
@@ -352,6 +354,7 @@ def _emitter(rng: np.random.Generator) -> object:
         cell_id=int(rng.integers(1000)),
         seed=seed,
         frame_count=_NR_FRAMES,
+        evm=TYPICAL,
     )
 
 

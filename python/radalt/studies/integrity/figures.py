@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from ...core.interference.evm import EMITTERS
 from ...evaluation.overlap.figures import series_style
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
-from .study import EDGES
+from .columns import EDGES
+
+_EMITTERS = f"{EMITTERS}; paper_qpsk: ideal"
 
 __all__ = ["draw_sir", "draw_stanford"]
 
@@ -39,6 +42,7 @@ def draw_stanford(rows: Sequence[Row], path: Path) -> None:
     edges[0] = edges[1] ** 2 / edges[2]  # errors below the first edge: a bin like the others
     figure = new_figure(5.2, 4.3)
     axis = figure.subplots()
+    figure.suptitle(_EMITTERS, fontsize=7)
     top = max(2, int(counts.max(initial=0)))
     image = axis.pcolormesh(
         edges, edges, np.ma.masked_equal(counts.T, 0), cmap="Greys", norm=LogNorm(0.1, top)
@@ -80,6 +84,7 @@ def draw_sir(rows: Sequence[Row], path: Path) -> None:
     methods = list(dict.fromkeys(r["method"] for r in rows))
     figure = new_figure(7.6, 3.6)
     left, right = figure.subplots(1, 2)
+    figure.suptitle(_EMITTERS, fontsize=7)
     for method in methods:
         mine = [r for r in rows if r["method"] == method]
         sirs = sorted({r["sir_db"] for r in mine})

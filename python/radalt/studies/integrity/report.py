@@ -15,7 +15,7 @@ from ...evaluation.results.page import write_pages
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
 from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
-from .study import BY_KIND, EVENTS, POOLED
+from .columns import BY_KIND, EVENTS, POOLED
 
 if TYPE_CHECKING:
     from .study import IntegrityStudy

@@ -18,8 +18,6 @@ from ...evaluation.engine.study import Point, Run, Study
 from ...evaluation.results.chain import Chain, seconds_per_frame
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.integrity import (
-    COUNTS,
-    Integrity,
     alert_limit_m,
     error_m,
     integrity,
@@ -31,12 +29,9 @@ from ...evaluation.results.integrity import (
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
 from .cases import BLOCK, KINDS, WAVEFORM, Case, Flight, case_of, cases, fly, received
+from .columns import EDGES, FRAMES, ROWS
 
 __all__ = [
-    "BY_KIND",
-    "EDGES",
-    "EVENTS",
-    "POOLED",
     "IntegrityPoint",
     "IntegrityStudy",
     "Judged",
@@ -44,36 +39,8 @@ __all__ = [
     "replay_lines",
 ]
 
-TRACKER = TrackerSettings(doppler=True)
-EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # of the Stanford diagram, in alert limits
-_STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")
-_FRAMES = ("trials", "detections", "correct")
-_EVENT = ("frame_index", "altitude_m", "truth_m", "protection_level_m", "alert_limit_m")
-_WORDS = frozenset({"case", "kind", "method", "scene", "events", "stanford", "replay", "cause"})
-_WHOLE = frozenset({*COUNTS, *_FRAMES, "batch", "seed", "frame_index", "unalerted", "parts"})
-EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
-_TIMES = ("first_s", "alert_s", "unalerted")
-POOLED = Columns(
-    tuple(
-        dict.fromkeys(
-            (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *_FRAMES)
-        )
-    )
-    + ("pd", "wrong", "wrong_bound"),
-    _WORDS,
-    _WHOLE | {"wrong"},
-)
-BY_KIND = Columns(
-    ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]),
-    _WORDS,
-    POOLED.whole | {"known_limit"},
-)
-_ROWS = Columns(
-    (*_STATED, *COUNTS, *_TIMES, *_FRAMES, "events", "stanford", "ms_per_frame"),
-    _WORDS,
-    _WHOLE,
-    frozenset({"ms_per_frame"}),
-)
+# its flights have no leakage, so a track may start anywhere
+TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
 # milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
 _SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
 _BASE_S = 8e-4
@@ -169,7 +136,7 @@ class IntegrityStudy(Study):
     seed: int = 1
     allowed_m_per_s: float = 20.0
 
-    tables: ClassVar[Mapping[str, Columns]] = {"rows": _ROWS}
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": ROWS}
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "integrity.md",
         "cases.csv": "data/integrity.csv",
@@ -187,7 +154,7 @@ class IntegrityStudy(Study):
     @property
     def chains(self) -> tuple[Chain, ...]:
         """The methods with the altimeter behind them."""
-        return tuple(Chain.live(m, self.settings) for m in self.methods)
+        return tuple(Chain(m, m, settings=self.settings) for m in self.methods)
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
@@ -260,7 +227,7 @@ def _row(flight: Flight, judged: Judged) -> dict[str, Any]:
         "first_s": time_to_first_s(outputs, sweep_s),
         "alert_s": alert,
         "unalerted": int(np.isinf(alert)),
-        **{name: getattr(frames, name) for name in _FRAMES},
+        **{name: getattr(frames, name) for name in FRAMES},
         "events": _events(outputs, truth, limit),
         "stanford": " ".join(f"{i},{j},{counts[i, j]}" for i, j in np.argwhere(counts)),
         "ms_per_frame": judged.ms_per_frame,

@@ -10,6 +10,7 @@ from scipy import signal
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter
 from ...core.interference.emitters.nr import NrEmitter
+from ...core.interference.evm import TYPICAL
 from ...core.interference.receiver_filter import check_receiver, receiver_taps
 from .config import LandingConfig
 
@@ -45,7 +46,7 @@ class ReceivedQpsk:
     take them away exactly, at any level; no receiver delivers that.
     """
 
-    emitter: QpskEmitter = QpskEmitter()
+    emitter: QpskEmitter = QpskEmitter(evm=TYPICAL)
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`."""
@@ -118,7 +119,8 @@ ASSUMPTIONS: tuple[Assumption, ...] = (
     _snr(-10.0),
     _snr(-20.0),
     _snr(-30.0),
-    _emitter("qpsk_shaped", "QPSK, root-raised-cosine", QpskEmitter(pulse="rrc")),
+    _emitter("ideal", "QPSK, ideal emitter", QpskEmitter()),
+    _emitter("qpsk_shaped", "QPSK, root-raised-cosine", QpskEmitter(pulse="rrc", evm=TYPICAL)),
     _emitter("qpsk_received", "QPSK behind a receiver's filter", ReceivedQpsk()),
     replace(
         _emitter(
@@ -127,9 +129,9 @@ ASSUMPTIONS: tuple[Assumption, ...] = (
         shift_db=-25.0,
     ),
     _emitter("tones", "5 tones", ToneEmitter(count=5)),
-    _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6)),
-    _emitter("nr_5", "5G NR downlink, 5 MHz", NrEmitter(channel_bandwidth_hz=5e6)),
-    _emitter("nr_10", "5G NR downlink, 10 MHz", NrEmitter(channel_bandwidth_hz=10e6)),
+    _emitter("qpsk_wide", "QPSK over the whole band", QpskEmitter(bandwidth_hz=7.4e6, evm=TYPICAL)),
+    _emitter("nr_5", "5G NR downlink, 5 MHz", NrEmitter(channel_bandwidth_hz=5e6, evm=TYPICAL)),
+    _emitter("nr_10", "5G NR downlink, 10 MHz", NrEmitter(channel_bandwidth_hz=10e6, evm=TYPICAL)),
     Assumption(
         "sir_after_dechirp",
         "level",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, interference_frames
+from ...core.interference.evm import TYPICAL
 from ...core.parsing import InputError, build, load_yaml, plain
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.receiver.altimeter_settings import pfa_is_per_frame
@@ -121,7 +122,7 @@ class LandingConfig:
     link: LinkSpec = LinkSpec()
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
-    interference: tuple[Interferer, ...] = (Interferer(QpskEmitter()),)
+    interference: tuple[Interferer, ...] = (Interferer(QpskEmitter(evm=TYPICAL)),)
     methods: tuple[str, ...] = ("none", "lms", "nlms", "blanking", "whitening", "linear_prediction", "tcae")
     method_options: dict[str, dict[str, Any]] = field(default_factory=dict)
     snr_db: float | None = None

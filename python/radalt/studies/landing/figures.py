@@ -72,9 +72,15 @@ def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Pat
         *zip(*handles, strict=True), loc="outside lower center", ncols=4, fontsize=8, frameon=False
     )
     parts[0].suptitle(
+        f"{_sent(config)}\n"
         f"SIR {config.approach.sir_db:g} dB, overlap {config.approach.overlap:g}; dots: declared altitudes"
     )
     return _save(figure, folder, "figure_1_approach.png")
+
+
+def _sent(config: LandingConfig) -> str:
+    """The interference in words."""
+    return " + ".join(i.emitter.title(config.waveform.bandwidth_hz) for i in config.interference) or "none"
 
 
 def _approach_of(config: LandingConfig, rows: Sequence[dict[str, Any]], top: Any, bottom: Any) -> None:
@@ -134,6 +140,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
         )
         axis.plot(times, heights, color="white", lw=0.7, ls="--")
         axis.set(title=name, xlabel="time / s")
+    figure.suptitle(_sent(config), fontsize=9)
     axes[0].set_ylabel("range / m")
     figure.colorbar(picture, ax=axes, label="power of both half sweeps / dB of the frame's peak")
     return _save(figure, folder, "figure_1_range_time.png")
@@ -177,7 +184,7 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], f
         axes[2, column].set_xlabel("SINR / dB")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=8, fontsize=9, frameon=False)
-    figure.suptitle("grey: no interference, no mitigation; bands: 95 % intervals")
+    figure.suptitle(f"grey: no interference, no mitigation; bands: 95 % intervals\n{_sent(config)}")
     return _save(figure, folder, "figure_2_error_against_sinr.png")
 
 

@@ -13,7 +13,7 @@ from ...evaluation.flowgraph.plan import make_plan
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.page import write_pages
 from ...evaluation.results.table import number, table
-from .study import scene_of
+from .scenes import scene_of
 
 if TYPE_CHECKING:
     from .study import LeavingOutStudy

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.interference.evm import EMITTERS
 from ...evaluation.results.figure import new_figure, save_figure
 
 __all__ = ["draw", "pareto", "place_labels"]
@@ -30,6 +31,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     """
     figure = new_figure(12.6, 4.9, dpi=180)
     left, right, key = figure.subplots(1, 3, width_ratios=(1, 1, 0.42))
+    figure.suptitle(f"{EMITTERS}, but for NR 10 MHz ideal", fontsize=8)
     summary = report["summary"]
     clean = next(s for s in summary if s["chain"] == "none")["clean"]
     left.set_yscale("log")

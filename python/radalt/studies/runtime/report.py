@@ -17,8 +17,8 @@ from ...evaluation.results.folder import RunFolder, plain_json
 from ...evaluation.results.page import write_pages
 from ...evaluation.results.score import pool
 from ...evaluation.results.table import metres, number, table
+from .cases import CLEAN, SNR_DB, TRANSFORM
 from .figure import draw, pareto
-from .study import CLEAN, SNR_DB, TRANSFORM
 
 if TYPE_CHECKING:
     from .study import RuntimeStudy

@@ -17,41 +17,23 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import fft
 
-from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
-from ...core.interference.emitters.nr import NrEmitter
-from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.mitigation import Mitigation, create
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
-from ...core.returns.point import point_return
-from ...core.waveform import Waveform
-from ...evaluation.engine.run import peak_memory_bytes
 from ...evaluation.engine.study import Point, Run, Study
+from ...evaluation.engine.task import peak_memory_bytes
 from ...evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
 from ...evaluation.results.folder import RunFolder
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import CORRECT_LIMIT_M, SCORE_COLUMNS, score_frames
+from .cases import CLEAN, INTERFERERS, TRANSFORM, WAVEFORM, frames_of
 
-__all__ = ["CLEAN", "INTERFERERS", "TRANSFORM", "RuntimePoint", "RuntimeStudy", "compared_chains"]
+__all__ = ["RuntimePoint", "RuntimeStudy", "compared_chains"]
 
-SNR_DB = 10.0
 _BATCHES = (1, 8)  # frames at once whose time is taken
 _TIMED = 8  # frames of each interferer, and of none
 _TIMED_SIR_DB = -30.0
 _TRANSFORMS = 200
-TRANSFORM = "transform"  # what stands for a chain in rows that time one complex64 transform of a frame
-CLEAN = "clean"  # for an interferer in frames without
 _FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
-_W = Waveform()
-# name -> (emitter, overlap)
-INTERFERERS: dict[str, tuple[Any, float]] = {
-    "QPSK shaped, all": (QpskEmitter(pulse="rrc"), 1.0),
-    "QPSK rectangular, all": (QpskEmitter(), 1.0),
-    "QPSK rectangular, 30 %": (QpskEmitter(), 0.3),
-    "QPSK as received, all": (QpskReceivedEmitter(), 1.0),
-    "5 tones, all": (ToneEmitter(5), 1.0),
-    "NR 5 MHz, all": (NrEmitter(channel_bandwidth_hz=5e6), 1.0),
-    "NR 10 MHz, all": (NrEmitter(channel_bandwidth_hz=10e6), 1.0),
-}
 # summed where batches of a point are put together
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
 _TABLES = {
@@ -107,27 +89,10 @@ def compared_chains(models: Sequence[Path]) -> tuple[Chain, ...]:
     bare = {"options": (("shift_check", False),), "settings": settings()}
     return (
         *(Chain(method, method, settings=settings()) for method in methods),
-        # to read OFDM and QPSK of one band jointly takes a third of a second
-        Chain("hybrid", "hybrid", options=(("joint", False),), settings=settings()),
+        Chain("hybrid", "hybrid", settings=settings(), independent=True),
         *(Chain.of_model(model, **bare) for model in models),
         *(Chain(label, "none", settings=settings(**change)) for label, change in altimeters.items()),
     )
-
-
-def frames_of(
-    name: str | None, sir_db: float, count: int, seed: int, batch: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """(count, N) frames with one interferer (None: without) and their altitudes, 10..1450 m."""
-    number = 0 if name is None else 1 + list(INTERFERERS).index(name)
-    rng = np.random.default_rng([seed, number, round(-sir_db), *([batch] if batch else [])])
-    truth = rng.uniform(10.0, 1450.0, count)
-    noise = rng.standard_normal((count, _W.samples_per_frame, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
-    frames = point_return(_W, truth) + noise * 10.0 ** (-SNR_DB / 20.0)
-    if name is not None:
-        emitter, overlap = INTERFERERS[name]
-        jam = Interferer(emitter, sir_db, overlap)
-        frames = frames + interference_frames([jam], count, _W.samples_per_frame, _W.rate_hz, rng)
-    return frames.astype(np.complex64), truth
 
 
 @dataclass(frozen=True)
@@ -190,7 +155,7 @@ class RuntimeStudy(Study):
 
     def head(self) -> dict[str, Any]:
         """See `Study`."""
-        return vars(self) | {"chains": {chain.label: chain.head(_W) for chain in self.chains}}
+        return vars(self) | {"chains": {chain.label: chain.head(WAVEFORM) for chain in self.chains}}
 
     def points(self) -> Sequence[RuntimePoint]:
         """Facts of each chain, errors without and with interference, rounds of times."""
@@ -225,7 +190,7 @@ class RuntimeStudy(Study):
             "sir_db": point.sir_db if point.interferer else None,
         }
         return [
-            where | {"chain": chain.label} | _scored(chain.results(frames, _W)[0], truth)
+            where | {"chain": chain.label} | _scored(chain.results(frames, WAVEFORM)[0], truth)
             for chain in self.chains
         ]
 
@@ -247,7 +212,9 @@ class RuntimeStudy(Study):
         """See `Study`."""
         if point.table == "facts":
             return _FACTS_S
-        return point.frames * sum(seconds_per_frame(c.method, _W, c.settings, c.options) for c in self.chains)
+        return point.frames * sum(
+            seconds_per_frame(c.method, WAVEFORM, c.settings, c.options) for c in self.chains
+        )
 
     def files(self) -> dict[str, Path]:
         """The networks."""
@@ -280,7 +247,7 @@ def _warmed_up(
     """Frames to be timed by interferer, and every chain built; each has been run once, so that nothing is first."""
     names = (None, *interferers)
     frames = {name or CLEAN: frames_of(name, _TIMED_SIR_DB, _TIMED, 99)[0] for name in names}
-    built = [(c.label, c.build(_W), shared_altimeter(_W, c.settings)) for c in chains]
+    built = [(c.label, c.build(WAVEFORM), shared_altimeter(WAVEFORM, c.settings)) for c in chains]
     for _, method, altimeter in built:
         for batch in _BATCHES:
             list(_timed(method, altimeter, frames[CLEAN], batch))
@@ -323,7 +290,7 @@ def _timed(
 
 def _facts(chain: Chain) -> dict[str, Any]:
     """What does not depend on the frames: precision, bytes of model and memory, decimation and FFT size."""
-    method, altimeter = chain.build(_W), shared_altimeter(_W, chain.settings)
+    method, altimeter = chain.build(WAVEFORM), shared_altimeter(WAVEFORM, chain.settings)
     return {
         "chain": chain.label,
         "precision": getattr(method, "metadata", {}).get("radalt_precision", chain.precision),
@@ -348,7 +315,7 @@ def _added_memory_bytes(chain: Chain, batch: int) -> int:
 
 def memory_in_process(method: str, options: dict[str, Any], batch: int) -> int:
     """Growth of the peak resident memory by building a method and running a batch."""
-    frames = np.tile(_W.reference, (batch, 1))
+    frames = np.tile(WAVEFORM.reference, (batch, 1))
     before = peak_memory_bytes()
-    create(method, _W, **options).process(frames)
+    create(method, WAVEFORM, **options).process(frames)
     return peak_memory_bytes() - before

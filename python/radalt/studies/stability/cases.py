@@ -14,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.evm import TYPICAL
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
@@ -126,7 +127,7 @@ def stiff_cases() -> Iterator[Case]:
     name = "two tones 1 Hz apart, SIR -30 dB"
     frames, truth = _interfered(name, [Interferer(ToneEmitter(frequencies_hz=(1.1e6, 1.1e6 + 1.0)), -30.0)])
     yield _case("stiff", name, frames, truth, noise_limited=True, bound_m=20.0)
-    for what, emitter in (("QPSK", QpskEmitter(pulse="rrc")), ("a tone", ToneEmitter(1))):
+    for what, emitter in (("QPSK", QpskEmitter(pulse="rrc", evm=TYPICAL)), ("a tone", ToneEmitter(1))):
         name = f"{what} 80 dB above the return"
         frames, truth = _interfered(name, [Interferer(emitter, -80.0)], count=40)
         yield _case("stiff", name, frames, truth, noise_limited=True, bound_m=20.0)
@@ -139,8 +140,13 @@ def scene_cases() -> Iterator[Case]:
     w = Waveform()
     for sir_db in range(-80, 81, 20):
         name = f"SIR {sir_db:+d} dB, QPSK"
-        frames, truth = _interfered(name, [Interferer(QpskEmitter(pulse="rrc"), float(sir_db))], count=40)
+        frames, truth = _interfered(
+            name, [Interferer(QpskEmitter(pulse="rrc", evm=TYPICAL), float(sir_db))], count=40
+        )
         yield _case("scene", name, frames, truth, detects=sir_db >= 0, noise_limited=True)
+    name = "SIR -20 dB, QPSK, ideal emitter"
+    frames, truth = _interfered(name, [Interferer(QpskEmitter(pulse="rrc"), -20.0)], count=40)
+    yield _case("scene", name, frames, truth, detects=False, noise_limited=True)
     for snr_db in (*range(-40, 101, 20), None):
         name = "no noise at all" if snr_db is None else f"SNR {snr_db:+d} dB"
         rng = _rng(name)
@@ -149,7 +155,7 @@ def scene_cases() -> Iterator[Case]:
         yield _case("scene", name, frames, truth, detects=snr_db is None or snr_db >= 0, noise_limited=True)
     for label, overlap in (("none", 0.0), ("one sample", 1e-9), ("all", 1.0)):
         name = f"overlap {label}, SIR -20 dB"
-        frames, truth = _interfered(name, [Interferer(QpskEmitter(), -20.0, overlap)], count=40)
+        frames, truth = _interfered(name, [Interferer(QpskEmitter(evm=TYPICAL), -20.0, overlap)], count=40)
         yield _case("scene", name, frames, truth, detects=overlap < 1, noise_limited=True)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, interference_frames
+from ...core.interference.evm import TYPICAL
 from ...core.mitigation import create
 from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
@@ -142,7 +143,7 @@ def _frames(count: int = 12) -> np.ndarray:
     rng, w = np.random.default_rng(11), Waveform()
     frames = noisy(point_return(w, rng.uniform(20.0, 1400.0, count)), 10.0, rng)
     jam = interference_frames(
-        [Interferer(QpskEmitter(), -20.0, 0.4)], count, w.samples_per_frame, w.rate_hz, rng
+        [Interferer(QpskEmitter(evm=TYPICAL), -20.0, 0.4)], count, w.samples_per_frame, w.rate_hz, rng
     )
     return (frames + jam).astype(np.complex64)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ...core.interference.evm import EMITTERS
 from ...core.mitigation import METHODS
 from ...evaluation.engine.study import Run
 from ...evaluation.results.figure import new_figure, save_figure
@@ -187,6 +188,7 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         axis.add_patch(Rectangle((x - 0.46, y - 0.43), 0.92, 0.86, color=_COLOURS[r["verdict"]], lw=0))
         colour = "white" if r["verdict"] == "FAIL" else "black"
         axis.text(x, y, _SIGNS[r["verdict"]], ha="center", va="center", fontsize=6, color=colour)
+    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=7)
     axis.set_xlim(-0.5, len(chains) - 0.5)
     axis.set_ylim(len(cases) - 0.5, -0.5)
     axis.set_yticks(range(len(cases)), cases, fontsize=6)

@@ -1,6 +1,6 @@
 """5G NR downlink as an interferer: OFDM (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
 
-The carrier is built at 7.68 or 15.36 MHz (or a multiple, where its offset demands it), and moved to its offset. It is
+The carrier is built at its own rate (or a multiple, where its offset demands it), and moved to its offset. It is
 then filtered as in a receiver, resampled by polyphase filters and cached. Windows are cut from the cache.
 """
 
@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..evm import evm_title
 from ..nr_grid import (
-    FFT_LENGTHS,
     RESOURCE_BLOCKS,
-    SLOTS_PER_FRAME,
     SUBCARRIER_SPACING_HZ,
     SYMBOLS_PER_SLOT,
     Element,
@@ -23,15 +22,17 @@ from ..nr_grid import (
     ResourceGrid,
     resource_grid,
     ssb_block,
+    transmitted,
 )
-from ..receiver_filter import around, check_count, check_receiver, resample_periodic
+from ..receiver_filter import check_count, check_receiver, random_window, resample_periodic
 from . import NamedEmitter, register
 
+if TYPE_CHECKING:
+    from ..amplifier import Amplifier
+
 __all__ = [
-    "FFT_LENGTHS",
     "FRAME_SECONDS",
     "RESOURCE_BLOCKS",
-    "SLOTS_PER_FRAME",
     "SUBCARRIER_SPACING_HZ",
     "SYMBOLS_PER_SLOT",
     "Element",
@@ -46,40 +47,48 @@ __all__ = [
 ]
 
 FRAME_SECONDS = 10e-3
-HALF_SUBFRAME_SYMBOLS = 7  # the long cyclic prefix comes every 0.5 ms
+_AMPLIFIED = 4  # times the carrier's own rate: products up to the seventh order fold outside the carrier
+HALF_SUBFRAME_SYMBOLS = 7  # of 15 kHz; the long cyclic prefix comes every 0.5 ms
 
 
-def cyclic_prefix_lengths(fft_length: int) -> np.ndarray:
-    """Normal cyclic prefix of the seven symbols of 0.5 ms in samples, clause 5.3.1: (7,) int.
+def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
+    """Normal cyclic prefix of the symbols of 0.5 ms in samples, clause 5.3.1: (7,) int, or (14,) of 30 kHz.
 
-    144 kappa T_c, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz (length 2048).
+    144 kappa T_c 2^-mu, and 16 kappa T_c more in the first; kappa T_c is one sample at 30.72 MHz.
     Raises ValueError unless `fft_length` is a multiple of 128 (whole samples).
     """
     if fft_length < 128 or fft_length % 128:
         raise ValueError(f"fft_length {fft_length} gives fractional cyclic prefixes; use a multiple of 128")
-    lengths = np.full(HALF_SUBFRAME_SYMBOLS, 144 * fft_length // 2048)
-    lengths[0] = 160 * fft_length // 2048
+    step = round(spacing_hz / SUBCARRIER_SPACING_HZ)
+    lengths = np.full(HALF_SUBFRAME_SYMBOLS * step, 144 * fft_length // 2048)
+    lengths[0] += 16 * step * fft_length // 2048
     return lengths
 
 
-def symbol_starts(fft_length: int) -> np.ndarray:
-    """Start in samples of the useful part (after the prefix) of the 14 symbols of a subframe: (14,)."""
-    prefix = np.tile(cyclic_prefix_lengths(fft_length), 2)
+def symbol_starts(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
+    """Start in samples of the useful part (after the prefix) of a subframe's symbols: (14,), or (28,) of 30 kHz."""
+    prefix = np.tile(cyclic_prefix_lengths(fft_length, spacing_hz), 2)
     return np.cumsum(prefix + fft_length) - fft_length
 
 
-def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz: float = 0.0) -> np.ndarray:
+def ofdm_modulate(
+    values: np.ndarray,
+    fft_length: int,
+    upconversion_frequency_hz: float = 0.0,
+    spacing_hz: float = SUBCARRIER_SPACING_HZ,
+) -> np.ndarray:
     """CP-OFDM, TS 38.211 clause 5.3.1: s(t) = sum_k a_k exp(j 2 pi (k - N_sc/2) df (t - N_CP T_c - t_start)).
 
     Parameters
     ----------
     values : complex (subcarriers, symbols), whole slots, first column at the start of a subframe
-    fft_length : samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / 15 kHz
+    fft_length : samples of a symbol's useful part, >= subcarriers, a multiple of 128; rate / spacing
     upconversion_frequency_hz : f_0 of clause 5.4, whose phase is reset at every symbol; 0 leaves it out
+    spacing_hz : 15e3 or 30e3
 
     Returns
     -------
-    complex128 (15 fft_length per slot,), not scaled: mean power is the sum over k of |a_k|^2.
+    complex128 (15 fft_length per slot of 15 kHz,), not scaled: mean power is the sum over k of |a_k|^2.
 
     Raises
     ------
@@ -98,29 +107,37 @@ def ofdm_modulate(values: np.ndarray, fft_length: int, upconversion_frequency_hz
     spectrum[:, : subcarriers - half] = values[half:].T
     spectrum[:, fft_length - half :] = values[:half].T
     if upconversion_frequency_hz:
-        seconds = symbol_starts(fft_length) / (fft_length * SUBCARRIER_SPACING_HZ)
+        seconds = symbol_starts(fft_length, spacing_hz) / (fft_length * spacing_hz)
         cycles = np.mod(upconversion_frequency_hz * seconds, 1.0)
-        spectrum *= np.tile(np.exp(-2j * np.pi * cycles), symbols // SYMBOLS_PER_SLOT)[:, None]
+        spectrum *= np.resize(np.exp(-2j * np.pi * cycles), symbols)[:, None]
     useful = np.fft.ifft(spectrum, axis=1) * fft_length
-    # One gather adds the prefixes of the seven symbols of each half subframe: sample n of symbol l is
+    # One gather adds the prefixes of the symbols of each half subframe: sample n of symbol l is
     # useful sample (n - N_CP,l) mod N.
-    prefix = cyclic_prefix_lengths(fft_length)
+    prefix = cyclic_prefix_lengths(fft_length, spacing_hz)
     gather = [
         number * fft_length + np.mod(np.arange(-length, fft_length), fft_length)
         for number, length in enumerate(prefix)
     ]
-    return useful.reshape(-1, HALF_SUBFRAME_SYMBOLS * fft_length)[:, np.concatenate(gather)].ravel()
+    return useful.reshape(-1, prefix.size * fft_length)[:, np.concatenate(gather)].ravel()
 
 
 def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray:
-    """All `frame_count` frames of a carrier at 15 kHz * fft_length (native rate if None), frame 0 first.
+    """All `frame_count` frames of a carrier at spacing * fft_length (native rate if None), frame 0 first.
 
-    Returns complex128 (150 fft_length frame_count,), unscaled (see `ofdm_modulate`); payload by seed.
+    Returns complex128 (10 ms of each,), unscaled (see `ofdm_modulate`); payload by seed.
     """
     rng = np.random.default_rng(config.seed)
     length = config.fft_length if fft_length is None else fft_length
+    errors = np.random.default_rng(
+        [config.seed, 0xE7]
+    )  # of their own: the payload is that of the ideal carrier
     frames = [
-        ofdm_modulate(resource_grid(config, rng).values, length, config.upconversion_frequency_hz)
+        ofdm_modulate(
+            transmitted(resource_grid(config, rng), errors),
+            length,
+            config.upconversion_frequency_hz,
+            config.subcarrier_spacing_hz,
+        )
         for _ in range(config.frame_count)
     ]
     return np.concatenate(frames)
@@ -165,7 +182,7 @@ class NrEmitter(NamedEmitter, NrConfig):
 
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
-        return f"5G NR, {self.channel_bandwidth_hz / 1e6:g} MHz"
+        return f"5G NR, {self.channel_bandwidth_hz / 1e6:g} MHz, {evm_title(self.evm)}"
 
     @property
     def period_s(self) -> float:
@@ -180,19 +197,16 @@ class NrEmitter(NamedEmitter, NrConfig):
         """
         count = check_count(count)
         signal, residual_hz = self.period(rate_hz)
-        start = rng.integers(0, signal.size)
-        phase = rng.random()
-        window = around(signal, start, count)
-        cycles = phase + np.arange(count) * (residual_hz / rate_hz) if residual_hz else phase
-        return window * np.exp(2j * np.pi * cycles)
+        return random_window(signal, residual_hz / rate_hz, count, rng)
 
-    def period(self, rate_hz: float) -> tuple[np.ndarray, float]:
+    def period(self, rate_hz: float, amplifier: Amplifier | None = None) -> tuple[np.ndarray, float]:
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
         The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
-        multiple of 100 Hz; the second value, within +-50 Hz, is what is left to shift. Raises as `samples`.
+        multiple of 100 Hz; the second value, within +-50 Hz, is what is left to shift. An ``amplifier`` acts on
+        what is sent, at four times the carrier's rate or more. Raises as `samples`.
         """
-        return _received(self, float(rate_hz))
+        return _received(self, float(rate_hz), amplifier)
 
     def received_fraction(self, rate_hz: float) -> float:
         """Part of the carrier's power that passes the receiver's filter at `rate_hz`, 0..1."""
@@ -203,12 +217,14 @@ def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
     """Transform long enough that what the offset shift folds over stays outside the receiver's band."""
     need_hz = abs(emitter.carrier_hz) + emitter.sample_rate_hz / 2 + rate_hz / 2
     length = emitter.fft_length
-    while length * SUBCARRIER_SPACING_HZ < need_hz:
+    while length * emitter.subcarrier_spacing_hz < need_hz:
         length *= 2
     return length
 
 
-def _receive(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float, float]:
+def _receive(
+    emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None = None
+) -> tuple[np.ndarray, float, float]:
     """(received signal, power fraction, remaining offset in Hz) before normalisation."""
     bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
     reach_hz = rate_hz / 2 + emitter.occupied_bandwidth_hz / 2
@@ -218,23 +234,29 @@ def _receive(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float, flo
             f"keep |carrier_hz| below {reach_hz:g}"
         )
     length = _internal_fft_length(emitter, rate_hz)
+    if amplifier is not None:  # room for what grows beside the carrier
+        length = max(length, _AMPLIFIED * emitter.fft_length)
     sent = frame_samples(emitter, length)
     sent_energy = np.vdot(sent, sent).real
     if sent_energy == 0.0:
         raise ValueError("the NR carrier sends nothing; give ssb_indices, or a load or pdcch_load above 0")
+    if amplifier is not None:
+        sent = amplifier.amplify(sent, sent_energy / sent.size)
     # Only multiples of 100 Hz repeat with the 10 ms frame; the rest (up to 50 Hz) is added to each window.
     steps = round(emitter.carrier_hz * FRAME_SECONDS)
     frame_length = sent.size // emitter.frame_count
     ramp = np.exp(2j * np.pi * (steps * np.arange(frame_length) % frame_length) / frame_length)
     shifted = (sent.reshape(-1, frame_length) * ramp).ravel()
-    received = resample_periodic(shifted, length * SUBCARRIER_SPACING_HZ, rate_hz, bandwidth_hz)
+    received = resample_periodic(shifted, length * emitter.subcarrier_spacing_hz, rate_hz, bandwidth_hz)
     fraction = np.vdot(received, received).real / received.size * sent.size / sent_energy
     return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
 
 
 @lru_cache(maxsize=8)  # a second is 120 MB
-def _received(emitter: NrEmitter, rate_hz: float) -> tuple[np.ndarray, float]:
-    signal, _, residual_hz = _receive(emitter, rate_hz)
+def _received(
+    emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None = None
+) -> tuple[np.ndarray, float]:
+    signal, _, residual_hz = _receive(emitter, rate_hz, amplifier)
     signal = signal / np.sqrt(np.vdot(signal, signal).real / signal.size)
     signal.setflags(write=False)
     return signal, residual_hz

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...waveform import exp_cycles
+from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from . import NamedEmitter, register
 
 __all__ = ["QpskEmitter", "qpsk_symbols", "rrc_taps"]
@@ -62,6 +63,9 @@ class QpskEmitter(NamedEmitter):
         ``"rectangular"`` (the paper) or ``"rrc"``.
     rolloff : float
         Root-raised-cosine roll-off, 0..1.
+    evm : float or str
+        Error vector magnitude: RMS of a complex normal error of every symbol over the symbols' RMS, 0..1; ``"typical"``
+        is 0.0875, half of what TS 38.104 allows base stations.
     """
 
     scene_name: ClassVar[str] = "qpsk"
@@ -70,8 +74,10 @@ class QpskEmitter(NamedEmitter):
     carrier_hz: float = 0.0
     pulse: str = "rectangular"
     rolloff: float = 0.25
+    evm: float | str = 0.0
 
     def __post_init__(self) -> None:
+        check_evm("qpsk", self.evm)
         if not self.bandwidth_hz >= 1.0:
             raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
@@ -87,12 +93,17 @@ class QpskEmitter(NamedEmitter):
     def title(self, band_hz: float) -> str:
         """See `NamedEmitter.title`."""
         pulse = "root-raised-cosine" if self.pulse == "rrc" else self.pulse
-        return f"QPSK, {pulse} pulses, {100 * self.bandwidth_hz / band_hz:.3g} % of the band"
+        return f"QPSK, {pulse} pulses, {100 * self.bandwidth_hz / band_hz:.3g} % of the band, {evm_title(self.evm)}"
 
     @property
     def symbol_rate_hz(self) -> float:
         """Symbols per second."""
         return self.bandwidth_hz if self.pulse == "rectangular" else self.bandwidth_hz / (1 + self.rolloff)
+
+    @property
+    def evm_fraction(self) -> float:
+        """The error vector magnitude as a number."""
+        return evm_fraction(self.evm, "qpsk")
 
     def check_rate(self, rate_hz: float) -> None:
         """Raise ValueError unless symbols and carrier fit a sample rate."""
@@ -111,6 +122,8 @@ class QpskEmitter(NamedEmitter):
         if self.pulse == "rectangular":
             drawn, index = self._held(count, rate, offset, rng)
             symbols = _CONSTELLATION[drawn]
+            if self.evm:
+                symbols += error_vectors(symbols.size, self.evm_fraction, rng)
             if not self.carrier_hz:  # there are fewer symbols to turn than samples
                 return np.take(symbols * turn, index)
             baseband = symbols[index]
@@ -123,11 +136,11 @@ class QpskEmitter(NamedEmitter):
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Samples of that mean power into ``span``, complex64 or complex128, where this takes less than `samples`.
 
-        True if written: rectangular pulses without a carrier have one modulus, so their symbols are scaled before they
-        are held. Otherwise nothing is drawn or written.
+        True if written: ideal rectangular pulses without a carrier have one modulus, so their symbols are scaled before
+        they are held. Otherwise nothing is drawn or written.
         """
         rate = self.symbol_rate_hz / rate_hz
-        if self.pulse != "rectangular" or self.carrier_hz or rate > 1:
+        if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:
             return False
         offset, phase = rng.random(2)
         drawn, index = self._held(span.size, rate, offset, rng)
@@ -161,7 +174,7 @@ class QpskEmitter(NamedEmitter):
         taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
         from scipy import signal  # see core/fir.py
 
-        shaped = signal.upfirdn(taps, qpsk_symbols(symbols, rng), up, down)
+        shaped = signal.upfirdn(taps, qpsk_symbols(symbols, rng, self.evm_fraction), up, down)
         start = (start + pad) // down
         return shaped[start : start + count]
 
@@ -169,9 +182,10 @@ class QpskEmitter(NamedEmitter):
 _CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 
 
-def qpsk_symbols(count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count,) random unit QPSK symbols."""
-    return _CONSTELLATION[rng.integers(0, 4, count)]
+def qpsk_symbols(count: int, rng: np.random.Generator, evm: float = 0.0) -> np.ndarray:
+    """(count,) random unit QPSK symbols, with error vectors of that RMS."""
+    symbols = _CONSTELLATION[rng.integers(0, 4, count)]
+    return symbols + error_vectors(count, evm, rng) if evm else symbols
 
 
 @lru_cache(maxsize=16)

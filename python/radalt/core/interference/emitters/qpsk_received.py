@@ -30,7 +30,7 @@ class QpskReceivedEmitter(QpskEmitter):
 
     Parameters
     ----------
-    bandwidth_hz, carrier_hz, pulse, rolloff
+    bandwidth_hz, carrier_hz, pulse, rolloff, evm
         As in `QpskEmitter`. ``carrier_hz`` includes what the two oscillators are apart.
     clock_ppm : float
         How much faster the emitter's symbol clock runs than the radar's, -1000..1000.
@@ -63,7 +63,10 @@ class QpskReceivedEmitter(QpskEmitter):
         symbols_per_sample = self.symbol_rate_hz * (1 + 1e-6 * self.clock_ppm) / (rate_hz * factor)
         timing, phase = rng.random(2)
         times = timing + symbols_per_sample * np.arange(longer + 1)
-        fine = _held(times, rng) if self.pulse == "rectangular" else _shaped(times[:-1], self.rolloff, rng)
+        if self.pulse == "rectangular":
+            fine = _held(times, self.evm_fraction, rng)
+        else:
+            fine = _shaped(times[:-1], self.rolloff, self.evm_fraction, rng)
         cycles = phase + self.carrier_hz / (rate_hz * factor) * np.arange(longer)
         return decimate_window(fine * exp_cycles(cycles, np.complex128), rate_hz, factor, bandwidth_hz)
 
@@ -72,16 +75,16 @@ class QpskReceivedEmitter(QpskEmitter):
         return False
 
 
-def _held(times: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _held(times: np.ndarray, evm: float, rng: np.random.Generator) -> np.ndarray:
     """(n,) means of rectangular pulses between n + 1 ``times`` in symbols."""
     index = times.astype(np.intp)
-    symbols = qpsk_symbols(int(index[-1]) + 1, rng)
+    symbols = qpsk_symbols(int(index[-1]) + 1, rng, evm)
     before = np.concatenate([[0.0], np.cumsum(symbols)])
     integral = before[index] + (times - index) * symbols[index]
     return np.diff(integral) / (times[1] - times[0])
 
 
-def _shaped(times: np.ndarray, rolloff: float, rng: np.random.Generator) -> np.ndarray:
+def _shaped(times: np.ndarray, rolloff: float, evm: float, rng: np.random.Generator) -> np.ndarray:
     """(n,) samples of root-raised-cosine pulses at ``times`` in symbols."""
     side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(rolloff, 1e-3)))))  # as in `QpskEmitter`
     taps = rrc_taps(rolloff, _STEPS, 2 * side) * np.sqrt(_STEPS)
@@ -89,7 +92,7 @@ def _shaped(times: np.ndarray, rolloff: float, rng: np.random.Generator) -> np.n
     low = place.astype(np.intp)
     part = place - low
     index = times.astype(np.intp)
-    symbols = qpsk_symbols(int(index[-1]) + 2 * side, rng)
+    symbols = qpsk_symbols(int(index[-1]) + 2 * side, rng, evm)
     out = np.zeros(times.size, dtype=np.complex128)
     for offset in range(2 * side):  # the pulse is longest ago first
         at = low + (2 * side - 1 - offset) * _STEPS

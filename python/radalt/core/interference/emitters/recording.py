@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ...parsing import InputError, check_file, shown
-from ...paths import remedy
+from ...sigmf_file import SigmfFile, open_raw, open_sigmf
 from ..own_noise import MOST_DB, prefix_snr_db
 from ..receiver_filter import around, check_count, check_receiver, rate_ratio, resample_periodic
 from . import NamedEmitter, register
@@ -97,7 +96,7 @@ class RecordingEmitter(NamedEmitter):
         """What the metadata say of origin and licence, and the recording's own noise (`prefix_snr_db`)."""
         name = Path(self.file).name
         try:
-            head = {} if self.datatype else _open(self).get_global_info()
+            head = _open(self).head
             snr_db = prefix_snr_db(self.load(rate_hz), rate_hz)
         except ValueError:  # said where samples are asked for
             return ()
@@ -117,7 +116,7 @@ class RecordingEmitter(NamedEmitter):
     def period_s(self) -> float:
         """After how long it repeats: ``seconds``, or what the file has of them. Raises ValueError as `load`."""
         recording = _open(self)
-        return min(self.seconds, recording.sample_count / _source_hz(self, recording) - self.start_s)
+        return min(self.seconds, recording.sample_count / _source_hz(self, recording.rate_hz) - self.start_s)
 
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use as the radar hears it, at ``rate_hz``: (n,) complex128, mean power 1, read-only, kept."""
@@ -132,40 +131,23 @@ class RecordingEmitter(NamedEmitter):
         return turn * around(heard, start, count)
 
 
-def _open(emitter: RecordingEmitter) -> Any:
-    """The file as a `sigmf.SigMFFile`; raises ValueError."""
-    try:
-        import sigmf
-    except ImportError:
-        raise ValueError(f"recording.file needs the package sigmf; {remedy('sigmf')}") from None
+def _open(emitter: RecordingEmitter) -> SigmfFile:
+    """The file; raises ValueError."""
     path = Path(emitter.file)
     try:
         check_file(path, most_bytes=_MOST_BYTES, what="recording.file", remedy=_REMEDY)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            if emitter.datatype:
-                head = {"core:datatype": emitter.datatype, "core:sample_rate": emitter.rate_hz}
-                recording = sigmf.SigMFFile(global_info=head)
-                recording.set_data_file(str(path), skip_checksum=True)
-                return recording
-            return sigmf.sigmffile.fromfile(str(path), skip_checksum=True)
+        return open_raw(path, emitter.datatype, emitter.rate_hz) if emitter.datatype else open_sigmf(path)
     except InputError as error:
-        raise ValueError(str(error)) from None
-    except Exception as error:  # sigmf, jsonschema, json, OS and warnings each bring their own kinds
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
-        raise ValueError(
-            f"recording.file {path} cannot be read ({reason}); a .sigmf-meta, or raw with rate_hz and datatype"
-        ) from None
+        raise ValueError(f"recording.file: {error}") from None
 
 
-def _source_hz(emitter: RecordingEmitter, recording: Any) -> float:
+def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
     """The file's sample rate; raises ValueError."""
-    source_hz = recording.get_global_field("core:sample_rate")
-    if not isinstance(source_hz, (int, float)) or not 1e3 <= source_hz <= 1e9:
+    if not 1e3 <= source_hz <= 1e9:
         raise ValueError(
             f"recording.file {emitter.file} has core:sample_rate {shown(source_hz)}; 1e3..1e9 is read"
         )
-    return float(source_hz)
+    return source_hz
 
 
 @lru_cache(maxsize=4)
@@ -173,9 +155,7 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
     """The part of the file in use, filtered, moved and at the radar's rate, mean power 1; read-only."""
     bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
     recording = _open(emitter)
-    source_hz = _source_hz(emitter, recording)
-    if (recording.get_global_field("core:num_channels") or 1) != 1:
-        raise ValueError(f"recording.file {emitter.file} has several channels; one is read")
+    source_hz = _source_hz(emitter, recording.rate_hz)
     ratio = rate_ratio(rate_hz, source_hz)
     first = round(emitter.start_s * source_hz)
     count = min(round(emitter.seconds * source_hz), recording.sample_count - first)
@@ -185,12 +165,7 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
             f"recording.start_s is {emitter.start_s:g}, and {emitter.file} lasts "
             f"{recording.sample_count / source_hz:g} s; start earlier"
         )
-    samples = np.asarray(recording.read_samples(first, count))
-    if not np.iscomplexobj(samples):
-        raise ValueError(
-            f"recording.file {emitter.file} is not complex; IQ samples are read (cf32_le, ci16_le, ...)"
-        )
-    samples = samples.astype(np.complex128).ravel()
+    samples = recording.read(first, count).astype(np.complex128)
     if not np.isfinite(samples.view(np.float64)).all():
         raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
     # what is moved must not fold at the source's own rate

@@ -1,4 +1,1 @@
-"""Blind demodulation of QPSK, in parts: symbol clock, equaliser and decisions, pulse, and what follows an emitter.
-
-`QpskCancel` is made of them; `JointCancel` also of `sequence` and `trains`, which read QPSK under another signal.
-"""
+"""Blind QPSK receiver: symbol timing, equaliser, carrier, pulse; and tracking of an emitter from frame to frame."""

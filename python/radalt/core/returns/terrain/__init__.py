@@ -6,7 +6,7 @@ Nothing here is imported unless a scene asks for terrain.
 
 from .antenna import Antenna, GaussianAntenna, TabulatedAntenna
 from .approach import OHARE_10C, Approach, Runway, synthetic_elevation_m
-from .dted_write import VOID_M, cell_posts, encode_dted, write_dted
+from .dted_cells import VOID_M, cell_posts
 from .errors import TerrainError, TrajectoryError
 from .facets import MIN_HEIGHT_M, Facets, GroundGrid
 from .ground import LAND_TYPES, ConstantGamma, Morchin, Reflectivity, UlabyDobson, reflectivity
@@ -45,12 +45,10 @@ __all__ = [
     "TrajectoryError",
     "UlabyDobson",
     "cell_posts",
-    "encode_dted",
     "ground_return",
     "ground_returns",
     "reflectivity",
     "synthesise",
     "synthesise_directly",
     "synthetic_elevation_m",
-    "write_dted",
 ]

@@ -106,6 +106,7 @@ class TabulatedAntenna:
             text = read_text(path, most_bytes=_MOST_BYTES, what="antenna file")
         except InputError as error:
             raise ValueError(str(error)) from None
+        text = text.removeprefix("\ufeff")  # as spreadsheets write it
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
         rows = list(csv.DictReader(lines))
         names = set(rows[0]) if rows else set()
@@ -113,13 +114,22 @@ class TabulatedAntenna:
             raise ValueError(
                 f"antenna file {path} needs the columns angle_deg and gain_dbi (and azimuth_deg)"
             )
-        try:
-            points = {
-                (float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0): float(r["gain_dbi"])
-                for r in rows
-            }
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
+        points: dict[tuple[float, float], float] = {}
+        for number, r in enumerate(rows, 1):
+            try:
+                place = float(r["angle_deg"]), float(r.get("azimuth_deg") or 0.0) % 360.0
+                gain_dbi = float(r["gain_dbi"])
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"antenna file {path}: {error}; every cell has to be a number") from error
+            if not np.isfinite([*place, gain_dbi]).all():
+                raise ValueError(
+                    f"antenna file {path}: row {number} is not finite; every cell has to be a number"
+                )
+            if place in points:
+                raise ValueError(
+                    f"antenna file {path}: row {number} gives angle {place[0]:g} again; leave one"
+                )
+            points[place] = gain_dbi
         angles, azimuths = sorted({a for a, _ in points}), sorted({z for _, z in points})
         absent = [(a, z) for a in angles for z in azimuths if (a, z) not in points]
         if absent or len(angles) < 2 or angles[0] != 0.0:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .dted_write import cell_posts
+from .dted_cells import cell_posts
 from .geodesy import curvature_radii_m
 
 __all__ = ["OHARE_10C", "Approach", "Runway", "synthetic_elevation_m"]

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from ...parsing import InputError, check_file
-from .dted_write import VOID_M
+from .dted_cells import VOID_M
 from .errors import TerrainError
 from .geodesy import curvature_radii_m
 

@@ -1,0 +1,353 @@
+"""The package from Python, without a flowgraph: what `import radalt` offers beside the blocks.
+
+    import radalt
+
+    w = radalt.Waveform()
+    frames, truth_m = radalt.simulate("nr10", sir_db=-40, overlap=1, frames=200, seed=1)
+    result = radalt.Altimeter(w).process(radalt.method("ofdm_cancel", w).process(frames))
+    report = radalt.evaluate("nr10", methods=["none", "tcae"], sir_db=range(-60, 0, 5))
+    print(report.break_points())
+
+Nothing here needs GNU Radio.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .core.channel.simulated import DropSettings
+from .core.mitigation import CUSTOM, METHODS, Mitigation, MitigationError, create
+from .core.mitigation.function import MethodLike, as_methods
+from .core.paths import share_dir
+from .core.scene import Scene, SceneError, load_scene
+from .core.waveform import Waveform
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .evaluation.results.rowtable import Table
+
+__all__ = ["Names", "Report", "evaluate", "method", "methods", "scenes", "simulate"]
+
+Numbers: TypeAlias = "float | Iterable[float] | None"
+
+
+class Names(tuple[str, ...]):
+    """Names that exist: a tuple whose entries are attributes too, for completion by the Tab key.
+
+    Examples
+    --------
+    >>> Names(["nr5", "nr10"]).nr10
+    'nr10'
+    """
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> str:
+        if name in self:
+            return name
+        raise AttributeError(f"there is no {name!r}; there are: {', '.join(self)}")
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self]
+
+
+def scenes() -> Names:
+    """Names of the shipped scenes; `radalt.scenes` is this list."""
+    return Names(sorted(file.stem for file in (share_dir() / "flowgraphs" / "scenes").glob("*.yaml")))
+
+
+def methods() -> Names:
+    """Registry names of the methods, in the order of reports; `radalt.methods` is this list."""
+    return Names(METHODS)
+
+
+def method(name: MethodLike, waveform: Waveform, **options: Any) -> Mitigation:
+    """A fresh mitigation method; its ``process`` cleans (n, N) complex64 frames.
+
+    Parameters
+    ----------
+    name : str, function or class
+        One of `radalt.methods`; ``"custom"`` with ``file="mine.py"``; a function of (n, N) complex64 frames and the
+        waveform that returns cleaned frames; or a subclass of `Mitigation`.
+    waveform : Waveform
+        The sweep that frames are aligned with.
+    **options
+        Of the method: the keys of ``method_options`` in a scene.
+
+    Raises
+    ------
+    MitigationError
+        For an unknown name or option; names what is allowed.
+
+    Examples
+    --------
+    >>> import radalt
+    >>> radalt.method("whitening", radalt.Waveform()).name
+    'whitening'
+    """
+    with as_methods([name]) as (known,):
+        return create(known, waveform, **options)
+
+
+def simulate(
+    scene: str | Path | Scene = "paper_qpsk",
+    *,
+    sir_db: float | None = None,
+    overlap: float | None = None,
+    snr_db: float | None = None,
+    altitude_m: float | Iterable[float] | None = None,
+    frames: int | None = None,
+    seed: int | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Received frames of a scene, aligned with the sweep, and the altitudes that they were made for.
+
+    Sources, interference and channel are those of the flowgraphs. Timing is known: samples are neither lost nor late by
+    a fraction, so `Altimeter.process` needs no timing offset. `evaluate` has the segmenter as well.
+
+    Parameters
+    ----------
+    scene : str, Path or Scene
+        One of `radalt.scenes`, a YAML file, or `load_scene`'s result.
+    sir_db, overlap, snr_db : float, optional
+        Signal to all interference over the whole frame, active fraction of the frame (0..1), signal to noise; default
+        the scene's.
+    altitude_m : float or iterable of float, optional
+        Altitudes in metres, in the order they are flown; default the scene's.
+    frames : int, optional
+        How many, spread evenly over the altitudes; default the scene's number at each altitude.
+    seed : int, optional
+        Everything random follows from it; default the scene's.
+
+    Returns
+    -------
+    (n, N) complex64, (n,) float64
+        Frames and true altitudes in metres.
+
+    Raises
+    ------
+    SceneError
+        For a value that does not fit; one line.
+
+    Examples
+    --------
+    >>> import radalt
+    >>> frames, truth_m = radalt.simulate("nr10", sir_db=-20, altitude_m=[300, 100], frames=6, seed=1)
+    >>> frames.shape, truth_m
+    ((6, 7500), array([300., 300., 300., 100., 100., 100.]))
+    """
+    from .evaluation.overlap.points import changed
+    from .evaluation.simulation import received
+
+    chosen = scene if isinstance(scene, Scene) else load_scene(scene)
+    chosen = changed(
+        chosen, altitudes_m=_numbers(altitude_m), frames=_per_altitude(chosen, altitude_m, frames), seed=seed
+    )
+    try:
+        chosen = chosen.at(overlap=overlap, sir_db=sir_db, snr_db=snr_db)
+        # a latency of one frame: what comes in with frame k is sweep k - 1, to the sample
+        n = chosen.waveform.samples_per_frame
+        channel = dataclasses.replace(chosen.channel, start_offset_samples=float(n), drops=DropSettings())
+        chosen = dataclasses.replace(chosen, channel=channel)
+        programme = chosen.altitude.programme
+        pieces = [samples for _, samples in received(chosen, programme.total_frames + 1)]
+    except ValueError as error:
+        raise SceneError(f"scene {chosen.name}: {error}") from None
+    trial = np.flatnonzero(programme.is_trial(np.arange(programme.total_frames)))[:frames]
+    return np.concatenate(pieces)[n:].reshape(-1, n)[trial], programme.altitude_m(trial)
+
+
+def _numbers(values: Numbers) -> tuple[float, ...] | None:
+    if values is None:
+        return None
+    return tuple(float(v) for v in values) if isinstance(values, Iterable) else (float(values),)
+
+
+def _per_altitude(scene: Scene, altitudes_m: Numbers, frames: int | None) -> int | None:
+    """Frames at each altitude, for so many in all."""
+    if frames is None:
+        return None
+    if frames < 1:
+        raise SceneError(f"frames is {frames}; it has to be at least 1")
+    count = len(_numbers(altitudes_m) or scene.altitude.programme_m)
+    if scene.return_model == "terrain":
+        if frames > count:
+            raise SceneError(f"frames is {frames}, and the landing has {count}; set altitude.landing_frames")
+        return None
+    return -(-frames // count)
+
+
+def evaluate(
+    scene: str | Path | Scene = "paper_qpsk",
+    methods: Sequence[MethodLike] | None = None,
+    *,
+    overlap: Numbers = None,
+    sir_db: Numbers = None,
+    snr_db: Numbers = None,
+    altitude_m: Numbers = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    jobs: int = 1,
+    progress: bool = True,
+) -> Report:
+    """Measure methods over overlap, SIR and SNR, as ``radalt eval --sim`` does, without a flowgraph.
+
+    The parts of the flowgraph are called one after the other: for the same scene and seed the rows are the same.
+
+    Parameters
+    ----------
+    scene : str, Path or Scene
+        One of `radalt.scenes`, a YAML file, or `load_scene`'s result.
+    methods : sequence, optional
+        What is compared on the same frames, each as in `method`; default the scene's.
+    overlap, sir_db, snr_db : number or iterable of numbers, optional
+        Axes of the sweep; default the scene's. With three SIRs or more there are break-points.
+    altitude_m : number or iterable of numbers, optional
+        Altitudes in metres, in the order they are flown; default the scene's.
+    frames : int, optional
+        Trials per point, rounded up to the same number at each altitude; default the scene's.
+    seed : int, optional
+        Everything random follows from it; default the scene's.
+    out : path, optional
+        Result folder; default ``results/SCENE-DATE-TIME``.
+    resume : bool
+        Complete the run that ``out`` holds.
+    jobs : int
+        1 measures in this process. More are worker processes: a script then needs ``if __name__ == "__main__":``, and
+        functions of your own belong into a file (the method ``custom``).
+    progress : bool
+        Show a bar on a terminal, a line per point elsewhere.
+
+    Raises
+    ------
+    SceneError, MitigationError, FolderError, WorkerError
+        For what does not fit, one line; the rows so far are kept in ``out``.
+    """
+    from .evaluation.engine.command import Bar
+    from .evaluation.engine.options import Options
+    from .evaluation.engine.run import run
+    from .evaluation.overlap.points import changed
+    from .evaluation.overlap.study import OverlapStudy, describe_rows
+
+    chosen = scene if isinstance(scene, Scene) else load_scene(scene)
+    folder = Path("results", f"{chosen.name}-{time.strftime('%Y%m%d-%H%M%S')}") if out is None else Path(out)
+    if jobs > 1 and any(not isinstance(m, str) for m in methods or ()):
+        raise MitigationError(
+            f"jobs is {jobs}, and a function is known to this process alone; leave jobs at 1, or put it into a file: "
+            f"method {CUSTOM!r} with method_options {{{CUSTOM}: {{file: mine.py}}}}"
+        )
+    with as_methods(chosen.methods if methods is None else methods) as names:
+        chosen = changed(
+            chosen,
+            overlap=_numbers(overlap),
+            sir_db=_numbers(sir_db),
+            snr_db=_numbers(snr_db),
+            altitudes_m=_numbers(altitude_m),
+            frames=_per_altitude(chosen, altitude_m, frames),
+            seed=seed,
+            methods=names,
+        )
+        study = OverlapStudy(chosen, flowgraph=False)
+        study.check()
+        bar = Bar(describe_rows)
+        try:
+            options = Options(out=folder, resume=resume, jobs=jobs if jobs > 1 else 0)
+            run(study, options, bar if progress else lambda _: None)
+        finally:
+            bar.close()
+    return Report.read(folder)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Result of `evaluate`, or of any run of ``radalt eval`` and ``radalt collect`` (`Report.read`).
+
+    Attributes
+    ----------
+    folder : Path
+        Result folder: report.json, report.md, report.html, rows.csv, figures, the scene as used.
+    content : dict
+        ``report.json``.
+    """
+
+    folder: Path
+    content: dict[str, Any] = dataclasses.field(repr=False)
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Report:
+        """The report of a finished run; raises FolderError, one line, where there is none."""
+        from .evaluation.results.folder import read_report
+
+        return cls(Path(folder), read_report(Path(folder)))
+
+    @property
+    def html(self) -> Path:
+        """The whole report as one page, ``report.html``."""
+        return self.folder / "report.html"
+
+    @property
+    def table(self) -> Table:
+        """One row per method and point: Pd with its 95 % interval, wrong and valid, errors, time per frame."""
+        from .evaluation.results.rowtable import Table
+
+        return Table(self.content["rows"], _SHOWN)
+
+    def break_points(self) -> Table:
+        """Lowest SIR at which Pd is at least 0.9, and the gain over ``none``; no rows with fewer than three SIRs.
+
+        ``text`` and ``protection_gain`` have the mark of an open end (<= or >=), where the SIRs measured end first.
+        """
+        from .evaluation.results.rowtable import Table
+
+        return Table(self.content["break_points"], _BREAK_POINTS)
+
+    def plot(self, against: str | None = None) -> Figure:
+        """Pd with 95 % intervals as a figure of matplotlib's pyplot.
+
+        Parameters
+        ----------
+        against : str, optional
+            ``"sir_db"`` or ``"overlap"``; default the SIR where there are break-points.
+        """
+        from .evaluation.overlap.figures import draw_pd
+
+        axis = against or ("sir_db" if self.content["break_points"] else "overlap")
+        figure: Figure = draw_pd(self.content["rows"], None, title=self.content["title"], against=axis)
+        return figure
+
+    def to_numpy(self) -> np.ndarray:
+        """`table` as a structured array."""
+        return self.table.to_numpy()
+
+    def to_pandas(self) -> Any:
+        """`table` as a pandas DataFrame; raises ImportError where pandas is not installed."""
+        return self.table.to_pandas()
+
+    def __str__(self) -> str:
+        return f"{self.content['title']}\n\n{self.table}\n\n{self.html}"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return self.table._repr_html_()
+
+
+_SHOWN = ("method", "overlap", "sir_db", "snr_db", "trials", "pd", "pd_low", "pd_high", "rmse_forced_m")
+_BREAK_POINTS = (
+    "method",
+    "interference",
+    "overlap",
+    "snr_db",
+    "text",
+    "low_db",
+    "high_db",
+    "protection_gain",
+)

@@ -1,0 +1,78 @@
+"""A transmitter's power amplifier: Rapp's model of a solid-state amplifier."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .emitters import NamedEmitter
+from .placement import Emitter
+from .receiver_filter import check_count, check_receiver, decimate_window, random_window, window_guard
+
+__all__ = ["AmplifiedEmitter", "Amplifier"]
+
+_OVERSAMPLING = 4  # of the radar's rate: products up to the seventh order fold outside the carrier
+
+
+@dataclass(frozen=True, kw_only=True)
+class Amplifier:
+    """Rapp's solid-state amplifier.
+
+    y = x / (1 + |x/A|^(2p))^(1/(2p)), A^2 being the mean power raised by the back-off (C. Rapp, "Effects of
+    HPA-nonlinearity on a 4-DPSK/OFDM-signal for a digital sound broadcasting system", 2nd European Conf. on Satellite
+    Communications, 1991). There is no conversion of amplitude to phase.
+
+    Parameters
+    ----------
+    backoff_db : float
+        Saturation power over the mean input power, -10..60 dB.
+    smoothness : float
+        p, 0.3..100: small is soft, large clips; 2 to 3 is usual for solid-state amplifiers.
+    """
+
+    backoff_db: float = 8.0
+    smoothness: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not -10.0 <= self.backoff_db <= 60.0:
+            raise ValueError(f"amplifier.backoff_db is {self.backoff_db!r}; it has to be within -10..60")
+        if not 0.3 <= self.smoothness <= 100.0:
+            raise ValueError(f"amplifier.smoothness is {self.smoothness!r}; it has to be within 0.3..100")
+
+    def amplify(self, samples: np.ndarray, mean_power: float = 1.0) -> np.ndarray:
+        """(n,) complex samples of that mean power through the amplifier, small-signal gain 1."""
+        power = (samples.real**2 + samples.imag**2) * (10.0 ** (-self.backoff_db / 10.0) / mean_power)
+        # log1p(exp()) keeps a large exponent from overflowing
+        with np.errstate(divide="ignore"):
+            log_power = self.smoothness * np.log(power)
+        return samples * np.exp(np.logaddexp(0.0, log_power) * (-0.5 / self.smoothness))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmplifiedEmitter(NamedEmitter):
+    """An emitter behind its amplifier: made wide enough for what grows beside its band, amplified, then received.
+
+    An emitter with a ``period`` (5G NR) is amplified once, at its own rate; others at four times the radar's.
+    """
+
+    emitter: Emitter
+    amplifier: Amplifier
+
+    def __getattr__(self, name: str) -> Any:
+        """``period_s``, ``carrier_hz`` and ``always_in_window`` are the emitter's own."""
+        if name not in ("period_s", "carrier_hz", "always_in_window"):
+            raise AttributeError(name)
+        return getattr(self.emitter, name)
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """(count,) complex128 at `rate_hz`; see `Emitter`. Mean power is below 1 where the amplifier saturates."""
+        count = check_count(count)
+        if hasattr(self.emitter, "period"):
+            signal, residual_hz = self.emitter.period(rate_hz, self.amplifier)
+            return random_window(signal, residual_hz / rate_hz, count, rng)
+        bandwidth_hz = check_receiver(rate_hz, getattr(self.emitter, "receiver_bandwidth_hz", None))
+        longer = _OVERSAMPLING * (count + 2 * window_guard(rate_hz, _OVERSAMPLING, bandwidth_hz))
+        sent = self.emitter.samples(longer, _OVERSAMPLING * rate_hz, rng)
+        return decimate_window(self.amplifier.amplify(sent), rate_hz, _OVERSAMPLING, bandwidth_hz)

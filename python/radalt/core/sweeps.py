@@ -1,0 +1,43 @@
+"""Transmitted sweeps by index, their beat shifted to a synthetic altitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .programme import SentAltitudes
+from .waveform import Waveform
+
+__all__ = ["SentSweeps"]
+
+_KEPT = 64  # altitudes whose sweep is kept
+
+
+class SentSweeps:
+    """What the radar transmits: one sweep per frame.
+
+    Up sweeps are shifted by ``-k tau`` and down sweeps by ``+k tau`` (`Waveform.beat_shifted`), ``tau = 2 R / c``.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    sent : SentAltitudes
+        Altitude by sweep index.
+    synthetic : bool
+        False sends the sweep as it is: the channel plays the altitudes as true delays.
+    """
+
+    def __init__(self, waveform: Waveform, sent: SentAltitudes, *, synthetic: bool = True) -> None:
+        self.waveform, self.sent, self.synthetic = waveform, sent, synthetic
+        self._tables: dict[float, np.ndarray] = {}
+
+    def sweep(self, index: int) -> np.ndarray:
+        """(N,) complex64 sweep number ``index``; not to be written into."""
+        altitude_m = self.sent.at(index)[0] if self.synthetic else 0.0
+        if altitude_m not in self._tables:
+            if len(self._tables) >= _KEPT:
+                self._tables.clear()
+            self._tables[altitude_m] = self.waveform.beat_shifted(altitude_m)
+        table = self._tables[altitude_m]
+        if self.waveform.cycles_per_frame:
+            table = table * np.complex64(self.waveform.frame_rotation(index))
+        return table

@@ -1,0 +1,324 @@
+"""Probability of correct altitude against temporal overlap, for every mitigation method, through GNU Radio.
+
+    .venv/bin/python flowgraphs/ota_eval.py --sim  # the paper's case, about a minute
+    .venv/bin/python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
+    .venv/bin/python flowgraphs/ota_eval.py --sim --out results/mine --resume  # go on where it was killed
+    .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py  # a method of your own
+
+Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
+and writes report.md, report.html, report.json, rows.csv, altitudes.csv, figures and the scene as used into one folder.
+Options change the scene; lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --sir-db=-10 with
+"=" before a minus.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import re
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.interrupts import ctrl_c_waits
+from ...core.paths import no_gnu_radio, remedy
+from ..engine.options import Options, Parser, add_options, command, complain, number, options_of, path
+
+PROGRAM, COMMAND = "ota_eval", "eval"
+DEFAULT_SCENE = "paper_qpsk"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add("--sim", action="store_true", help="simulated channel in place of the two B210s")
+    add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
+    add("--methods", help="mitigation methods with commas, e.g. none,whitening,tcae")
+    add("--overlap", metavar="LIST", help="overlaps, 0..1")
+    add("--sir-db", metavar="LIST", help="signal-to-interference ratios over the whole sweep")
+    add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
+    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
+    add("--frames", type=int, help="frames at each altitude")
+    add(
+        "--tracked",
+        action="store_true",
+        help="also fly every point slowly enough for a tracker, and score its outputs (simulated channel)",
+    )
+    add("--seed", type=int, help="everything random follows from it")
+    add(
+        "--model",
+        action="append",
+        metavar="[NAME=]FILE.onnx",
+        help="a network, as a row of its own called NAME; without NAME= the one of the method tcae; repeatable",
+    )
+    add(
+        "--method-file",
+        action="append",
+        metavar="[NAME=]FILE.py",
+        help="a method of your own, mitigate(frames, waveform), as a row called NAME, or custom; repeatable",
+    )
+    add_options(parser)
+    add(
+        "--plan",
+        action="store_true",
+        help="print what would be built and what is left out, and why; run nothing",
+    )
+    add("--transmit", action="store_true", help="on the air: allow transmission into the scene's enclosure")
+    add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
+    add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
+    add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
+    add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
+    add(
+        "--reference-m",
+        type=number(float, 0, 1e6),
+        metavar="M",
+        help="with --replay of another program's recording: the altitude at which it begins",
+    )
+    return parser
+
+
+def _check_python() -> str | None:
+    """What is wrong with this Python, in one line, or None."""
+    try:
+        # the package `gnuradio.radalt` alone is no GNU Radio
+        if importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.gr") is None:
+            return no_gnu_radio()
+        # found now rather than when the report is drawn
+        missing = [
+            name
+            for name in ("scipy", "yaml", "matplotlib", "tqdm", "pebble", "jinja2")
+            if importlib.util.find_spec(name) is None
+        ]
+        if missing:
+            return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
+        with ctrl_c_waits():
+            from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
+
+            from ...core import scene  # noqa: F401
+    except (ImportError, SystemError) as error:
+        if (getattr(error, "name", "") or "").split(".")[0] in ("gnuradio", "pmt"):
+            return no_gnu_radio()
+        return f"{sys.executable} cannot run gr-radalt ({str(error).splitlines()[0]}); {remedy('numpy')}"
+    return None
+
+
+def _scene(args: argparse.Namespace) -> Any:
+    """The scene with the command line's changes; raises SceneError."""
+    from ...core.scene import SceneError, load_scene
+    from ..overlap.points import changed, parse_axis
+
+    scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
+    own = _own_methods(args)
+    given: dict[str, tuple[str, Any]] = {
+        "overlap": ("--overlap", lambda: parse_axis(args.overlap, "--overlap")),
+        "sir_db": ("--sir-db", lambda: parse_axis(args.sir_db, "--sir-db")),
+        "snr_db": ("--snr-db", lambda: parse_axis(args.snr_db, "--snr-db")),
+        "altitudes_m": ("--altitudes", lambda: parse_axis(args.altitudes, "--altitudes")),
+        "frames": ("--frames", lambda: args.frames),
+        "seed": ("--seed", lambda: args.seed),
+        "methods": ("--methods", lambda: [m.strip() for m in args.methods.split(",")]),
+    }
+    for name, (option, value) in given.items():
+        if getattr(args, option[2:].replace("-", "_")) is None:
+            continue
+        try:
+            scene = changed(scene, **{name: value()})
+        except ValueError as error:
+            text = str(error)
+            raise SceneError(text if option in text else f"{option}: {text}") from None
+    if own:
+        options = dict(scene.method_options)
+        for name, more in own.items():
+            options[name] = {**(options.get(name) or {}), **more}
+        methods = (*scene.methods, *(name for name in own if name not in scene.methods))
+        try:
+            scene = dataclasses.replace(scene, method_options=options, methods=methods)
+        except ValueError as error:
+            raise SceneError(f"--method-file or --model: {error}") from None
+    return scene
+
+
+def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
+    """Options by method that --model and --method-file stand for; raises SceneError."""
+    from ...core.scene import SceneError
+
+    out: dict[str, dict[str, str]] = {}
+    for option, kind, key, given in (
+        ("--model", "tcae", "model", args.model),
+        ("--method-file", "custom", "file", args.method_file),
+    ):
+        for text in given or ():
+            name, _, file = text.rpartition("=") if not Path(text).exists() else ("", "", text)
+            name, own = name or kind, {} if not name else {"method": kind}
+            try:
+                found = path(file)
+            except argparse.ArgumentTypeError as error:
+                raise SceneError(f"{option} {text[:60]!r}: {error}") from None
+            if name in out:
+                raise SceneError(
+                    f"{option} {text[:60]!r}: {name} is there already; give each a name, NAME=FILE"
+                )
+            out[name] = {**own, key: str(found.resolve())}
+    return out
+
+
+def _require_radios(scene: Any, needed: int) -> None:
+    """Raise SceneError unless enough of the scene's radios are connected."""
+    from gnuradio import uhd
+
+    from ...core.scene import SceneError
+
+    limits = scene.radio.limits
+    found = len(uhd.find(uhd.device_addr(f"type={limits.uhd_type}")))
+    if found < needed:
+        raise SceneError(
+            f"{found} of {needed} {limits.title}s found; connect them (uhd_find_devices lists what is there), "
+            "or add --sim for the simulated channel"
+        )
+
+
+def _print_pd(out: Path) -> None:
+    """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
+    from ..overlap.figures import panels
+    from ..results.folder import read_report
+
+    report = read_report(out)
+    rows, tracked = report["rows"], report["tracked"]
+    for title, mine in panels(rows):
+        methods = list(dict.fromkeys(r["method"] for r in mine))
+        widths = [max(6, len(m)) for m in methods]
+        print(f"\nPd, {title}")
+        print("  overlap  " + "  ".join(f"{m:>{w}}" for m, w in zip(methods, widths, strict=True)))
+        for overlap in sorted({r["overlap"] for r in mine}):
+            at = {r["method"]: r["pd"] for r in mine if r["overlap"] == overlap}
+            cells = ("-" if at[m] is None else f"{at[m]:.3f}" for m in methods)
+            print(f"  {overlap:7g}  " + "  ".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)))
+    print("\nwrong and called valid, of all trials: " + ", ".join(_wrong(rows)))
+    if tracked:
+        print("tracked outputs: " + ", ".join(_tracked(tracked)))
+
+
+def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Frames per method whose altitude was declared and 5 m off or more."""
+    from ..results.score import pool
+
+    out = []
+    for method in dict.fromkeys(r["method"] for r in rows):
+        total = pool([r for r in rows if r["method"] == method])
+        out.append(f"{method} {total.wrong} of {total.trials}")
+    return out
+
+
+def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Availability and hazardous outputs per method."""
+    from ..results.integrity import Integrity
+
+    out = []
+    for method in dict.fromkeys(r["method"] for r in rows):
+        total = sum((Integrity.of_row(r) for r in rows if r["method"] == method), Integrity())
+        out.append(
+            f"{method} {total.availability:.3f} available, {total.hazardous} of {total.outputs} hazardous"
+        )
+    return out
+
+
+def _check(args: argparse.Namespace) -> int:
+    """The plan for the radios; 0 if the interlock would allow it, else 2."""
+    from ..overlap.study import check_scene
+    from ..radios.setup import describe
+
+    scene = _scene(args)
+    check_scene(scene)
+    lines, allowed = describe(scene)
+    print("\n".join(lines))
+    return 0 if allowed else 2
+
+
+def _plan(args: argparse.Namespace) -> int:
+    from ..flowgraph.plan import make_plan
+    from ..overlap.study import check_scene
+
+    scene = _scene(args)
+    check_scene(scene)
+    print(make_plan(scene, scene.methods, simulated=args.sim).text())
+    return 0
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from ..radios.hardware import calibrate
+
+    scene = _scene(args)
+    _require_radios(scene, 1)
+    latency, path = calibrate(scene, transmit=args.transmit)
+    print(f"{PROGRAM}: latency {latency:.3f} samples -> {path}")
+    return 0
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Score a recording; prints one line per method."""
+    from ..flowgraph.replay import score_recording
+
+    out = args.out or Path("results") / f"replay-{args.replay.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+    rows = score_recording(
+        args.replay,
+        out,
+        scene=_scene(args) if args.scene else None,
+        methods=[m.strip() for m in args.methods.split(",")] if args.methods else None,
+        method_options=_own_methods(args),
+        reference_m=args.reference_m,
+    )
+    for row in rows:
+        if "pd" in row:
+            pd = "-" if row["pd"] is None else f"{row['pd']:.3f}"
+            print(f"  {row['method']:20} Pd {pd} of {row['trials']} frames")
+        else:
+            print(
+                f"  {row['method']:20} found in {row['found']} of {row['frames']} frames, "
+                f"median {row['altitude_median_m']:.1f} m"
+            )
+    print(f"\n{out}")
+    return 0
+
+
+def _run(args: argparse.Namespace, options: Options) -> int:
+    from ..engine.command import main as run
+    from ..overlap.study import OverlapStudy, describe_rows
+
+    scene = _scene(args)
+    hardware = None if args.sim else {"transmit": args.transmit}
+    study = OverlapStudy(scene, hardware, args.capture, args.tracked)
+    study.check()
+    if not (args.sim or args.dry_run):
+        _require_radios(scene, 2 if scene.has_jammer else 1)
+    if options.out is None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/
+        options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
+    print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
+    return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
+
+
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    options = options_of(args, parser)
+    if args.tracked and not args.sim:
+        parser.error("--tracked needs --sim: on the air, the block altitude_tracker says what it tracks")
+    problem = _check_python()
+    if problem:
+        complain(PROGRAM, problem)
+        return 2
+    for wanted, action in (
+        (args.plan, _plan),
+        (args.check, _check),
+        (args.calibrate, _calibrate),
+        (args.replay, _replay),
+    ):
+        if wanted:
+            return action(args)
+    return _run(args, options)

@@ -1,0 +1,136 @@
+"""Write a SigMF recording for scenes: a synthetic 5G downlink, or one of GNU Radio's own transmitters.
+
+The downlink, for scenes/recorded.yaml, is what an antenna hears: idle resource blocks, two transmit antennas with data
+of their own on the same subcarriers, multipath from each, and the noise of the receiver. ``--from`` runs a transmitter
+of GNU Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM packets. No samples of either were
+on the air.
+
+.venv/bin/python flowgraphs/make_recording.py
+.venv/bin/python flowgraphs/ota_eval.py --sim --scene recorded
+.venv/bin/python flowgraphs/make_recording.py --from dvbt
+.venv/bin/python flowgraphs/ota_eval.py --sim --scene dvbt
+.venv/bin/python flowgraphs/make_recording.py --antennas 1 --snr-db 20 --out results/one_antenna.sigmf-meta
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...core.interference.emitters.nr import frame_samples
+from ...core.interference.multipath import FadingChannel
+from ...core.interference.nr_grid import NrConfig
+from ..engine.options import MAX_SEED, Parser, command, number, path
+from ..transmitters import TRANSMITTERS, transmit
+
+PROGRAM, COMMAND = "make_recording", "make-recording"
+
+FRAMES = 5  # of 10 ms
+BANDWIDTH_HZ = 10e6
+RATE_HZ = NrConfig(channel_bandwidth_hz=BANDWIDTH_HZ).sample_rate_hz
+SECOND_DB = -6.0  # the second antenna's data against the first's
+CREST = 5.0  # full scale over the root mean square
+DOWNLINK = "nr"
+SECONDS = 0.1  # of a transmitter
+DOWNLINK_SNR_DB = 8.0
+
+
+def heard(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
+    """(n,) complex128, mean power 1: the sum of the antennas through a channel each (EVA), and noise."""
+    rng = np.random.default_rng(seed)
+    total = 0.0
+    for antenna in range(antennas):
+        config = NrConfig(
+            channel_bandwidth_hz=BANDWIDTH_HZ,
+            cell_id=101,
+            load=load,
+            frame_count=FRAMES,
+            seed=seed + antenna,
+            ssb_indices=() if antenna else (0,),
+        )
+        sent = frame_samples(config)
+        sent *= 10 ** (antenna * SECOND_DB / 20) / np.sqrt(np.mean(np.abs(sent) ** 2))
+        total = total + FadingChannel(profile="EVA").apply(sent[None], RATE_HZ, rng)[0]
+    return noisy(total / np.sqrt(np.mean(np.abs(total) ** 2)), snr_db, rng)
+
+
+def noisy(samples: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.ndarray:
+    """(n,) complex128, mean power 1: samples of mean power 1 with white noise."""
+    noise = rng.standard_normal((samples.size, 2)).view(np.complex128)[:, 0]
+    total = samples + np.sqrt(0.5 * 10 ** (-snr_db / 10)) * noise
+    return total / np.sqrt(np.mean(np.abs(total) ** 2))
+
+
+def write(meta: Path, samples: np.ndarray, rate_hz: float, description: str) -> None:
+    """The recording as ``ci16_le`` beside its metadata."""
+    meta.parent.mkdir(parents=True, exist_ok=True)
+    rails = np.clip(np.rint(samples.view(np.float64) * (32767 / CREST)), -32768, 32767)
+    rails.astype("<i2").tofile(meta.with_suffix(".sigmf-data"))
+    head = {
+        "core:datatype": "ci16_le",
+        "core:sample_rate": rate_hz,
+        "core:version": "1.0.0",
+        "core:author": "gr-radalt, make_recording.py",
+        "core:description": description,
+        "core:license": "https://creativecommons.org/publicdomain/zero/1.0/",
+    }
+    text = {"global": head, "captures": [{"core:sample_start": 0}], "annotations": []}
+    meta.write_text(json.dumps(text, indent=2) + "\n")
+
+
+def _parser() -> Parser:
+    parser = Parser("make_recording", __doc__)
+    add = parser.add_argument
+    add(
+        "--from",
+        dest="source",
+        choices=(DOWNLINK, *TRANSMITTERS),
+        default=DOWNLINK,
+        help="default: %(default)s",
+    )
+    add(
+        "--out",
+        type=path,
+        help="default: results/recorded.sigmf-meta, or results/NAME.sigmf-meta with --from NAME",
+    )
+    add("--antennas", type=int, choices=(1, 2), default=2, help="of the downlink (default: %(default)s)")
+    add(
+        "--load",
+        type=number(float, 0, 1),
+        default=0.7,
+        help="of the downlink's blocks (default: %(default)s)",
+    )
+    add(
+        "--snr-db",
+        type=number(float, -20, 60),
+        help=f"over the recording's rate (default: {DOWNLINK_SNR_DB:g} for {DOWNLINK}, no noise for the others)",
+    )
+    add("--seed", type=number(int, 0, MAX_SEED), default=1, help="default: %(default)s")
+    return parser
+
+
+@command("make_recording")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write it; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    out = args.out or Path("results") / f"{'recorded' if args.source == DOWNLINK else args.source}.sigmf-meta"
+    if out.suffix != ".sigmf-meta":
+        parser.error(f"--out is {out.name[:60]!r}; it has to end in .sigmf-meta")
+    snr_db = args.snr_db
+    if args.source == DOWNLINK:
+        snr_db = DOWNLINK_SNR_DB if snr_db is None else snr_db
+        samples, rate_hz = heard(args.antennas, args.load, snr_db, args.seed), RATE_HZ
+        description = f"SYNTHETIC 10 MHz downlink, {args.antennas} antennas"
+    else:
+        one = TRANSMITTERS[args.source]
+        samples, rate_hz = transmit(args.source, SECONDS, args.seed), one.rate_hz
+        if snr_db is not None:
+            samples = noisy(samples, snr_db, np.random.default_rng(args.seed))
+        description = f"SYNTHETIC {one.title}, by GNU Radio's own blocks"
+    write(out, samples, rate_hz, description if snr_db is None else f"{description}, SNR {snr_db:g} dB")
+    print(out)
+    return 0

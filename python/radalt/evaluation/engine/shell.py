@@ -1,0 +1,110 @@
+"""What the commands of all studies share: parser, options of the engine, run, exit status.
+
+A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`).
+Nothing
+here needs NumPy, so that ``--help`` is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .options import MAX_SEED, Parser, add_options, command, command_of, names_of, number, options_of
+
+if TYPE_CHECKING:
+    from .study import Study
+
+__all__ = ["StudyCommand", "add_frames", "add_methods", "add_seed"]
+
+
+def add_methods(parser: Parser, default: str) -> None:
+    """``--methods``; `StudyCommand` makes a tuple of known names of it."""
+    parser.add_argument("--methods", default=default, help="methods with commas (default: %(default)s)")
+
+
+def add_frames(parser: Parser, default: int, what: str, *, low: int = 1, high: int = 2_000_000) -> None:
+    """``--frames``."""
+    parser.add_argument(
+        "--frames", type=number(int, low, high), default=default, help=f"{what} (default: %(default)s)"
+    )
+
+
+def add_seed(parser: Parser, default: int) -> None:
+    """``--seed``."""
+    parser.add_argument("--seed", type=number(int, 0, MAX_SEED), default=default, help="default: %(default)s")
+
+
+@dataclass(frozen=True)
+class StudyCommand:
+    """The command of a study.
+
+    Attributes
+    ----------
+    program : str
+        Name of its entry in ``flowgraphs/``.
+    module : str
+        ``__name__`` of its module, whose docstring has the summary and the examples.
+    arguments : callable of parser
+        Adds the study's own options.
+    study : callable of (args, parser)
+        The study, or the exit status where the options asked for something else and that is done.
+    describe : callable of rows
+        A measured point in a line.
+    after : callable of (result folder, args, study), optional
+        Prints what the terminal should show, and may return another exit status than 0.
+    out : str
+        Default result folder; "" for ``results/PROGRAM``.
+    time_limit_s : float
+        Default of ``--time-limit-s``.
+    sampled : bool
+        Whether there is ``--precision``.
+    """
+
+    program: str
+    module: str
+    arguments: Callable[[Parser], None]
+    study: Callable[[argparse.Namespace, Parser], Study | int]
+    describe: Callable[[Sequence[dict[str, Any]]], str]
+    after: Callable[[Path, argparse.Namespace, Any], int | None] | None = None
+    out: str = ""
+    time_limit_s: float = 600.0
+    sampled: bool = True
+
+    def parser(self) -> Parser:
+        """The command line."""
+        parser = Parser(self.program, sys.modules[self.module].__doc__ or "")
+        self.arguments(parser)
+        out = self.out or f"results/{self.program}"
+        add_options(parser, out=out, time_limit_s=self.time_limit_s, sampled=self.sampled)
+        return parser
+
+    def main(self, argv: Sequence[str] | None = None) -> int:
+        """Run the study; returns 0, what ``after`` says, 2 after one line about what does not fit, 130 when stopped."""
+        return command(self.program)(self._main)(argv)
+
+    def _main(self, argv: Sequence[str] | None) -> int:
+        parser = self.parser()
+        args = parser.parse_args(argv)
+        options = options_of(args, parser, command=command_of(args, parser))
+        from .command import main as run
+
+        if getattr(args, "methods", None) is not None:
+            from ...core.mitigation import METHODS
+
+            args.methods = names_of(parser, "--methods", args.methods, METHODS)
+        study = self.study(args, parser)
+        if isinstance(study, int):
+            return study
+        study.check()
+
+        def after(folder: Path) -> int | None:
+            return self.after(folder, args, study) if self.after else None
+
+        return run(
+            study, options, program=self.program, dry_run=args.dry_run, describe=self.describe, after=after
+        )

@@ -1,0 +1,60 @@
+"""One batch of a point as it is measured, in whatever process."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .study import Point, Study
+
+__all__ = ["Outcome", "Task", "kept_row", "measure_task", "peak_memory_bytes"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One batch of a point of a study, as it goes to a worker."""
+
+    study: Study
+    point: Point
+    batch: int
+
+    @property
+    def label(self) -> str:
+        """For messages."""
+        return self.point.name if not self.batch else f"{self.point.name}, batch {self.batch}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker gives back; ``process`` is unlike that of any other process of the run."""
+
+    rows: list[dict[str, Any]]
+    process: int | str
+    peak_bytes: int
+
+
+def measure_task(task: Task) -> Outcome:
+    """Called in a worker."""
+    study = task.study
+    rows = [kept_row(study, task.point, row) for row in study.measure(task.point, task.batch)]
+    return Outcome(rows, os.getpid(), peak_memory_bytes())
+
+
+def kept_row(study: Study, point: Point, row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as its table keeps it."""
+    return study.tables[study.table_of(point, row)].row(row)
+
+
+def peak_memory_bytes() -> int:
+    """Highest resident memory of this process so far; 0 where the system does not say.
+
+    From the process's own page: ``ru_maxrss`` of a spawned process starts at what its parent had.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:")), 0)

@@ -1,0 +1,161 @@
+"""A scene without a flowgraph: the same sources, channel, segmenter, methods and altimeters, called in turn.
+
+The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give the same rows for one seed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..core.mitigation import METHODS, Mitigation, create, method_class
+from ..core.receiver.altimeter import shared_altimeter
+from ..core.receiver.segmenter import Frame, FrameSegmenter
+from ..core.scene import Scene
+from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
+
+__all__ = ["TAIL_FRAMES", "PointResult", "received", "run_chain", "segmented"]
+
+# Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame when the next has come.
+# The flowgraph's variable `frames` has the same number.
+TAIL_FRAMES = 3
+_AT_ONCE = 16  # frames per step through the path: the result is the same for any number
+
+
+@dataclass
+class PointResult:
+    """What one run of the path gave.
+
+    Attributes
+    ----------
+    results : dict of method -> (frames,) array of RESULT_DTYPE
+    ms_per_frame : dict of method -> (frames,) CPU milliseconds of the mitigation; empty for ``none``
+    status : dict of method -> counters and state of the method
+    segmenter : dict
+        State, lock quality and counters.
+    real_time_factor : float
+        Seconds of signal per second of wall time.
+    left_out : list of str
+    outputs : dict of method -> (k,) array of OUTPUT_DTYPE
+        Of the tracker; empty where there is none.
+    """
+
+    results: dict[str, np.ndarray]
+    ms_per_frame: dict[str, np.ndarray]
+    status: dict[str, dict[str, Any]]
+    segmenter: Mapping[str, Any]
+    real_time_factor: float
+    left_out: list[str] = field(default_factory=list)
+    outputs: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tuple[int, np.ndarray]]:
+    """(sample counter, complex64 samples) pieces of what the receiver gets of so many sweeps.
+
+    A counter that jumps is a gap; the arrays are the caller's to keep.
+    """
+    sweeps, channel = sweeps_of(scene), channel_of(scene)
+    jammer = jammer_of(scene) if scene.has_jammer else None
+    for first in range(0, frames, at_once):
+        count = min(at_once, frames - first)
+        radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
+        jam = None
+        if jammer is not None:
+            jam = np.concatenate([jammer.next_frame() for _ in range(count)])
+        yield from channel.process(radar, jam)
+
+
+def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
+    """Frames of a scene as its segmenter (`segmenter_of`) releases them, in groups."""
+    tagged, expected = scene.channel.drops.tagged, None
+    for counter, samples in received(scene, scene.altitude.programme.total_frames + TAIL_FRAMES):
+        frames: list[Frame] = []
+        if expected is None:
+            segmenter.reset(counter)
+        elif counter != expected and tagged:
+            frames = segmenter.jump(counter - segmenter.sample_counter)
+        expected = counter + samples.size
+        yield frames + segmenter.push(samples, lend=True)
+
+
+class _Path:
+    """One method and the altimeter behind it."""
+
+    def __init__(self, scene: Scene, method: str) -> None:
+        self._altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
+        self._method: Mitigation | None = None
+        if method != METHODS["none"].name:
+            options = dict(scene.method_options.get(method) or {})
+            options["max_altitude_m"] = scene.altimeter_settings.max_altitude_m
+            self._method = create(method, scene.waveform, **options)
+        self._batch = method_class(method).batch
+        self._milliseconds: list[float] = []
+        self._results: list[np.ndarray] = []
+        self.name = method
+
+    def take(self, frames: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
+        """Clean and measure (n, N) frames."""
+        cleaned = frames
+        if self._method is not None:
+            cleaned = np.empty_like(frames)
+            for first in range(0, len(frames), self._batch):
+                span = slice(first, first + self._batch)
+                begin = time.thread_time_ns()
+                self._method.process_into(frames[span], cleaned[span])
+                count = len(frames[span])
+                self._milliseconds += [(time.thread_time_ns() - begin) * 1e-6 / count] * count
+        spectra = self._altimeter.spectra(cleaned)
+        self._results.append(self._altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
+
+    def results(self) -> np.ndarray:
+        """Of all frames so far."""
+        return np.concatenate(self._results) if self._results else self._altimeter.process(self._none())
+
+    def _none(self) -> np.ndarray:
+        return np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
+
+    def milliseconds(self) -> np.ndarray:
+        """CPU time of the method per frame."""
+        return np.array(self._milliseconds)
+
+    def status(self) -> dict[str, Any]:
+        """Counters and state of the method."""
+        return {"method": self.name} if self._method is None else self._method.status()
+
+
+def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
+    """What `flowgraph.run.run_point` gives for a scene at one point of its sweep, without GNU Radio."""
+    begin = time.perf_counter()
+    paths = [_Path(scene, method) for method in methods]
+    segmenter = segmenter_of(scene)
+    with _one_blas_thread():
+        for frames in segmented(scene, segmenter):
+            if not frames:
+                continue
+            samples = np.stack([frame.samples for frame in frames])
+            index = np.array([frame.index for frame in frames])
+            offset_s = np.array([frame.offset_s for frame in frames])
+            for path in paths:
+                path.take(samples, index, offset_s)
+    signal_s = (scene.altitude.programme.total_frames + TAIL_FRAMES) * scene.waveform.sweep_s
+    return PointResult(
+        results={path.name: path.results() for path in paths},
+        ms_per_frame={path.name: path.milliseconds() for path in paths},
+        status={path.name: path.status() for path in paths},
+        segmenter=segmenter.status(),
+        real_time_factor=signal_s / (time.perf_counter() - begin),
+    )
+
+
+def _one_blas_thread() -> contextlib.AbstractContextManager[Any]:
+    """BLAS rounds by the number of its threads; the flowgraph's has one."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:
+        return contextlib.nullcontext()
+    return threadpool_limits(1, user_api="blas")

@@ -1,0 +1,37 @@
+"""What every command does before it imports NumPy, GNU Radio or anything that needs them.
+
+Importing this sets, unless the environment says otherwise, one core for every process that computes, the workers' too,
+and GNU Radio's log to warnings, since it tells of every buffer size that is asked for. From here on Ctrl-C and a
+missing package get one line each; how a program ends once it runs is `engine.options.command`'s.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from types import TracebackType
+
+from ..core.paths import say_other_installation
+
+for _name, _value in (
+    ("OMP_NUM_THREADS", "1"),
+    ("OPENBLAS_NUM_THREADS", "1"),
+    ("GR_CONF_LOG_LOG_LEVEL", "warn"),
+):
+    os.environ.setdefault(_name, _value)
+
+
+def _one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Ctrl-C while something is imported, and what cannot be imported."""
+    if issubclass(kind, KeyboardInterrupt):
+        print(f"{sys.argv[0]}: stopped", file=sys.stderr)
+        sys.exit(130)
+    if issubclass(kind, ImportError) and "RADALT_TRACEBACK" not in os.environ:
+        hint = "run 'make setup', then .venv/bin/python; installed, use the Python it was installed for"
+        print(f"{sys.argv[0]}: {sys.executable} cannot run it ({error}); {hint}", file=sys.stderr)
+        sys.exit(2)
+    sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _one_line
+say_other_installation()

@@ -1,0 +1,40 @@
+"""Tables of the integrity campaign, and the cells of its Stanford diagram."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...evaluation.results.integrity import COUNTS, Integrity
+from ...evaluation.results.rows import Columns
+
+__all__ = ["BY_KIND", "EDGES", "EVENTS", "FRAMES", "POOLED", "ROWS"]
+
+EDGES = np.r_[0.0, np.logspace(-3.0, 2.0, 41)]  # of the Stanford diagram, in alert limits
+_STATED = ("case", "kind", "batch", "method", "scene", "overlap", "sir_db", "snr_db")
+FRAMES = ("trials", "detections", "correct")
+_EVENT = ("frame_index", "altitude_m", "truth_m", "protection_level_m", "alert_limit_m")
+_WORDS = frozenset({"case", "kind", "method", "scene", "events", "stanford", "replay", "cause"})
+_WHOLE = frozenset({*COUNTS, *FRAMES, "batch", "seed", "frame_index", "unalerted", "parts"})
+EVENTS = Columns(("case", "seed", "batch", "method", *_EVENT, "cause", "replay"), _WORDS, _WHOLE)
+_TIMES = ("first_s", "alert_s", "unalerted")
+POOLED = Columns(
+    tuple(
+        dict.fromkeys(
+            (*_STATED[:2], *_STATED[3:], "parts", "after_start", *Integrity().row(), *_TIMES, *FRAMES)
+        )
+    )
+    + ("pd", "wrong", "wrong_bound"),
+    _WORDS,
+    _WHOLE | {"wrong"},
+)
+BY_KIND = Columns(
+    ("kind", "known_limit", "method", *POOLED.names[len(_STATED) - 1 :]),
+    _WORDS,
+    POOLED.whole | {"known_limit"},
+)
+ROWS = Columns(
+    (*_STATED, *COUNTS, *_TIMES, *FRAMES, "events", "stanford", "ms_per_frame"),
+    _WORDS,
+    _WHOLE,
+    frozenset({"ms_per_frame"}),
+)

@@ -1,0 +1,116 @@
+"""Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
+
+    .venv/bin/python flowgraphs/integrity.py  # one flight of 2 s through each case, into results/integrity
+    .venv/bin/python flowgraphs/integrity.py --outputs=100000 --resume  # hours; goes on with what is there
+    .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
+    .venv/bin/python flowgraphs/integrity.py --publish docs  # then docs/integrity.md, its figures and tables
+
+Exits with 1 if an output was hazardous beyond the limits that docs/tracker.md states.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...evaluation.engine.options import Parser, names_of, number
+from ...evaluation.engine.shell import StudyCommand, add_frames, add_methods, add_seed
+
+if TYPE_CHECKING:
+    from .study import IntegrityStudy
+
+PROGRAM, COMMAND = "integrity", "integrity"
+METHODS = "none,whitening,tcae,hybrid"
+_CAPTURES = 50  # recordings kept by --captures
+
+
+def _arguments(parser: Parser) -> None:
+    add = parser.add_argument
+    add_methods(parser, METHODS)
+    add("--groups", default="", help="kinds of cases with commas (default: all)")
+    add(
+        "--outputs",
+        type=number(int, 1, 100_000_000),
+        default=1,
+        help="least number of tracked outputs per method, 25 per second (default: one flight of every case)",
+    )
+    add_frames(parser, 2000, "frames of one flight, whole blocks of 40", low=400, high=100_000)
+    add(
+        "--allowed-m-per-s",
+        type=number(float, 10.0, 150.0),
+        default=20.0,
+        help="vertical speed that altimeter and tracker have to expect (default: %(default)s)",
+    )
+    add_seed(parser, 1)
+    add("--replay", default="", metavar="CASE:SEED[:BATCH]", help="fly once more and print every output")
+    add(
+        "--captures",
+        action="store_true",
+        help=f"keep the frames before hazardous outputs as SigMF recordings, of {_CAPTURES} flights at most",
+    )
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> IntegrityStudy | int:
+    if args.frames % 40:
+        parser.error(f"--frames is {args.frames}; it has to be a multiple of 40, the frames of one output")
+    from .cases import KINDS, cases
+    from .study import IntegrityStudy
+
+    kinds = names_of(parser, "--groups", args.groups, KINDS) if args.groups else tuple(KINDS)
+    parts = -(-args.outputs // (len(cases(kinds)) * (args.frames // 40)))
+    study = IntegrityStudy(args.methods, kinds, args.frames, parts, args.seed, args.allowed_m_per_s)
+    return _replay(study, args.replay, parser) if args.replay else study
+
+
+def _after(folder: Path, args: argparse.Namespace, study: IntegrityStudy) -> int:
+    from ...evaluation.results.folder import read_report
+
+    report = read_report(folder)
+    if args.captures:
+        _keep(study, report["events"], folder)
+    said = report["headline"]["open"]
+    print(f"{said['hazardous']} of {said['outputs']} outputs hazardous beyond the stated limits,", end=" ")
+    print(f"below {said['bound']:.1e} (95 %)")
+    return 1 if said["hazardous"] else 0
+
+
+def _replay(study: IntegrityStudy, text: str, parser: Parser) -> int:
+    from .cases import case_of
+    from .study import replay_lines
+
+    found = re.fullmatch(r"([^:]{1,200}):(\d{1,18})(?::(\d{1,9}))?", text)
+    if not found:
+        parser.error(f"--replay is {text[:60]!r}; write CASE:SEED or CASE:SEED:BATCH, as in events.csv")
+    name, seed, batch = found.groups()
+    study = dataclasses.replace(study, seed=int(seed))
+    study.check()
+    print("\n".join(replay_lines(study, case_of(name), int(batch or 0))))
+    return 0
+
+
+def _keep(study: IntegrityStudy, events: Sequence[dict[str, Any]], folder: Path) -> None:
+    """A recording of every flight, up to its first hazardous output of any method."""
+    from .captures import write_capture
+
+    first: dict[str, dict[str, Any]] = {}
+    for event in events:
+        first.setdefault(event["replay"], event)
+    for event in list(first.values())[:_CAPTURES]:
+        print(write_capture(study, event, folder / "captures"))
+
+
+def _describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line."""
+    return f"{rows[0]['case']}:{rows[0]['batch']}: " + ", ".join(
+        f"{r['method']} {r['computed']}/{r['outputs']}"
+        + (f", {r['hazardous']} HAZARDOUS" * bool(r["hazardous"]))
+        for r in rows
+    )
+
+
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, sampled=False)
+main, _parser = SHELL.main, SHELL.parser

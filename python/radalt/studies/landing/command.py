@@ -1,0 +1,108 @@
+"""The landing study: altitude error of every method over an approach, and error against SINR.
+
+    .venv/bin/python flowgraphs/landing_eval.py                                   # the shipped study, under 3 minutes
+    .venv/bin/python flowgraphs/landing_eval.py --trajectory flight.csv --altitude-offset-m 34 --terrain n41.dt1 n42.dt1
+    .venv/bin/python flowgraphs/landing_eval.py my_study.yaml --out results/mine --jobs 8
+
+Writes tables, report.json, report.md, PNG figures and the study as used into one folder; with --resume a
+stopped run goes on. No GNU Radio and no hardware is needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from ...core.paths import share_dir
+from ...evaluation.engine.options import MAX_SEED, Parser, number, path
+from ...evaluation.engine.shell import StudyCommand
+
+if TYPE_CHECKING:
+    from .config import LandingConfig
+    from .study import LandingStudy
+
+PROGRAM, COMMAND = "landing_eval", "landing"
+
+
+def _arguments(parser: Parser) -> None:
+    add = parser.add_argument
+    default = share_dir() / "flowgraphs" / "landing" / "study.yaml"
+    add("study", nargs="?", type=path, default=default, help="YAML file")
+    add("--trajectory", type=path, help="CSV: a track, or ADS-B state vectors")
+    add("--aircraft", help="icao24 or callsign to take from the trajectory file")
+    add(
+        "--altitude-offset-m",
+        type=number(float, -1e5, 1e5),
+        help="added to the trajectory's altitudes (datum)",
+    )
+    add("--max-gap-s", type=number(float, 0, 1e6), help="longest gap in the trajectory that is interpolated")
+    add("--terrain", type=path, nargs="*", help="DTED files; none of them: flat earth at --flat-m")
+    add("--void", choices=("error", "fill"), help="what to do about voids in the terrain")
+    add("--flat-m", type=number(float, -1e4, 1e4), help="elevation of the flat earth")
+    add("--sir-db", type=number(float, -200, 200), help="SIR of the approach and the sensitivity table")
+    add("--methods", help="comma-separated, e.g. none,whitening,tcae")
+    add("--frames", type=number(int, 0, 2_000_000), help="frames of the approach; 0 leaves it out")
+    add("--trials", type=number(int, 0, 1_000_000), help="frames per point of the curves; 0 leaves them out")
+    add(
+        "--sensitivity-trials",
+        type=number(int, 0, 1_000_000),
+        help="frames per row of the sensitivity table; 0: no table",
+    )
+    what = "of scatterers, noise and interference (default: the study's)"
+    add("--seed", type=number(int, 0, MAX_SEED), help=what)
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> LandingStudy:
+    from .study import LandingStudy
+
+    return LandingStudy(_config(args))
+
+
+def _config(args: argparse.Namespace) -> LandingConfig:
+    """The study file with the command line's changes; its file names are relative to where one is."""
+    from . import config as landing
+
+    config = landing.load_config(args.study)
+
+    def changed(part: object, **values: object) -> object:
+        return dataclasses.replace(part, **{k: v for k, v in values.items() if v is not None})
+
+    trajectory = changed(
+        config.trajectory,
+        file=str(args.trajectory.resolve()) if args.trajectory else None,
+        aircraft=args.aircraft,
+        altitude_offset_m=args.altitude_offset_m,
+        max_gap_s=args.max_gap_s,
+    )
+    files = None if args.terrain is None else tuple(str(p.resolve()) for p in args.terrain)
+    try:
+        return changed(
+            config,
+            trajectory=trajectory,
+            terrain=changed(config.terrain, files=files, void=args.void, flat_m=args.flat_m),
+            approach=changed(config.approach, sir_db=args.sir_db, frames=args.frames),
+            curve=changed(config.curve, trials=args.trials, sensitivity_trials=args.sensitivity_trials),
+            methods=args.methods,
+            seed=args.seed,
+        )
+    except ValueError as error:
+        raise landing.StudyError(str(error)) from None
+
+
+def _describe(rows: Sequence[dict[str, Any]]) -> str:
+    """A measured point in a line."""
+    if "time_s" in rows[0]:
+        return f"approach from {rows[0]['time_s']:.0f} to {rows[-1]['time_s']:.0f} s"
+    sinr = rows[0].get("asked_sinr_db")
+    level = "no interference" if sinr is None else f"overlap {rows[0]['overlap']:g}, SINR {sinr:g} dB"
+    return f"{rows[0].get('assumption', level)}: Pd " + ", ".join(
+        f"{r['method']} {r['pd']:.3g}" for r in rows
+    )
+
+
+SHELL = StudyCommand(
+    PROGRAM, __name__, _arguments, _study, _describe, out="results/landing", time_limit_s=1800.0
+)
+main, _parser = SHELL.main, SHELL.parser

@@ -1,0 +1,183 @@
+"""How fast the live path runs: CPU by block in FFTs, real-time factor, latency, drops, memory.
+
+    .venv/bin/python flowgraphs/realtime_benchmark.py                       # 60 s of signal, none and tcae
+    .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 10 --methods none,whitening
+    .venv/bin/python flowgraphs/realtime_benchmark.py --skip-clean --overlap 0.3
+    .venv/bin/python flowgraphs/realtime_benchmark.py --rate-hz 30e6 --methods none,whitening --seconds 10
+    .venv/bin/python flowgraphs/realtime_benchmark.py --seconds 20 --out results/realtime  # and a report
+
+Two runs of the simulated flowgraph: as fast as it goes (real-time factor, CPU, memory), then held to 7.5 MS/s with the
+drop policy of the air (latency, drops). The simulated transmitters and channel run on the same cores and count. Cost is
+in FFTs: CPU time per frame over that of one complex64 transform of a frame, timed in the same run. Beside each block's
+cost stands how often it was called per frame; at the end, what its function costs alone in a loop, and what the
+arithmetic inside it costs (its kernels: transforms, random bits, elementary functions, products).
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...evaluation.engine.options import Parser, command, command_of, names_of, number, path
+
+PROGRAM, COMMAND = "realtime_benchmark", "benchmark"
+FREE, HELD = "as fast as it goes", "held to real time"
+
+
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, __doc__)
+    add = parser.add_argument
+    add("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
+    add("--methods", default="none,tcae", help="with commas (%(default)s)")
+    add("--seconds", type=number(float, 0.01, 86_400), default=60.0, help="of signal, each run (%(default)g)")
+    add(
+        "--rate-hz",
+        type=number(float, 1e3, 1e9),
+        help="sample rate and swept bandwidth, in place of the scene's (the network takes 7.5e6 alone)",
+    )
+    add("--overlap", type=number(float, 0, 1), default=1.0, help="of the interference (%(default)g)")
+    add(
+        "--batch",
+        type=number(int, 1, 4096),
+        default=8,
+        help="frames a run of the network takes at most (%(default)s)",
+    )
+    add("--one-process", action="store_true", help="network in the flowgraph's own process, on any core")
+    add("--skip-clean", action="store_true", help="frames without interference skip the network")
+    add("--tracked", action="store_true", help="an altitude tracker in the place of every altimeter")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--free-only", action="store_true", help="leave out the run held to real time")
+    which.add_argument(
+        "--held-only", action="store_true", help="only the run held to real time, and no functions alone"
+    )
+    add("--out", type=path, help="result folder for report.md, report.html and report.json (default: none)")
+    return parser
+
+
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print; returns 0 where real time is kept (alone: without a drop), 1 where not, 2 after one line."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    if args.held_only and args.out:
+        parser.error("--out reports a run that goes as fast as it can; leave out --held-only")
+    from ...core.mitigation import METHODS
+    from ...core.scene import load_scene
+    from .alone import alone_seconds
+    from .gateway import gateway_seconds
+    from .kernels import kernel_seconds
+    from .report import Benchmark
+    from .study import (
+        at_rate,
+        fft_seconds,
+        fly_benchmark,
+        long_scene,
+        prepare_benchmark,
+    )
+
+    begin = time.monotonic()
+    methods = names_of(parser, "--methods", args.methods, METHODS)
+    found = {}
+    scene = load_scene(args.scene)
+    scene = scene.at(overlap=args.overlap) if scene.interference else scene
+    scene = scene if args.rate_hz is None else at_rate(scene, args.rate_hz)
+    scene = long_scene(scene, args.seconds)
+    samples = scene.waveform.samples_per_frame
+    options = {"batch": args.batch, "skip_clean": args.skip_clean}
+    beside = {"own_process": not args.one_process, "track": args.tracked}
+    folder = (
+        _folder(args.out, scene, methods, options | beside, command_of(args, parser)) if args.out else None
+    )
+    with tempfile.TemporaryDirectory(prefix="radalt_") as build:
+        for realtime in [False] * (not args.held_only) + [True] * (not args.free_only):
+            prepared = prepare_benchmark(scene, methods, Path(build), realtime=realtime, **options, **beside)
+            limit = 20.0 * args.seconds * max(1.0, scene.waveform.rate_hz / 7.5e6) + 60.0
+            unit_s = [fft_seconds(samples)]
+            result = fly_benchmark(prepared, scene, realtime=realtime, time_limit_s=limit)
+            unit_s.append(fft_seconds(samples))
+            print(f"one FFT of {samples} points, us: " + ", ".join(f"{1e6 * u:.1f}" for u in unit_s))
+            title = HELD if realtime else FREE
+            found[title] = Benchmark(result, sum(unit_s) / 2)
+            _print(title, found[title].numbers(scene.waveform.sweep_s))
+        if args.held_only:
+            return 0 if found[HELD].measured.dropped_frames == 0 else 1
+        # last, since it loads the network into this process, whose memory is measured before
+        apart = options | {"own_process": False, "track": args.tracked}
+        in_turn = prepare_benchmark(scene, methods, Path(build) / "alone", realtime=False, **apart)
+        unit_s = fft_seconds(samples)
+        alone_s = alone_seconds(in_turn, scene, batch=args.batch)
+        alone_s["(six blocks that copy)"] = gateway_seconds(samples)
+        alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
+        # in units of their own hour, and told in those of the run
+        share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
+        found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})
+        _print_alone(found[FREE].numbers(scene.waveform.sweep_s))
+    if folder is not None:
+        print(_report(folder, found, scene.waveform.sweep_s, time.monotonic() - begin))
+    return 0 if found[FREE].measured.real_time_factor >= 1.0 else 1
+
+
+def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
+    """The result folder, made before anything is measured: what does not fit there is told at once."""
+    from ...core.scene import scene_to_mapping
+    from ...evaluation.results.folder import RunFolder, versions
+
+    head = {"study": "realtime", "command": typed, "scene": scene_to_mapping(scene), "methods": list(methods)}
+    return RunFolder(out, head | options | {"versions": versions("tcae" in methods)}, replace=True)
+
+
+def _report(folder, found, sweep_s: float, wall_s: float) -> Path:  # noqa: ANN001 - imported late
+    from ...evaluation.engine.study import Run
+    from ...evaluation.engine.task import peak_memory_bytes
+    from .report import write_report
+
+    command = folder.head["command"]
+    run = Run(1, len(found), 0, round(wall_s, 3), peak_memory_bytes(), command)
+    page = write_report(folder, found, sweep_s, run)
+    folder.close()
+    return page
+
+
+def _print(title: str, numbers: dict) -> None:
+    print(f"{title}: {numbers['signal_s']:.1f} s of signal in {numbers['wall_s']:.1f} s", flush=True)
+    print(f"  CPU               {numbers['ffts_per_frame']:.1f} FFTs per frame, of which")
+    print(f"    {'':24} {'FFTs':>7} {'calls per frame':>16}")
+    cost, calls = numbers["ffts_per_frame_by_block"], numbers["calls_per_frame_by_block"]
+    for name in sorted(cost, key=lambda name: -cost[name]):
+        print(f"    {name:24} {cost[name]:7.2f} " + (f"{calls[name]:16.2f}" if name in calls else ""))
+    if title == FREE:
+        print(f"  real-time factor  {numbers['real_time_factor']:.2f}")
+    for method, latency in numbers["latency_ms"].items():
+        print(f"  latency {method:12} median {latency['median']:.1f} ms, p99 {latency['p99']:.1f} ms")
+    print(
+        f"  results           {numbers['frames']}, {100 * numbers['measured_share']:.1f} % of the frames sent"
+    )
+    print(f"  dropped frames    {numbers['dropped_frames']}, lost samples {numbers['lost_samples']}")
+    if numbers["skipped_frames"]:
+        print(f"  network spared    {numbers['skipped_frames']} frames")
+    mega = 1 / 1024**2
+    print(
+        f"  memory            {mega * numbers['memory_bytes']:.0f} MiB, "
+        f"grown by {mega * numbers['memory_growth_bytes']:.1f} MiB"
+    )
+
+    outside = numbers["outside"]
+    gaps = ", ".join(
+        f"{longest:.0f} ms at most, {1e-3 * total:.2f} s in all over 20 ms"
+        for longest, total in zip(outside["longest_ms"], outside["total_ms"], strict=True)
+    )
+    print(f"  cores held up     {gaps}; stolen {outside['steal_s']:.2f} s")
+    if title == HELD:
+        print(
+            f"  samples waited    {numbers['source_held_up_s']:.2f} s in all, "
+            f"{1e3 * numbers['source_longest_hold_up_s']:.0f} ms at most"
+        )
+
+
+def _print_alone(numbers: dict) -> None:
+    print("functions alone, in a loop without GNU Radio: FFTs per frame")
+    for name, cost in numbers["ffts_alone_by_block"].items():
+        print(f"    {name:24} {cost:7.2f}")

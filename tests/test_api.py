@@ -1,0 +1,219 @@
+"""`import radalt`: the names one would guess, without GNU Radio, with the flowgraph's own rows."""
+
+import ast
+import dataclasses
+import functools
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import radalt
+from radalt.core.channel.simulated import DropSettings
+from radalt.core.mitigation import METHODS
+from radalt.evaluation.overlap.points import changed, sweep_points
+from radalt.evaluation.overlap.rows import COLUMNS
+from radalt.evaluation.overlap.study import OverlapStudy
+from radalt.evaluation.results.rowtable import Table
+
+W = radalt.Waveform()
+
+
+def halves(frames, waveform):
+    """A method of the user's, as simple as can be."""
+    frames *= 0.5
+    return frames
+
+
+@pytest.fixture(scope="module")
+def ten_lines(root, tmp_path_factory):
+    """Names of examples/ten_lines.py after its run, with fewer points and frames: as printed it takes ten minutes."""
+    evaluate, simulate = radalt.evaluate, radalt.simulate
+    few = {"sir_db": [-60, -40, -20], "overlap": 1, "altitude_m": [300, 100], "frames": 4, "progress": False}
+    few["out"] = tmp_path_factory.mktemp("evaluate") / "run"
+    names = {"__name__": "__main__"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("radalt.evaluation.engine.estimate._scale", lambda sample: 1.0)
+        patch.setitem(vars(radalt), "evaluate", lambda *a, **k: evaluate(*a, **{**k, **few}))
+        patch.setitem(vars(radalt), "simulate", lambda *a, **k: simulate(*a, **{**k, "frames": 20}))
+        exec(compile((root / "examples/ten_lines.py").read_text("utf-8"), "ten_lines.py", "exec"), names)
+    return names
+
+
+@pytest.fixture
+def report(ten_lines):
+    return ten_lines["report"]
+
+
+def test_the_ten_lines_run(ten_lines):
+    assert len(ten_lines["report"].break_points()) == 3
+    assert np.mean(np.abs(ten_lines["result"]["altitude_m"] - ten_lines["truth_m"]) < 5) > 0.9
+
+
+def test_the_notebook_is_the_script(root):
+    """Line by line, but for how a notebook shows what a script prints."""
+    notebook = json.loads((root / "examples/ten_lines.ipynb").read_text(encoding="utf-8"))
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    lines = [line for cell in cells for line in ast.unparse(ast.parse(cell)).splitlines() if line]
+    script = ast.unparse(ast.parse((root / "examples/ten_lines.py").read_text(encoding="utf-8")))
+    lines_of_script = [line for line in script[script.index("import numpy") :].splitlines() if line]
+    printed = ("print(report.break_points())", "print(report.html)", "print('within")
+    assert [line for line in lines_of_script if not line.startswith(printed)] == [
+        line for line in lines if not line.startswith(("report.break_points()", "print('within"))
+    ]
+
+
+def test_the_documented_names_are_the_public_ones(root):
+    page = (root / "docs/api/python.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^::: radalt\.(\w+)$", page, re.MULTILINE)) == radalt.__all__
+    for name in radalt.__all__:
+        assert getattr(radalt, name) is not None
+    assert (root / "python/radalt/py.typed").exists()
+
+
+def test_names_complete_and_an_unknown_one_says_what_there_is():
+    assert "nr10" in dir(radalt.scenes) and radalt.scenes.nr10 == "nr10"
+    assert tuple(radalt.methods) == tuple(METHODS) and radalt.methods.tcae == "tcae"
+    with pytest.raises(AttributeError, match="there is no 'nr11'; there are: clear"):
+        radalt.scenes.nr11  # noqa: B018
+    with pytest.raises(AttributeError, match="radalt has no 'Altimetre'; it has: Altimeter"):
+        radalt.Altimetre  # noqa: B018
+
+
+WITHOUT = """
+import importlib.abc, sys, types
+ABSENT = {"gnuradio", "pmt", "fcntl", "resource", "termios", "pwd", "grp", "pebble"}
+class Absent(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in ABSENT:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+import subprocess  # which takes msvcrt for a sign of Windows
+sys.modules["msvcrt"] = types.SimpleNamespace(locking=lambda *a: None, LK_NBLCK=2)  # what Windows has instead of fcntl
+import radalt
+report = radalt.evaluate("clear", ["none"], altitude_m=100, frames=4, out=sys.argv[1], progress=False)
+assert report.table[0]["pd"] == 1.0 and report.html.is_file()
+radalt.AltitudeTracker(radalt.Altimeter(radalt.Waveform()))
+try:
+    radalt.mitigation
+except ImportError as error:
+    print(error)
+"""
+
+
+def test_neither_gnu_radio_nor_posix_is_needed(root, tmp_path):
+    command = [sys.executable, "-c", WITHOUT, str(tmp_path / "run")]
+    done = subprocess.run(
+        command, cwd=root / "python", capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(
+        r"radalt\.mitigation is a GNU Radio block, and \S+ has no GNU Radio; .*\n", done.stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("mixture", {"drops": DropSettings(count=2)}),
+        ("qpsk_impaired", {}),
+    ],
+)
+def test_rows_are_those_of_the_flowgraph_to_the_last_digit(tmp_path, name, change):
+    """All nine digits of every column but the times: the same streams, drops, segmenter and batches."""
+    scene = radalt.load_scene(name)
+    scene = dataclasses.replace(scene, channel=dataclasses.replace(scene.channel, **change))
+    scene = changed(
+        scene,
+        altitudes_m=(400.0, 60.0),
+        frames=15,
+        methods=("none", "whitening", "nlms"),
+        sir_db=(-26.0,),
+        seed=5,
+    )
+    point = sweep_points(scene)[-1]
+    rows = [
+        OverlapStudy(scene, flowgraph=flowgraph).begin(tmp_path / str(flowgraph)).measure(point)
+        for flowgraph in (True, False)
+    ]
+    expected, measured = (
+        [{k: v for k, v in r.items() if k not in COLUMNS.timing} for r in rs] for rs in rows
+    )
+    assert measured == expected
+    assert expected[0]["discontinuities"] == 2 * bool(change) and 0 < expected[0]["pd"] < 1
+
+
+def test_simulated_frames_lie_on_the_sweep():
+    """Without noise and interference the error is the altimeter's alone, a millimetre; with them the SNR is as said."""
+    frames, truth_m = radalt.simulate("clear", altitude_m=[700, 50], frames=7, seed=3)
+    assert frames.dtype == np.complex64 and truth_m.tolist() == [700.0] * 4 + [50.0] * 3
+    result = radalt.Altimeter(W).process(frames)
+    assert np.abs(result["altitude_m"] - truth_m).max() < 0.1
+    again, _ = radalt.simulate("clear", altitude_m=[700, 50], frames=7, seed=3)
+    assert np.array_equal(frames, again)
+    jammed, _ = radalt.simulate("tones", sir_db=-30, overlap=1, altitude_m=100, frames=20, seed=2)
+    assert np.mean(np.abs(jammed) ** 2) == pytest.approx(1000 + 1 + 0.1, rel=0.02)
+
+
+def test_a_function_is_a_method_for_as_long_as_it_is_asked_for(report):
+    frames = np.ones((2, W.samples_per_frame), np.complex64)
+    assert np.array_equal(radalt.method(halves, W).process(frames), frames / 2) and frames[0, 0] == 1
+    assert "halves" not in METHODS
+    assert report.content["methods"]["my_function"]["model"] == "my_function()"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: radalt.method(lambda f, w: f, W), "has no name for the report"),
+        (lambda: radalt.method("witening", W), "unknown mitigation method 'witening'"),
+        (lambda: radalt.method(lambda_named("tcae"), W), "there is a method 'tcae' already"),
+        (lambda: radalt.method(short, W).process(np.ones((1, 7500))), r"gives complex64 of shape \(1, 3\)"),
+        (lambda: radalt.evaluate("clear", [halves], jobs=2), "jobs is 2, and a function"),
+        (lambda: radalt.evaluate("clear", ["none", "none"]), "methods holds 'none' more than once"),
+        (lambda: radalt.evaluate("clear", ["none"], sir_db=-10), "needs interference"),
+        (lambda: radalt.evaluate("nr5", ["none"], overlap=2), "overlaps have to be within 0..1"),
+        (lambda: radalt.simulate("nr6"), "nr6"),
+        (lambda: radalt.simulate("clear", frames=0), "frames is 0; it has to be at least 1"),
+        (lambda: radalt.simulate("landing_terrain", frames=10**6), "set altitude.landing_frames"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(call, message, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=message) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+    assert not list(tmp_path.iterdir())
+
+
+def lambda_named(name):
+    function = functools.partial(halves)
+    function.__name__ = name
+    return function
+
+
+def short(frames, waveform):
+    """A wrong one."""
+    return frames[:, :3]
+
+
+def test_a_report_prints_and_converts(report):
+    rows = report.to_numpy()
+    assert rows["method"].tolist() == ["none", "tcae", "my_function"] * 3 and rows["trials"].dtype == np.int64
+    assert set(report.break_points().to_numpy()["method"]) == {"none", "tcae", "my_function"}
+    assert str(report.break_points()).startswith("| method | interference |")
+    assert str(report.html) in str(report) and "<td>my_function</td>" in report._repr_html_()
+    assert radalt.Report.read(report.folder).content == report.content
+    figure = report.plot()
+    assert figure.axes[0].get_xlabel().startswith("SIR")
+    figure.axes[0].figure.clear()
+
+
+def test_none_is_nan_and_pandas_takes_it_where_it_is():
+    table = Table([{"a": None, "b": "x", "c": 1}, {"a": 2.0, "b": "y", "c": 2}])
+    assert np.isnan(table.to_numpy()["a"][0]) and table[1:].to_numpy()["c"].tolist() == [2]
+    pandas = pytest.importorskip("pandas")
+    assert isinstance(table.to_pandas(), pandas.DataFrame)

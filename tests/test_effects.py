@@ -1,0 +1,422 @@
+"""Emitters as they are: error vectors, amplifier, fading that goes on, oscillators, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.special import eval_genlaguerre, j0
+
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from radalt.core.interference.amplifier import Amplifier
+from radalt.core.interference.effects import ImpairedEmitter, Impairments, Oscillator, PhaseNoise, Running
+from radalt.core.interference.emitters.fmcw import FmcwEmitter
+from radalt.core.interference.emitters.nr import NrEmitter
+from radalt.core.interference.emitters.qpsk_received import QpskReceivedEmitter
+from radalt.core.interference.multipath import FadingChannel
+from radalt.core.interference.stream import JammerStream
+from radalt.core.scene import SceneError, load_scene, parse_scene, scene_to_mapping
+from radalt.core.waveform import Waveform
+
+RATE_HZ = 7.5e6
+N = 7500
+EVERYTHING = Impairments(
+    amplifier=Amplifier(backoff_db=6.0),
+    fading=FadingChannel(profile="EVA", doppler_hz=120.0),
+    oscillator=Oscillator(carrier_offset_hz=700.0, clock_ppm=5.0),
+    phase_noise=PhaseNoise(rms_deg=2.0),
+)
+
+
+class Wave:
+    """Emitter that sends one wave of known frequency, phase 0 at the start of each call's part."""
+
+    def __init__(self, hz=0.0):
+        self.hz = hz
+
+    def samples(self, count, rate_hz, rng):
+        return np.exp(2j * np.pi * self.hz / rate_hz * np.arange(count))
+
+
+def impaired(emitter, **effects):
+    return ImpairedEmitter(emitter=emitter, effects=Impairments(**effects))
+
+
+# -- scenes that name no effect ---------------------------------------------------------------------------------------
+
+# Second frame, projected on cos(n), of two frames drawn alone, of a stream that runs on, and of one that does not: by
+# the release before there were effects.
+BEFORE = {
+    "nr": (86.077382471 + 118.934317388j, -92.131033285 - 24.638815197j, 72.129653714 - 24.831215949j),
+    "faded": (-177.798185045 + 29.442745762j, -44.464082136 - 49.527180554j, -121.070479184 + 98.498089614j),
+    "qpsk": (-62.253069736 - 17.275382237j, 32.502683213 + 39.133057947j, 178.797673534 + 257.331083954j),
+    "rrc": (249.87459345 - 150.591116315j, -148.841862919 + 458.542207234j, -58.876860968 - 408.425410626j),
+    "received": (
+        30.810034646 + 234.817466611j,
+        -241.722567692 + 28.537836852j,
+        -102.688423027 + 93.160241044j,
+    ),
+    "tones": (-4.322751959 + 1.73178518j, -8.040351155 - 1.631594559j, -2.387950392 + 1.943534004j),
+}
+SCENES = {
+    "nr": {
+        "nr": {
+            "channel_bandwidth_hz": 10e6,
+            "modulation": "mixed",
+            "power_spread_db": 6.0,
+            "carrier_hz": 1234567.0,
+            "load": 0.7,
+        }
+    },
+    "faded": {"nr": {"multipath": {"profile": "EVA", "doppler_hz": 120.0}}},
+    "qpsk": {"qpsk": {"overlap": 0.6}},
+    "rrc": {"qpsk": {"pulse": "rrc", "carrier_hz": 1e6}},
+    "received": {"qpsk_received": {}},
+    "tones": {"tones": {"count": 3}},
+}
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_a_scene_without_effects_plays_what_it_played_before_there_were_any(name):
+    scene = parse_scene({"interference": SCENES[name]})
+    alone = interference_frames(scene.interference, 2, N, RATE_HZ, np.random.default_rng(7))
+    played = [alone]
+    for free_running in (True, False):
+        stream = JammerStream(scene.waveform, scene.interference, seed=7, free_running=free_running)
+        played.append(np.stack([stream.next_frame() for _ in range(2)]).astype(complex))
+    found = [frames[1] @ np.cos(np.arange(N)) for frames in played]
+    np.testing.assert_allclose(found, BEFORE[name], rtol=1e-6, atol=1e-6)
+    assert not isinstance(scene.interference[0].emitter, ImpairedEmitter)
+
+
+def test_scene_with_effects_survives_the_round_trip():
+    effects = {
+        "amplifier": {"backoff_db": 7.0, "smoothness": 3.0},
+        "fading": {"profile": "PA", "doppler_hz": 50.0},
+        "oscillator": {"carrier_offset_hz": -300.0, "clock_ppm": 1.5},
+        "phase_noise": {"rms_deg": 1.5, "bandwidth_hz": 5e3},
+    }
+    for kind, keys in (("nr", {"evm": "typical"}), ("qpsk", {"evm": 0.03}), ("tones", {})):
+        scene = parse_scene({"interference": {kind: keys | effects}})
+        assert parse_scene(scene_to_mapping(scene)) == scene
+        kept = scene_to_mapping(scene)["interference"][0][kind]
+        assert kept["oscillator"] == effects["oscillator"] and kept.get("evm") == keys.get("evm")
+        (one,) = scene.interference
+        assert "amplifier 7 dB backed off" in one.emitter.title(7.5e6)
+
+
+def test_evm_is_a_word_or_a_number_also_where_yaml_reads_it_as_text():
+    for given, kept in (("3e-2", 0.03), (0.03, 0.03), ("typical", "typical"), (0, 0.0)):
+        (one,) = parse_scene({"interference": {"qpsk": {"evm": given}}}).interference
+        assert one.emitter.evm == kept
+
+
+def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
+    scene = load_scene("nr_as_sent")
+    assert "typical EVM" in scene.interference[0].emitter.title(7.5e6)
+    stream = JammerStream(scene.waveform, scene.interference, seed=2, free_running=True)
+    power = [np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(101)][1:]
+    # 0.1 s of fading at 120 Hz over nine paths: some 1.5 dB
+    assert 10 * np.log10(np.mean(power)) == pytest.approx(20.0, abs=3.0)
+    for name in ("nr5", "nr10", "qpsk_shaped", "landing", "qpsk_impaired", "qpsk_break_points"):
+        assert "typical EVM" in load_scene(name).interference[0].emitter.title(7.5e6)
+    assert load_scene("paper_qpsk").interference[0].emitter.title(7.5e6).endswith(", ideal")
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"evm": 1.5}, "evm is 1.5; it has to be within 0..1"),
+        ({"evm": "usual"}, "evm is 'usual'; it has to be within 0..1 (0.08 is 8 %), or typical"),
+        ({"amplifier": {"backoff_db": 99.0}}, "amplifier.backoff_db is 99.0; it has to be within -10..60"),
+        ({"amplifier": {"smoothness": 0.0}}, "amplifier.smoothness is 0.0"),
+        ({"amplifier": {"gain": 1}}, "unknown key 'interference.nr.amplifier.gain'"),
+        ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61.0; it has to be within 0..60"),
+        ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0.0"),
+        (
+            {"oscillator": {"clock_ppm": 101.0}},
+            "oscillator.clock_ppm is 101.0; it has to be within -100..100",
+        ),
+        ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000.0"),
+        ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
+        ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),
+    ],
+)
+def test_wrong_effects_get_one_clear_line(keys, said):
+    with pytest.raises(SceneError) as error:
+        parse_scene({"interference": {"nr": keys}})
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+# -- placement --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("emitter", [NrEmitter(), QpskEmitter(), ToneEmitter(3)], ids=["nr", "qpsk", "tones"])
+@pytest.mark.parametrize("overlap", [1.0, 0.3])
+def test_sir_and_overlap_are_exact_with_every_effect(emitter, overlap):
+    one = Interferer(ImpairedEmitter(emitter=emitter, effects=EVERYTHING), -17.0, overlap)
+    frames = interference_frames([one], 3, N, RATE_HZ, np.random.default_rng(1))
+    np.testing.assert_allclose(10 * np.log10(np.mean(np.abs(frames) ** 2, axis=1)), 17.0, atol=1e-9)
+    assert (np.count_nonzero(frames, axis=1) == round(overlap * N)).all()
+
+
+def test_a_radar_that_is_drawn_into_the_window_is_heard_in_it():
+    emitter = ImpairedEmitter(
+        emitter=FmcwEmitter(), effects=Impairments(fading=FadingChannel(doppler_hz=50.0))
+    )
+    rng = np.random.default_rng(3)
+    power = [np.mean(np.abs(emitter.samples(500, RATE_HZ, rng)) ** 2) for _ in range(100)]
+    assert min(power) > 1e-3 * np.median(power)
+
+
+def test_stream_keeps_its_sir_in_the_mean_and_starts_nothing_anew():
+    """Without fading 40 frames have the power asked for; with static paths no frame's level steps."""
+    quiet = Impairments(oscillator=EVERYTHING.oscillator, phase_noise=EVERYTHING.phase_noise)
+    for emitter in (NrEmitter(frame_count=2), QpskEmitter(pulse="rrc")):
+        one = Interferer(ImpairedEmitter(emitter=emitter, effects=quiet), -17.0)
+        stream = JammerStream(Waveform(), [one], seed=4, free_running=True)
+        stream.next_frame()
+        power = np.mean([np.mean(np.abs(stream.next_frame().astype(complex)) ** 2) for _ in range(40)])
+        assert 10 * np.log10(power) == pytest.approx(17.0, abs=0.02)
+
+
+def test_a_period_of_5g_comes_again_through_a_still_channel():
+    """Ten milliseconds on, static paths and a carrier offset of whole cycles give the same samples."""
+    emitter = impaired(NrEmitter(), fading=FadingChannel(), oscillator=Oscillator(carrier_offset_hz=500.0))
+    stream = JammerStream(Waveform(), [Interferer(emitter, 0.0)], seed=3, free_running=True)
+    samples = np.concatenate([stream.next_frame() for _ in range(22)])[N:]
+    np.testing.assert_allclose(samples[75_000 : 11 * N], samples[: 11 * N - 75_000], atol=1e-4)
+
+
+# -- error vectors ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("evm", [0.03, 0.2, "typical"])
+def test_qpsk_demodulated_has_the_evm_asked_for(evm):
+    wanted = 0.175 / 2 if evm == "typical" else evm
+    emitter = QpskEmitter(bandwidth_hz=RATE_HZ / 4, pulse="rectangular", evm=evm)
+    samples = emitter.samples(80_000, RATE_HZ, np.random.default_rng(2))
+    symbols = samples[np.flatnonzero(np.diff(samples)) + 1]  # a textbook receiver with symbol timing
+    assert measured_evm(symbols) == pytest.approx(wanted, rel=0.02)
+
+
+@pytest.mark.parametrize("evm", [0.05, "typical"])
+def test_shaped_qpsk_behind_its_matched_filter_has_the_evm_asked_for(evm):
+    from radalt.core.interference.emitters.qpsk import rrc_taps
+
+    wanted = 0.175 / 2 if evm == "typical" else evm
+    emitter = QpskEmitter(
+        bandwidth_hz=1.5 * RATE_HZ / 4, pulse="rrc", rolloff=0.5, evm=evm
+    )  # 4 samples a symbol
+    samples = emitter.samples(80_000, RATE_HZ, np.random.default_rng(5))
+    matched = np.convolve(samples, rrc_taps(0.5, 4, 48), mode="valid")
+    best = min(measured_evm(matched[timing::4]) for timing in range(4))
+    assert best == pytest.approx(wanted, rel=0.02)
+
+
+def test_qpsk_as_received_has_its_errors_before_the_filter():
+    """Same symbols, timing and phase; what differs is the held errors, of that power."""
+    ideal = QpskReceivedEmitter().samples(60_000, RATE_HZ, np.random.default_rng(3))
+    sent = QpskReceivedEmitter(evm=0.1).samples(60_000, RATE_HZ, np.random.default_rng(3))
+    error = np.mean(np.abs(sent - ideal) ** 2) / np.mean(np.abs(ideal) ** 2)
+    assert np.sqrt(error) == pytest.approx(0.1, rel=0.02)
+
+
+def measured_evm(symbols):
+    """RMS distance to the nearest of four points, over their radius, phase and gain by least squares."""
+    turn = np.exp(1j * (np.angle(-np.mean(symbols**4)) / 4))
+    quarter = np.round((np.angle(symbols / turn) - np.pi / 4) / (np.pi / 2))
+    ideal = np.exp(1j * (np.pi / 4 + quarter * np.pi / 2))
+    gain = np.vdot(ideal, symbols) / ideal.size
+    return np.sqrt(np.mean(np.abs(symbols / gain - ideal) ** 2))
+
+
+# -- amplifier --------------------------------------------------------------------------------------------------------
+
+
+def orders(amplifier, count=12):
+    """Powers of a Gaussian signal's parts of order 1, 3, 5 and so on behind the amplifier, on Laguerre polynomials.
+
+    y = sum_n b_n x L_n^(1)(|x|^2) / sqrt(n + 1), b_n = E[y x* L_n^(1)(|x|^2)] / sqrt(n + 1): the autocorrelation is
+    then sum_n b_n^2 rho |rho|^(2n) of the input's rho.
+    """
+    a = np.linspace(0.0, 6.0, 60_001)
+    saturation = 10 ** (amplifier.backoff_db / 20)
+    p = amplifier.smoothness
+    out = a / (1 + (a / saturation) ** (2 * p)) ** (0.5 / p)
+    density = 2 * a * np.exp(-(a**2))
+    return np.array(
+        [
+            (np.sum(density * out * a * eval_genlaguerre(n, 1, a**2)) * (a[1] - a[0])) ** 2 / (n + 1)
+            for n in range(count)
+        ]
+    )
+
+
+def order_spectra(width, count, size=1 << 14):
+    """(count, size) spectra of rho |rho|^(2n) for a flat band of ``width`` cycles per sample; each sums to 1."""
+    lag = np.fft.fftfreq(size, 1 / size)
+    rho = np.sinc(width * lag)
+    return np.stack([np.fft.fft(rho ** (2 * n + 1)).real / size for n in range(count)])
+
+
+@pytest.mark.parametrize(("backoff_db", "smoothness"), [(3.0, 2.0), (8.0, 2.0), (6.0, 10.0)])
+def test_amplifier_distorts_a_gaussian_band_as_the_series_of_its_orders_says(backoff_db, smoothness):
+    amplifier = Amplifier(backoff_db=backoff_db, smoothness=smoothness)
+    size, width = 1 << 18, 0.125
+    rng = np.random.default_rng(6)
+    band = np.abs(np.fft.fftfreq(size)) < width / 2
+    sent = np.fft.ifft(np.where(band, rng.standard_normal((size, 2)).view(complex)[:, 0], 0.0))
+    sent *= 3.7 / np.sqrt(np.mean(np.abs(sent) ** 2))
+    got = amplifier.amplify(sent, 3.7**2) / 3.7
+    power = orders(amplifier)
+    gain = np.vdot(sent, got) / np.vdot(sent, sent) * 3.7
+    assert abs(gain) ** 2 == pytest.approx(power[0], rel=0.01)
+    error = got - gain * sent / 3.7
+    assert np.mean(np.abs(error) ** 2) == pytest.approx(power[1:].sum(), rel=0.03)
+    # where in frequency: in the band (EVM), and in the channel beside it (regrowth)
+    spectrum = np.abs(np.fft.fft(error)) ** 2 / size**2
+    expected = np.tensordot(power[1:], order_spectra(width, 12)[1:], 1)
+    for low, high in ((0.0, width / 2), (width / 2, 1.5 * width)):
+        mine, theirs = (
+            part[(np.abs(np.fft.fftfreq(part.size)) > low) & (np.abs(np.fft.fftfreq(part.size)) < high)].sum()
+            for part in (spectrum, expected)
+        )
+        assert mine == pytest.approx(theirs, rel=0.05)
+
+
+def test_amplified_5g_demodulates_with_the_evm_of_the_series():
+    from test_nr import demodulate
+
+    from radalt.core.interference.nr_grid import resource_grid
+
+    amplifier = Amplifier(backoff_db=5.0)
+    emitter = NrEmitter(channel_bandwidth_hz=10e6, modulation="64qam", ssb_indices=(), pdcch_load=1.0)
+    sent = resource_grid(emitter, np.random.default_rng(emitter.seed)).values
+    received, _ = emitter.period(RATE_HZ, amplifier)
+    offset = (np.arange(624) - 312) * 15e3
+    passed = np.abs(offset) < 3.0e6
+    got = demodulate(received, RATE_HZ, 624, 140, 0.0, passed)[:, 2:]
+    ideal = sent[passed][:, 2:]
+    gain = np.vdot(ideal, got) / np.vdot(ideal, ideal)
+    evm2 = np.mean(np.abs(got / gain - ideal) ** 2) / np.mean(np.abs(ideal) ** 2)
+    width = 0.125
+    spectra = order_spectra(width, 12)
+    inner = np.abs(np.fft.fftfreq(spectra.shape[1])) < width / 9.36 * 3.0
+    power = orders(amplifier)
+    expected = power[1:] @ spectra[1:, inner].sum(axis=1) / (power[0] * spectra[0, inner].sum())
+    assert np.sqrt(evm2) == pytest.approx(
+        np.sqrt(expected), rel=0.06
+    )  # not quite Gaussian: 624 subcarriers of 64QAM
+    assert emitter.period(RATE_HZ, amplifier)[0] is received  # once, whatever the number of frames
+
+
+def test_any_emitter_is_amplified_wide_and_then_received():
+    """Two tones give third-order products beside them: IM3 of a Rapp amplifier, by its Fourier series."""
+    tones = ToneEmitter(frequencies_hz=(0.9e6, 1.1e6))
+    samples = impaired(tones, amplifier=Amplifier(backoff_db=4.0)).samples(
+        N, RATE_HZ, np.random.default_rng(1)
+    )
+    lines = np.abs(np.fft.fft(samples)) ** 2
+    envelope = np.sqrt(2.0) * np.cos(np.pi * (np.arange(4096) + 0.5) / 2048)  # of two tones, over one beat
+    bent = envelope / (1 + (envelope**2 / 10**0.4) ** 2) ** 0.25
+    series = np.abs(np.fft.fft(bent)) ** 2
+    assert lines[1300] / lines[1100] == pytest.approx(series[3] / series[1], rel=0.02)
+    assert lines[500] / lines[900] == pytest.approx(series[5] / series[1], rel=0.1)
+
+
+# -- oscillators ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("clock_ppm", "offset_hz"), [(50.0, 0.0), (-20.0, 777.0), (0.0, -1234.5)])
+def test_oscillator_shifts_and_stretches_a_wave_exactly(clock_ppm, offset_hz):
+    hz = 1.7e6
+    emitter = impaired(Wave(hz), oscillator=Oscillator(carrier_offset_hz=offset_hz, clock_ppm=clock_ppm))
+    for count in (N, 40_001):
+        got = emitter.samples(count, RATE_HZ, np.random.default_rng(1))
+        moved_hz = hz * (1 + 1e-6 * clock_ppm) + offset_hz
+        expected = np.exp(2j * np.pi * moved_hz / RATE_HZ * np.arange(count))
+        gain = np.vdot(expected, got) / count
+        assert abs(gain) == pytest.approx(1.0, abs=1e-4)
+        assert np.abs(got / gain - expected).max() < 1e-4
+
+
+def test_clock_and_carrier_go_on_over_frames():
+    """Over 20 frames of a stream a wave stays one wave, at its own clock and carrier."""
+
+    class Endless:
+        """A wave that does not start anew with its windows."""
+
+        period_s, carrier_hz = 1e-3, 0.0
+
+        def samples(self, count, rate_hz, rng):
+            return np.exp(2j * np.pi * 300e3 / rate_hz * np.arange(count))
+
+    emitter = impaired(Endless(), oscillator=Oscillator(carrier_offset_hz=333.3, clock_ppm=40.0))
+    running = Running(emitter, N, steady=True)
+    got = np.concatenate([running.samples(N, RATE_HZ, np.random.default_rng(0)) for _ in range(20)])
+    moved_hz = 300e3 * (1 + 40e-6) + 333.3
+    wave = np.exp(2j * np.pi * moved_hz / RATE_HZ * np.arange(got.size))
+    gain = np.vdot(wave, got) / got.size
+    assert np.abs(got / gain - wave).max() < 1e-3
+
+
+@pytest.mark.parametrize(("rms_deg", "bandwidth_hz"), [(2.0, 5e3), (10.0, 100e3)])
+def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
+    running = Running(impaired(Wave(), phase_noise=PhaseNoise(rms_deg=rms_deg, bandwidth_hz=bandwidth_hz)), N)
+    rng = np.random.default_rng(9)
+    phase = np.rad2deg(np.angle(np.concatenate([running.samples(N, RATE_HZ, rng) for _ in range(400)])))
+    assert np.std(phase) == pytest.approx(rms_deg, rel=0.03)
+    for lag in (round(RATE_HZ / (4 * np.pi * bandwidth_hz)), round(RATE_HZ / (2 * np.pi * bandwidth_hz))):
+        found = np.mean(phase[lag:] * phase[:-lag]) / np.var(phase)
+        assert found == pytest.approx(np.exp(-2 * np.pi * bandwidth_hz * lag / RATE_HZ), abs=0.03)
+    assert np.abs(np.diff(phase)).max() < 3.0 * rms_deg  # no frame begins with a phase of its own
+
+
+# -- fading that goes on ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("free_running", [True, False])
+def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
+    """J0(2 pi f_D t) over 12 ms of streams, whether the emitter itself runs on or starts anew with every frame."""
+    doppler_hz, frames, streams, frame_s = 60.0, 13, 400, 1e-3
+    rate_hz, count = 12e3, 12  # the channel does not care how densely it is looked at
+    emitter = impaired(Wave(), fading=FadingChannel(profile="EPA", doppler_hz=doppler_hz))
+    heard = np.empty((streams, frames), complex)
+    for seed in range(streams):
+        running, rng = Running(emitter, count, steady=free_running), np.random.default_rng([seed, 5])
+        heard[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
+    found = np.mean(heard * heard[:, :1].conj(), axis=0) / np.mean(np.abs(heard) ** 2)
+    lag_s = np.arange(frames) * frame_s
+    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.12)  # 400 draws: 0.05
+
+
+def test_fading_does_not_step_where_frames_meet():
+    emitter = impaired(Wave(), fading=FadingChannel(profile="EVA", doppler_hz=120.0))
+    for free_running in (True, False):
+        stream = JammerStream(Waveform(), [Interferer(emitter, 0.0)], seed=8, free_running=free_running)
+        if not free_running:  # every frame is scaled to the SIR: look before placement
+            running = Running(emitter, N)
+            rng = np.random.default_rng(8)
+            samples = np.concatenate([running.samples(N, RATE_HZ, rng) for _ in range(6)])
+        else:
+            samples = np.concatenate([stream.next_frame() for _ in range(7)])[N:]
+        step = np.abs(np.diff(samples))
+        # 2 pi 120 Hz / 7.5 MHz = 1e-4 a sample at unit gain; seams of the interpolation may reach -60 dB
+        assert step.max() < 3e-3
+
+
+def test_fading_of_a_wave_is_the_sum_of_its_paths():
+    channel = FadingChannel(profile="TDL-D", delay_spread_s=300e-9, doppler_hz=1000.0)
+    hz = 1.3e6
+    got = impaired(Wave(hz), fading=channel).samples(N, RATE_HZ, np.random.default_rng(4))
+    paths = channel.draw(np.random.default_rng(4))  # a channel is drawn before anything else
+    at = np.arange(0, N, 250)
+    expected = (paths.gains(at / RATE_HZ) * np.exp(-2j * np.pi * hz * channel.delays_s)).sum(axis=1)
+    start = -int(np.ceil(channel.delays_s.max() * RATE_HZ)) - 128 - 1
+    expected = expected * np.exp(2j * np.pi * hz / RATE_HZ * (at - start))
+    np.testing.assert_allclose(got[at], expected, atol=2e-3)
+
+
+def test_fading_keeps_the_mean_power():
+    emitter = impaired(QpskEmitter(pulse="rrc"), fading=FadingChannel(profile="TDL-C", doppler_hz=200.0))
+    rng = np.random.default_rng(2)
+    power = [np.mean(np.abs(emitter.samples(1000, RATE_HZ, rng)) ** 2) for _ in range(400)]
+    assert np.mean(power) == pytest.approx(1.0, abs=0.12)

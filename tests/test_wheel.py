@@ -1,0 +1,117 @@
+"""The wheel: pure Python for any Python, without GNU Radio; `tools/test-wheel.sh` tries it in bare environments.
+
+Here it is unpacked into a folder and used with the packages of these tests, nothing of the source tree on any path.
+"""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from test_identity import ONE_PACKAGE
+
+WITHOUT_GNU_RADIO = """
+import importlib.abc, sys
+class Absent(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith(("gnuradio.gr", "pmt")):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(root: Path, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    (file,) = folder.iterdir()
+    return file
+
+
+@pytest.fixture(scope="module")
+def site(wheel: Path, tmp_path_factory) -> Path:
+    """What pip makes of it, but for the script `radalt`."""
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -> subprocess.CompletedProcess:
+    kept = {
+        name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_", "RADALT"))
+    }
+    env = kept | {"PYTHONPATH": os.pathsep.join(map(str, (site, *more)))}
+    return subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+
+
+def test_it_is_pure_small_and_whole(root, wheel):
+    assert wheel.name.endswith("-py3-none-any.whl") and wheel.stat().st_size < 5_000_000
+    names = set(zipfile.ZipFile(wheel).namelist())
+    package = {
+        f"radalt/{f.relative_to(root / 'python/radalt')}" for f in (root / "python/radalt").rglob("*.*")
+    }
+    data = {f"radalt/share/{f.relative_to(root)}" for f in (root / "flowgraphs").rglob("*.yaml")}
+    data |= {f"radalt/share/models/{name}.onnx" for name in ("tcae", "any_sweep")}
+    wanted = {name for name in package if "__pycache__" not in name} | data | {"gnuradio/radalt/__init__.py"}
+    assert wanted <= names
+    assert not [name for name in names if name.startswith("gnuradio/") and name not in wanted]
+
+
+def test_both_names_are_one_package(site, tmp_path):
+    for names in (("import radalt", "import gnuradio.radalt"), ("import gnuradio.radalt", "import radalt")):
+        done = python(
+            site, tmp_path, "-W", "error", "-c", ONE_PACKAGE.format(first=names[0], second=names[1])
+        )
+        assert done.returncode == 0, done.stderr
+
+
+def test_it_measures_and_commands_say_what_they_need(site, tmp_path):
+    code = f"""{WITHOUT_GNU_RADIO}
+import radalt
+assert radalt.__file__.startswith({str(site)!r}), radalt.__file__
+report = radalt.evaluate("nr5", ["none", "tcae"], sir_db=-30, overlap=1, altitude_m=100, frames=4, progress=False)
+assert report.html.is_file() and len(report.table) == 2
+from radalt.evaluation import programs
+assert programs.main(["collect", str(report.folder), "--out", "all"]) == 0
+assert programs.main(["eval", "--sim"]) == programs.main(["remote", "--sim"]) == 2
+"""
+    done = python(site, tmp_path, "-c", code)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "all/report.md").is_file()
+    lines = done.stderr.splitlines()
+    assert len(lines) == 2
+    assert all("has no GNU Radio 3.10, which this command needs" in line for line in lines)
+    assert all("radalt.evaluate in Python" in line for line in lines)
+
+
+def test_beside_gnu_radio_it_runs_the_flowgraph(site, tmp_path):
+    line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --jobs 1 --out out".split()
+    done = python(site, tmp_path, "-m", "radalt.evaluation.programs", *line)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "out/report.html").is_file()
+
+
+def test_another_version_is_named_in_one_line(site, tmp_path):
+    other = tmp_path / "older"
+    (other / "radalt").mkdir(parents=True)
+    (other / "radalt/__init__.py").write_text('__version__ = "0.0.7"\n')
+    words = ("-m", "radalt.evaluation.programs", "collect", "--help")
+    assert python(site, tmp_path, *words).stderr == ""
+    done = python(site, tmp_path, *words, more=(other,))
+    assert done.returncode == 0 and done.stderr.count("\n") == 1
+    assert f"0.0.7 is installed in {other / 'radalt'}; remove one of them" in done.stderr
+    flowgraph = python(site, tmp_path, "-c", "import gnuradio.radalt", more=(other,))
+    assert "0.0.7 is installed" in flowgraph.stderr

@@ -1,0 +1,45 @@
+"""MkDocs hook: in the site every table of docs/data/*.csv is a page that sorts, and links to a CSV lead to that page.
+
+Nothing of it is in the repository. `mkdocs.yml` names this file under `hooks`.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import jinja2
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT / "docs" / "data"
+# the frame of every report: its style, and the script that sorts
+FRAME = ROOT / "python" / "radalt" / "evaluation" / "results"
+
+PAGE = """{% extends "page.html.j2" %}{% block title %}{{ name }}{% endblock %}{% block body %}
+<h1>{{ name }}</h1>
+<p>{{ rows | length }} rows, <a href="{{ name }}.csv">as CSV</a>. A click on a heading sorts.</p>
+<div class="wide"><table>
+<thead><tr>{% for head in heads %}<th><button>{{ head }}</button></th>{% endfor %}</tr></thead>
+<tbody>{% for row in rows %}<tr>{% for value in row %}<td data-value="{{ value }}">{{ value }}</td>{% endfor %}</tr>
+{% endfor %}</tbody></table></div>{% endblock %}"""
+
+
+def table_page(path: Path) -> str:
+    """The page of one CSV file as HTML."""
+    with path.open(newline="", encoding="utf-8") as file:
+        heads, *rows = csv.reader(file)
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(FRAME), autoescape=True)
+    return environment.from_string(PAGE).render(name=path.stem, heads=heads, rows=rows)
+
+
+def on_page_content(html: str, **_: object) -> str:
+    """Links to tables lead to their pages."""
+    return re.sub(r'href="((?:[^":]*/)?data/[\w-]+)\.csv"', r'href="\1.html"', html)
+
+
+def on_post_build(config: dict, **_: object) -> None:
+    """Write the pages beside the files."""
+    folder = Path(config["site_dir"], "data")
+    for path in sorted(DATA.glob("*.csv")):
+        (folder / f"{path.stem}.html").write_text(table_page(path), encoding="utf-8")

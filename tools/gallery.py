@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Spectrogram gallery of the interference of every shipped scene: docs/interference_gallery.png.
+
+.venv/bin/python tools/gallery.py --out docs/interference_gallery.png --seed 1
+"""
+
+from __future__ import annotations
+
+import _tool  # isort: skip  # noqa: F401 - first: Ctrl-C, one core, a quiet log, the package on the path
+
+import dataclasses
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import make_recording
+import numpy as np
+
+from radalt.core.interference.placement import interference_frames
+from radalt.core.returns.point import point_return
+from radalt.core.scene import Scene, load_scene
+from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
+from radalt.evaluation.transmitters import TRANSMITTERS, transmit
+
+PANELS = (
+    ("paper_qpsk", "QPSK, rectangular pulses, ideal"),
+    ("qpsk_shaped", "QPSK, root raised cosine, typical EVM"),
+    ("tones", "Five tones"),
+    ("nr5", "5G NR downlink, 5 MHz, typical EVM"),
+    ("nr10", "5G NR downlink, 10 MHz, typical EVM"),
+    ("nr_as_sent", "5G NR, 20 MHz, TDD, moving channel"),
+    ("mixture", "NR + QPSK + tones + pulsed radar"),
+    ("fmcw", "Another FMCW altimeter"),
+    ("faa_mask", "14 CFR 91.220(b) mask, 200 ft"),
+    ("dvbt", "DVB-T by GNU Radio"),
+    ("atsc", "ATSC television by GNU Radio"),
+    ("dvbs2", "DVB-S2 by GNU Radio"),
+)
+SIR_DB = -20.0
+WINDOW = 128
+
+
+def spectrogram_db(samples: np.ndarray) -> np.ndarray:
+    """(WINDOW, columns) power of a Hann-windowed short-time transform in dB, frequency rising, hop of an eighth."""
+    views = np.lib.stride_tricks.sliding_window_view(samples, WINDOW)[:: WINDOW // 8]
+    plane = np.fft.fftshift(np.fft.fft(views * np.hanning(WINDOW), axis=1), axes=1)
+    return 10.0 * np.log10(np.abs(plane.T) ** 2 + 1e-12)
+
+
+def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
+    """The scene with the recording that it plays, if it plays one, made in a folder."""
+    if scene.name not in TRANSMITTERS:
+        return scene
+    (one,) = scene.interference
+    meta, transmitter = folder / f"{scene.name}.sigmf-meta", TRANSMITTERS[scene.name]
+    make_recording.write(meta, transmit(scene.name, 0.01, seed), transmitter.rate_hz, transmitter.title)
+    emitter = dataclasses.replace(one.emitter, file=str(meta))
+    return dataclasses.replace(scene, interference=(dataclasses.replace(one, emitter=emitter),))
+
+
+def received(scene: Scene, seed: int) -> np.ndarray:
+    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise as the scene says."""
+    w = scene.waveform
+    rng = np.random.default_rng(seed)
+    point = scene.at(overlap=0.6, sir_db=SIR_DB)
+    frames = point_return(w, np.full(2, 200.0)) + interference_frames(
+        point.interference, 2, w.samples_per_frame, w.rate_hz, rng, total_sir_db=point.total_sir_db
+    )
+    amplitude = 10.0 ** (-scene.channel.snr_db / 20.0) / np.sqrt(2.0)
+    noise = rng.standard_normal((2, *frames.shape)) * amplitude
+    return (frames + noise[0] + 1j * noise[1]).ravel()
+
+
+def draw(path: Path, seed: int) -> None:
+    """All panels into one PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(3, 4, figsize=(13.0, 9.0), sharex=True, sharey=True, constrained_layout=True)
+    for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = with_recording(load_scene(name), Path(folder), seed)
+            plane = spectrogram_db(received(scene, seed))
+        half = scene.waveform.rate_hz / 2e6
+        image = axis.imshow(
+            plane,
+            origin="lower",
+            aspect="auto",
+            extent=(0.0, 2.0 * scene.waveform.sweep_s * 1e3, -half, half),
+            vmin=0.0,
+            vmax=55.0,
+            cmap="cividis",
+            interpolation="nearest",
+        )
+        axis.set_title(title, fontsize=10)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("Frequency (MHz)")
+    for axis in axes[-1]:
+        axis.set_xlabel("Time (ms)")
+    figure.colorbar(image, ax=axes, label="Power (dB)", shrink=0.9, pad=0.01)
+    figure.suptitle(
+        f"Two sweeps at the receiver: 200 m return (the triangle), interference at {SIR_DB:g} dB SIR, 60 % overlap",
+        fontsize=11,
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+
+
+def _parser() -> Parser:
+    root = Path(__file__).resolve().parent.parent
+    parser = Parser("gallery", __doc__)
+    add = parser.add_argument
+    add(
+        "--out",
+        type=path,
+        default=root / "docs" / "interference_gallery.png",
+        help="PNG, SVG or PDF (default: docs/interference_gallery.png)",
+    )
+    add("--seed", type=number(int, 0, MAX_SEED), default=1, help="default: %(default)s")
+    return parser
+
+
+@command("gallery")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw it; returns 0, or 2 after one line about what does not fit."""
+    parser = _parser()
+    options = parser.parse_args(argv)
+    if options.out.suffix not in (".png", ".svg", ".pdf"):
+        parser.error(f"--out is {str(options.out)[-60:]!r}; it has to end in .png, .svg or .pdf")
+    draw(options.out, options.seed)
+    print(options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

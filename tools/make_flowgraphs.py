@@ -1,0 +1,59 @@
+#!/usr/bin/env python3
+"""Flowgraphs made mechanically from the two that are drawn by hand: `make flowgraphs`.
+
+    ota_sim.grc           ota_b210.grc with the simulated channel instead of radios, at an SIR that tells methods apart
+    ota_live_sim.grc      ota_live.grc likewise, at real time at most
+    ota_embedded.grc      ota_b210.grc with our blocks as Embedded Python Blocks
+    ota_embedded_sim.grc  ota_sim.grc likewise
+
+Run it after every change of ota_b210.grc, ota_live.grc or of a block's description; a test compares.
+"""
+
+from __future__ import annotations
+
+from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet log, the package on the path
+
+from collections.abc import Sequence
+from typing import Any
+
+from radalt.evaluation.engine.options import Parser, command
+
+PROGRAM = "make_flowgraphs"
+SIR_DB = -30  # at the scene's -10 dB every method of the first run would have a Pd of 1
+
+
+def made() -> dict[str, dict[str, Any]]:
+    """File name -> flowgraph."""
+    from radalt.evaluation.flowgraph.embedded import embed
+    from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
+
+    air, live = load_grc(FLOWGRAPHS / "ota_b210.grc"), load_grc(FLOWGRAPHS / "ota_live.grc")
+    simulated = simulate(air)
+    parameter = next(block for block in simulated["blocks"] if block["name"] == "sir_db")
+    parameter["parameters"]["value"] = f'"{SIR_DB}"'
+    return {
+        "ota_sim.grc": simulated,
+        "ota_live_sim.grc": simulate(live, "ota_live_sim", realtime=True),
+        "ota_embedded.grc": embed(air),
+        "ota_embedded_sim.grc": embed(simulated, "ota_embedded_sim"),
+    }
+
+
+def _parser() -> Parser:
+    return Parser(PROGRAM, __doc__)
+
+
+@command(PROGRAM)
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the files beside this one."""
+    _parser().parse_args(argv)
+    from radalt.evaluation.flowgraph.rewrite import save_grc
+
+    for name, data in made().items():
+        save_grc(data, FLOWGRAPHS / name)
+        print(FLOWGRAPHS / name)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

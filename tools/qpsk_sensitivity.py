@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""How much each setting of the QPSK receiver matters: Pd of the QPSK cases with it 30 % lower and 30 % higher.
+
+    .venv/bin/python tools/qpsk_sensitivity.py            # a line per setting; the last says which lose more than 0.02
+    .venv/bin/python tools/qpsk_sensitivity.py --costs    # FFTs of 7,500 points that the receiver's steps cost here
+
+Same frames for every setting; integers are rounded and move by one at least.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import fft
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "python"))
+from radalt.core.mitigation.qpsk.cma_equaliser import CmaEqualiser
+from radalt.core.mitigation.qpsk.pulse_estimation import estimate_pulse
+from radalt.core.mitigation.qpsk.settings import DEFAULTS, QpskSettings
+from radalt.core.mitigation.qpsk.symbol_timing import find_symbol_timings
+from radalt.core.mitigation.qpsk.zero_order_hold import cancel_zero_order_hold
+from radalt.core.mitigation.qpsk_cancel import QpskCancel, without_tones
+from radalt.core.receiver.altimeter import Altimeter
+from radalt.studies.cancellation.cases import CASES, WAVEFORM, received
+
+SEED = 161_803
+NAMES = ("qpsk", "qpsk_rrc", "qpsk_part", "qpsk_burst", "qpsk_eva", "qpsk_radios")
+SIRS_DB = (-20.0, -45.0)
+MOST_LOST = 0.02
+_TRIES = 35  # of a step, the median of which counts; an emitter's window in a stream is 40 frames
+
+
+def pd(settings: QpskSettings, frames: np.ndarray, altitude_m: np.ndarray) -> float:
+    """Share of (n, N) frames with the right altitude behind the receiver with those settings."""
+    result = Altimeter(WAVEFORM).process(QpskCancel(WAVEFORM, settings=settings).process(frames))
+    return float(np.mean(result["valid"] & (np.abs(result["altitude_m"] - altitude_m) < 5.0)))
+
+
+def changed(name: str, factor: float) -> QpskSettings:
+    """The settings with one of them ``factor`` times as large; the pulse's length stays even."""
+    value = getattr(DEFAULTS, name)
+    if isinstance(value, int):
+        step = 2 if name in ("pulse_samples", "taps") else 1
+        moved = max(1, step * round(factor * value / step))
+        value = moved if moved != value else value + step * (1 if factor > 1 else -1)
+    else:
+        value *= factor
+    return dataclasses.replace(DEFAULTS, **{name: value})
+
+
+def costs(frames: np.ndarray) -> list[str]:
+    """A line per step: its CPU time in FFTs of a frame, the median over frames."""
+    frame = frames[0] / np.sqrt(np.mean(np.abs(frames[0]) ** 2))
+    timing = find_symbol_timings(frame, DEFAULTS)[0]
+    symbols = CmaEqualiser(frame, timing, DEFAULTS).symbols()
+    method = QpskCancel(WAVEFORM)
+    method.process(frames[:2])
+    later = iter(frames[2:])
+
+    def look() -> None:
+        without_tones(frame)
+        cancel_zero_order_hold(frame, DEFAULTS)
+        find_symbol_timings(frame, DEFAULTS)
+
+    steps: dict[str, Callable[[], object]] = {
+        "look": look,
+        "demodulation": lambda: CmaEqualiser(frame, timing, DEFAULTS).symbols(),
+        "pulse": lambda: estimate_pulse(frame, symbols, DEFAULTS),
+        "tracking": lambda: method.cancel(next(later), search=False),
+    }
+    one = _seconds(lambda: fft.fft(frame))
+    return [f"{name:14s} {_seconds(step) / one:5.1f} FFTs" for name, step in steps.items()]
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    took = []
+    for _ in range(_TRIES):
+        begin = time.thread_time()
+        work()
+        took.append(time.thread_time() - begin)
+    return float(np.median(took))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; 1 if a setting loses more than `MOST_LOST` in a case."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--frames", type=int, default=50, help="per case and SIR (default: 50)")
+    parser.add_argument("--costs", action="store_true", help="measure the steps' costs instead")
+    args = parser.parse_args(argv)
+    if args.frames < 3:
+        parser.error(f"--frames is {args.frames}; at least 3")
+    if args.costs:
+        print(
+            *costs(received(CASES["qpsk_stream"], -45.0, _TRIES + 2, np.random.default_rng(SEED))[0]),
+            sep="\n",
+        )
+        return 0
+    cases = {
+        (name, sir_db): received(
+            CASES[name], sir_db, args.frames, np.random.default_rng([SEED, k, round(-sir_db)])
+        )
+        for k, name in enumerate(NAMES)
+        for sir_db in SIRS_DB
+    }
+    usual, sensitive = {case: pd(DEFAULTS, *both) for case, both in cases.items()}, []
+    for field in dataclasses.fields(QpskSettings):
+        for factor in (0.7, 1.3):
+            lost = {
+                case: usual[case] - pd(changed(field.name, factor), *both) for case, both in cases.items()
+            }
+            (name, sir_db), most = max(lost.items(), key=lambda item: item[1])
+            print(
+                f"{field.name:18s} x {factor}: loses {most:.3f} at most ({name}, {sir_db:g} dB)", flush=True
+            )
+            if most > MOST_LOST:
+                sensitive.append(f"{field.name} x {factor}")
+    print(f"more than {MOST_LOST}: {', '.join(sensitive) or 'none'}")
+    return int(bool(sensitive))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
