@@ -75,7 +75,7 @@ def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
         "core.mitigation.lms",
         "core.mitigation.shift_check",
     }
-    assert {target for _, target in asking} <= {altimeter, settings, "core.receiver.sweep_pairing"}
+    assert {target for _, target in asking} <= {altimeter, settings}
 
 
 def test_no_import_goes_round_when_modules_are_loaded():
