@@ -589,7 +589,8 @@ def test_mitigation_can_be_swapped_and_configured():
 def test_tcae_block_is_the_model_and_is_the_same_in_any_chunks():
     scene = scene_of()
     frames, tags, _ = frames_with_tags(8)
-    expected = create("tcae", scene.waveform).process(frames[:1])
+    span_m = scene.altimeter_settings.max_altitude_m
+    expected = create("tcae", scene.waveform, max_altitude_m=span_m).process(frames[:1])
     outputs = []
     for seed in (None, 1):
         sink = Collect(N)
