@@ -249,12 +249,35 @@ def test_true_delay_is_the_return_of_the_whole_signal_formula(altitude, speed):
     assert power_db(received) == pytest.approx(0.0, abs=0.02)
 
 
-def test_leakage_is_the_transmitted_sweep_at_zero_delay():
+def test_leakage_is_the_transmitted_sweep_at_zero_delay_and_alone_before_the_trials():
     programme = Programme((900.0,), 10)
     x = np.tile(W.reference, 14)
     with_it = play(replace(PLAIN, leakage_db=-6.0), x, frames=14, true_delay=programme)
+    first = programme.preamble_frames * N + 100  # of the trials
+    leakage = 10 ** (-6 / 20) * np.roll(x, 100)
+    np.testing.assert_allclose(with_it[N:first], leakage[N:first], atol=2e-6)
     difference = with_it - play(PLAIN, x, frames=14, true_delay=programme)
-    np.testing.assert_allclose(difference[N:], 10 ** (-6 / 20) * np.roll(x, 100)[N:], atol=2e-6)
+    np.testing.assert_allclose(difference[first:], leakage[first:], atol=2e-6)
+
+
+def test_leakage_and_landing_gear_stand_at_their_distances():
+    settings = replace(PLAIN, leakage_db=20.0, leakage_m=1.0, gear_db=6.0, gear_m=4.5)
+    out = play(settings, np.tile(W.reference, 14), frames=14, true_delay=Programme((900.0,), 10))
+    received = out[4 * N + 100 : 5 * N + 100]
+    expected = 10.0 * point_return(W, 1.0) + 10 ** (6 / 20) * point_return(W, 4.5)
+    assert power_db(received - expected) < power_db(expected) - 25.0  # as of a true delay, above
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"leakage_db": 0.0, "leakage_m": -1.0}, "channel.leakage_m is -1; it has to be within 0..100"),
+        ({"gear_db": 6.0}, "channel.gear_db 6 needs channel.leakage_db"),
+    ],
+)
+def test_impossible_leakage_is_refused(settings, said):
+    with pytest.raises(ValueError, match=said):
+        ChannelSettings(**settings)
 
 
 # -- lost samples -----------------------------------------------------------------------------------------------------

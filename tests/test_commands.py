@@ -111,6 +111,7 @@ def desk(tmp_path_factory):
         if file.name != "study.yaml":
             shutil.copy(file, folder)
     make_recording.main(["--out", str(folder / "results" / "recorded.sigmf-meta")])
+    make_recording.main(["--from", "dvbt", "--out", str(folder / "results" / "dvbt.sigmf-meta")])
     (folder / "my.yaml").write_text("name: my\n")
     reference = (ROOT / "docs/scene-reference.md").read_text(encoding="utf-8")
     (folder / "my_case.yaml").write_text(re.search(r"```yaml\n(.*?)```", reference, re.DOTALL)[1])

@@ -64,6 +64,16 @@ def test_a_missing_detection_counts_against_pd_but_not_against_detected_errors()
     assert s.bias_m == pytest.approx(error[valid].mean())
 
 
+def test_peak_to_sidelobe_ratio_is_0_db_where_the_peak_is_not_the_return_and_pools_as_the_mean():
+    truth = np.repeat([600.0, 100.0], 4)
+    found = results(truth + np.array([0.0, 3.0, 19.0, 21.0, 0.0, 0.0, -400.0, np.nan]))
+    found["peak_to_sidelobe_db"] = [13.0, 12.0, 6.0, 9.0, 13.0, 13.0, 5.0, np.nan]
+    s = score(found, PROGRAMME)
+    assert s.peak_to_sidelobe_db == pytest.approx((13 + 12 + 6 + 13 + 13) / 7)
+    rows = [score(found[:4], PROGRAMME).row(), score(found[4:], PROGRAMME).row()]
+    assert pool(rows).peak_to_sidelobe_db == pytest.approx(s.peak_to_sidelobe_db)
+
+
 def test_correct_means_strictly_within_5_m():
     truth = np.repeat([600.0, 100.0], 4)
     s = score(results(truth + np.array([4.999, -4.999, 5.0, -5.0, 0, 0, 0, 0])), PROGRAMME)

@@ -75,17 +75,23 @@ def test_extended_return_keeps_unit_power(data):
     assert np.mean(np.abs(clean) ** 2) == pytest.approx(1.0, rel=1e-5)
 
 
-def test_every_epoch_holds_every_example_once_in_its_own_order(data):
-    config = replace(data.CONFIGS["paper"], size=8, validation=0)
-    epochs = [batch[2] for batch in itertools.islice(data.batches(config, W, 8), 2)]
-    np.testing.assert_array_equal(np.sort(epochs[0]), np.sort(epochs[1]))
+def test_every_epoch_holds_every_example_once_in_its_own_order(data, tmp_path):
+    config = replace(data.CONFIGS["paper"], size=8, validation=2)
+    epochs = [batch[0] for batch in itertools.islice(data.batches(config, W, 8), 2)]
+    first, second = (sorted(epoch[:, 0, 0]) for epoch in epochs)
+    assert first == second and len(set(first)) == 8
     assert not np.array_equal(epochs[0], epochs[1])
     # resumed after half an epoch, the second half comes
-    resumed = next(data.batches(config, W, 4, first=4))[2]
+    resumed = next(data.batches(config, W, 4, first=4))[0]
     np.testing.assert_array_equal(resumed, epochs[0][4:])
     # two that take turns make the same
-    turns = [next(data.batches(config, W, 4, first=4 * k, share=2))[2] for k in range(2)]
+    turns = [next(data.batches(config, W, 4, first=4 * k, share=2))[0] for k in range(2)]
     np.testing.assert_array_equal(np.concatenate(turns), epochs[0])
+    # a set kept on disk gives the same, rounded to float16
+    stored = data.stored_set(config, W, tmp_path)
+    kept, clean, _ = next(data.batches(config, W, 8, stored=stored))
+    np.testing.assert_array_equal(kept, epochs[0].astype(np.float16))
+    assert clean.dtype == np.float32 and stored.shape == (10, 2, 2, W.samples_per_frame)
 
 
 def test_content_hash_tells_sets_apart(data):

@@ -51,11 +51,16 @@ def test_loss_falls(runs):
 
 
 def test_a_stopped_run_goes_on_where_it_was(training, runs):
+    """Killed while it wrote: half a new checkpoint, a row ahead of the old one and half a row are forgotten."""
     folder, small = runs
+    (folder / "compact_first/checkpoint.new").write_bytes(b"PK half")
+    with (folder / "compact_first/log.csv").open("a") as log:
+        log.write("28,112,,9.9,0.001,1.0,1.0\n29,11")
     status, said, errors = training("train.py", "compact_first", "--steps", "30", *small)
     assert status == 0, errors
     assert "goes on from its own checkpoint at step 25" in said
-    assert (folder / "compact_first/log.csv").read_text().splitlines()[-1].startswith("30,")
+    steps = [row.split(",")[0] for row in (folder / "compact_first/log.csv").read_text().splitlines()[1:]]
+    assert steps == ["5", "10", "15", "20", "25", "30"]
 
 
 def test_two_processes_make_the_examples_of_one(training, runs):
@@ -148,6 +153,58 @@ for faint in (0.0, 1e-4):
     loss = BeatLoss(waveform, faint=faint)
     print(float(loss(planes[2], planes[0]) - loss(planes[1], planes[0])))
 """
+
+
+# the authors' layers by PyTorch's own: 2-D mixers, pooling with indices, unpooling, transposed convolutions
+AUTHORS_CNN = """
+import sys
+
+sys.path[:0] = ["training", "python"]
+import torch
+from networks import build
+from torch import nn
+from torch.nn import functional as f
+
+from radalt.core.waveform import Waveform
+
+torch.manual_seed(0)
+net = build("cnn", Waveform()).eval()
+x = torch.randn(2, 2, 7500)
+with torch.no_grad():
+    made = net(x)
+    mixer = nn.Conv2d(1, 1, 2, padding=(0, 1))
+    mixer.weight.copy_(net.mixer.weight[None])
+    mixer.bias.copy_(net.mixer.bias)
+    h, places = f.pad(mixer(x[:, None])[:, :, 0, :7500], (0, 4)), []
+    for k, layer in enumerate(net.encoder):
+        h = f.conv1d(f.pad(h, (99, 100)), layer.weight, layer.bias)
+        h, at = f.max_pool1d(torch.relu(h) if k < 2 else h, 2, return_indices=True)
+        places.append(at)
+    for k, layer in enumerate(net.decoder):
+        # the taps in reverse, and entering and leaving channels change places
+        h = f.conv_transpose1d(f.max_unpool1d(h, places.pop(), 2), layer.weight.flip(2).transpose(0, 1), layer.bias)
+        h = h[..., 100:-99]
+        h = torch.relu(h) if k < 2 else h
+    unmixer = nn.ConvTranspose2d(1, 1, 2)
+    unmixer.weight.copy_(net.unmixer.weight[None])
+    # one bias a rail, where the transposed 2-D convolution has one for both
+    wanted = (unmixer(h[:, :, None, :7500]) - unmixer.bias)[:, 0, :, :7500] + net.unmixer.bias[:, None]
+print(float((made - wanted).norm() / wanted.norm()), sum(p.numel() for p in net.parameters()))
+"""
+
+
+def test_the_authors_cnn_is_what_pytorchs_own_layers_give(root):
+    """IQ mixer, convolutions of 200 x 64 with pooling, the same mirrored; by overlap-save and reshaped pairs."""
+    if not (root / ".venv-train/.training").is_file():
+        pytest.skip("no training environment; make train ARGS=--help makes it")
+    python = root / ".venv-train/bin/python"
+    command = [python, "-c", AUTHORS_CNN]
+    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    assert run.returncode == 0, run.stderr
+    error, parameters = run.stdout.split()
+    assert float(error) < 1e-5
+    # encoder and decoder, their biases, mixer and unmixer
+    assert int(parameters) == 2 * (200 * 64 + 200 * 64 * 64 + 200 * 64) + (64 + 64 + 1) * 2 + 5 + 6
 
 
 DOUBLING = """

@@ -38,6 +38,9 @@ class SceneConfig:
     empty : float
         Probability of a frame without a return. Its target is the noise: what a network may take away is interference,
         and nothing may look like a return afterwards.
+    beyond : float
+        Probability that the return lies beyond the span, from 60 m above it to four times as high. Its target is the
+        noise: to the altimeter such a return is nothing. The 60 m between, three range cells, are in no example.
     second : float
         Probability of a second return 0 to 15 dB weaker, at an altitude of its own.
     received : float
@@ -46,9 +49,15 @@ class SceneConfig:
     own_noise : float
         Probability that an interferer carries white noise of its own, 3 to 20 dB below it, as a recording off the air
         does: no method takes that away.
+    typical : float
+        Probability that a QPSK or NR interferer has the error vectors of a typical transmitter (`TYPICAL_EVM`).
     front_end : float
         Probability that the frame went through an amplifier that saturates at one to four times its RMS, and a
         converter of 8, 10 or 12 bits.
+    envelope : float
+        Standard deviation of a band-limited Gaussian envelope of the return, 10 % of the bandwidth wide, around one.
+    levels_db : tuple of (name, low, high)
+        SIR of each interferer by its kind, uniform in decibels, in the place of ``sir_db`` of all together.
     persistent : int
         Examples in a row that share their interferers, which go on from one to the next.
     any_sweep : bool
@@ -79,10 +88,14 @@ class SceneConfig:
     impaired: float = 0.2
     converter: float = 0.0
     empty: float = 0.0
+    beyond: float = 0.0
     second: float = 0.0
     received: float = 0.0
     own_noise: float = 0.0
+    typical: float = 0.0
     front_end: float = 0.0
+    envelope: float = 0.0
+    levels_db: tuple[tuple[str, float, float], ...] = ()
     persistent: int = 1
     any_sweep: bool = False
     recordings: tuple[str, ...] = ()
@@ -137,6 +150,21 @@ CONFIGS: dict[str, SceneConfig] = {
         seed=20,
     ),
 }
+# the paper's predecessor (arXiv:2410.03423): 10,000 examples, SNR -25 to 30 dB, tones and QPSK each with its own range
+CONFIGS["predecessor"] = SceneConfig(
+    snr_db=(-25.0, 30.0),
+    kinds=(("qpsk_rectangular", 1.0), ("tones", 1.0)),
+    counts=(0.1, 0.6, 0.3),
+    multipath=0.0,
+    extended=0.0,
+    impaired=0.0,
+    max_vertical_speed_m_per_s=0.0,
+    envelope=0.3,
+    levels_db=(("qpsk_rectangular", -20.0, 0.0), ("tones", -20.0, 20.0)),
+    size=10_000,
+    validation=1_000,
+    seed=21,
+)
 # fourth part of `compact`: the same again in examples not seen yet
 CONFIGS["lean"] = replace(CONFIGS["heard"], seed=5)
 # fifth part: more NR, above all of 10 MHz, and more of several at once
@@ -171,3 +199,6 @@ CONFIGS["any_sweep"] = replace(
     any_sweep=True,
     seed=8,
 )
+# eighth part, and the same for any sweep: typical transmitters, returns beyond the span
+CONFIGS["typical"] = replace(CONFIGS["noisy"], typical=0.7, beyond=0.05, seed=10)
+CONFIGS["any_sweep_typical"] = replace(CONFIGS["any_sweep"], typical=0.7, beyond=0.05, seed=11)

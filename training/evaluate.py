@@ -128,7 +128,7 @@ class Scenes:
 
     def with_interference(self, parts: list[object], overlap: float, sir_db: float, seed: int) -> np.ndarray:
         """(n, N) complex64: the frames with the emitters' sum at exactly ``sir_db``."""
-        rng = np.random.default_rng([SEED, seed, round(-10 * sir_db), round(1000 * overlap)])
+        rng = np.random.default_rng([SEED, seed, round(-10 * sir_db) % 2**32, round(1000 * overlap)])
         interferers = [Interferer(emitter, 0.0, overlap) for emitter in parts]
         extra = interference_frames(
             interferers,

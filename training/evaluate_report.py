@@ -1,4 +1,4 @@
-"""Tables and figures of `evaluate.py`: break-points, protection gain, targets, Pd, before and after."""
+"""Tables and figures of `evaluate.py`: break-points, protection gain, targets, Pd, beat spectra."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
-from scipy import signal
 
 from radalt.core.interference.evm import EMITTERS
 from radalt.core.mitigation import METHODS, PlotStyle
@@ -32,7 +31,7 @@ from radalt.evaluation.results.page import render
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
-__all__ = ["PAPER_CASE", "beat_spectra", "before_after", "break_points", "write_report"]
+__all__ = ["PAPER_CASE", "beat_spectra", "break_points", "write_report"]
 
 Row = dict[str, Any]
 Case = tuple[str, float]  # interferer and overlap
@@ -311,35 +310,5 @@ def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: S
     axis.set_xlabel("protection gain against no mitigation / dB")
     axis.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def before_after(path: Path, waveform: Waveform, frames: dict[str, np.ndarray], title: str) -> None:
-    """Spectrogram and spectrum of the same frame, one column a method: {label: (N,) complex}."""
-    figure, axes = plt.subplots(2, len(frames), figsize=(3.0 * len(frames), 5.2), layout="constrained")
-    image = None
-    for column, (label, frame) in enumerate(frames.items()):
-        frame = frame / np.sqrt(np.mean(np.abs(frame) ** 2))
-        f, t, plane = signal.stft(frame, waveform.rate_hz, nperseg=128, noverlap=112, return_onesided=False)
-        order = np.argsort(f)
-        level = 20 * np.log10(np.abs(plane[order]) + 1e-9)
-        level -= level.max()
-        upper, lower = axes[:, column]
-        image = upper.pcolormesh(
-            t * 1e3, f[order] / 1e6, level, vmin=-50, vmax=0, cmap="cividis", rasterized=True
-        )
-        upper.set(title=label, xlabel="time / ms")
-        lower_f, density = signal.welch(frame, waveform.rate_hz, nperseg=512, return_onesided=False)
-        order = np.argsort(lower_f)
-        lower.plot(lower_f[order] / 1e6, 10 * np.log10(density[order] + 1e-20) + 60, color="#0072B2", lw=1)
-        lower.set(xlabel="frequency / MHz", ylim=(-45, 15))
-        lower.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("frequency / MHz")
-    axes[1, 0].set_ylabel("density at unit power / dB(1/MHz)")
-    for axis in axes[1, 1:]:
-        axis.set_yticklabels([])
-    figure.colorbar(image, ax=axes[0], label="level / dB", shrink=0.9)
-    figure.suptitle(title, fontsize=10)
     figure.savefig(path, dpi=110)
     plt.close(figure)

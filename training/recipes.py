@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from radalt.core.waveform import Waveform
 
 __all__ = ["RECIPES", "Recipe"]
 
@@ -28,8 +30,10 @@ class Recipe:
         Recipe whose checkpoint the network starts from; empty starts anew.
     dropped_blocks : tuple of int
         Gated blocks of that checkpoint's network which this one does without.
-    margin, faint
+    margin, faint, floor
         Of `losses.BeatLoss`.
+    samples : int
+        Of a frame, at the default bandwidth and rate: the sweep is as much faster.
     stop : int
         Step after which training ends, before the schedule does; 0 runs to ``steps``.
     """
@@ -46,7 +50,14 @@ class Recipe:
     dropped_blocks: tuple[int, ...] = ()
     margin: int = 15
     faint: float = 0.0
+    floor: float = 1e-3
+    samples: int = 7_500
     stop: int = 0
+
+    @property
+    def waveform(self) -> Waveform:
+        """The sweep it trains on."""
+        return replace(Waveform(), sweep_s=self.samples / Waveform().rate_hz)
 
 
 _PAPER = {
@@ -56,6 +67,16 @@ _PAPER = {
     "rate": 1e-3,
     "schedule": "constant",
     "bfloat16": True,
+}
+# the predecessor's first step: 1,000 samples, 10,000 examples, kernel 300
+_SHORT = {
+    "loss": "sample",
+    "data": "predecessor",
+    "batch": 16,
+    "steps": 2_000,
+    "rate": 1e-3,
+    "schedule": "constant",
+    "samples": 1_000,
 }
 RECIPES: dict[str, Recipe] = {
     # the shipped model in seven parts: 2,750 steps of a schedule of 10,000; down to -62 dB; then what receivers hear;
@@ -76,11 +97,38 @@ RECIPES: dict[str, Recipe] = {
     "any_sweep": Recipe(
         "compact", data="any_sweep", steps=5_000, rate=1e-3, start_from="compact_ground", margin=26
     ),
-    # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks; each was
-    # stopped after 20 epochs
-    "paper": Recipe("paper", data="paper", stop=7_812, **_PAPER),
-    "fc": Recipe("fc", data="paper", stop=7_812, **_PAPER),
-    "cnn": Recipe("cnn", data="paper", stop=7_812, **_PAPER),
+    # both on, from their shipped weights (--start): typical transmitters, returns beyond the span as nothing, and a
+    # floor of the loss below what they add to clean frames
+    "compact_typical": Recipe(
+        "compact",
+        data="typical",
+        batch=64,
+        steps=4_000,
+        rate=5e-4,
+        faint=0.02,
+        floor=1e-5,
+        start_from="compact",
+    ),
+    "any_sweep_typical": Recipe(
+        "compact",
+        data="any_sweep_typical",
+        steps=4_000,
+        rate=5e-4,
+        margin=26,
+        floor=1e-5,
+        start_from="any_sweep",
+    ),
+    # the paper's recipe, 150 epochs of 50,000, Adam 1e-3, from random weights, for all three of its networks
+    "paper": Recipe("paper", data="paper", **_PAPER),
+    "fc": Recipe("fc", data="paper", **_PAPER),
+    "cnn": Recipe("cnn", data="paper", **_PAPER),
+    # the same with batch normalisation, without which it stands on the plateau at this rate (see cnn_short below)
+    "cnn_normalised": Recipe("cnn_normalised", data="paper", **_PAPER),
+    # what holds the convolutions on the plateau
+    "cnn_short": Recipe("cnn_300", **_SHORT),
+    "cnn_short_rate_1e-4": Recipe("cnn_300", **(_SHORT | {"rate": 1e-4})),
+    "cnn_short_rate_1e-5": Recipe("cnn_300", **(_SHORT | {"rate": 1e-5})),
+    "cnn_short_normalised": Recipe("cnn_300_normalised", **_SHORT),
     # what decides whether the paper's network leaves the plateau at 0.5: two thirds of an epoch, from random weights
     "plateau_paper": Recipe("paper", data="paper", stop=260, **_PAPER),
     "plateau_dropout_0": Recipe("paper_dropout_0", data="paper", stop=260, **_PAPER),

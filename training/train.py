@@ -3,7 +3,8 @@
     make train ARGS="compact"    # or: PYTHONPATH=python .venv-train/bin/python training/train.py compact
     make train ARGS="compact --start models/tcae.onnx --recordings city.sigmf-meta harbour.sigmf-meta --name mine"
 
-State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``.
+State lies in ``training/runs/<recipe>/``: ``checkpoint.pt``, ``log.csv``, ``curves.png``. A kill at any time loses at
+most ten minutes: the same command goes on from the checkpoint.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from __future__ import annotations
 import argparse
 import csv
 import multiprocessing
+import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import cycle
@@ -24,7 +26,7 @@ import numpy as np
 import onnx
 import torch
 from configs import CONFIGS, SceneConfig
-from data import batches, validation_batches
+from data import batches, stored_set, validation_batches
 from google.protobuf.message import DecodeError
 from losses import BeatLoss, sample_loss
 from networks import build
@@ -39,6 +41,7 @@ from radalt.core.waveform import Waveform
 RUNS = Path(__file__).resolve().parent / "runs"
 COLUMNS = ("step", "examples", "epoch", "seconds", "rate", "train_loss", "validation_loss")
 _WARM_UP = 200
+_SAVE_EVERY_S = 600.0
 
 
 def normalise(planes: Tensor, kind: str) -> Tensor:
@@ -54,8 +57,8 @@ def _produce(
 ) -> None:
     """Worker: fills the queue with batches for ever, one of ``share`` workers that take turns."""
     torch.set_num_threads(1)
-    for received, clean, _, sweep in batches(config, Waveform(), recipe.batch, first, share):
-        queue.put((received, clean, sweep))
+    for made in batches(config, recipe.waveform, recipe.batch, first, share):
+        queue.put(made)
 
 
 def _take(queue: multiprocessing.Queue, worker: multiprocessing.Process) -> tuple:
@@ -127,17 +130,19 @@ class Trainer:
         runs: Path = RUNS,
         recordings: Sequence[str] = (),
         validation: int = 256,
+        keep: Path | None = None,
     ) -> None:
         self.recipe, self.device, self.interval = recipe, torch.device(device), interval
         self.runs, self.folder = runs, runs / name
         self.folder.mkdir(parents=True, exist_ok=True)
         torch.manual_seed(0)
-        self.waveform = Waveform()
+        self.waveform = recipe.waveform
         self.network = build(recipe.network, self.waveform).to(self.device)
-        self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate)
+        self.optimiser = torch.optim.Adam(self.network.parameters(), recipe.rate, fused=True)
         self.step, self.seconds, self.last = 0, 0.0, recipe.stop or recipe.steps
         self._resume(start)
         self.config = replace(CONFIGS[recipe.data], recordings=tuple(recordings))
+        self.stored = stored_set(self.config, self.waveform, keep) if keep and self.config.size else None
         sets = validation_batches(self.config, self.waveform, validation)
         self.validation = [(received, clean, sweep) for received, clean, _, sweep in sets]
 
@@ -150,6 +155,7 @@ class Trainer:
             self.network.load_state_dict(state["network"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.seconds = state["step"], state["seconds"]
+            self._forget_rows_after(self.step)
         elif start is not None:
             weights = exported_weights(start)
         elif self.recipe.start_from:
@@ -170,8 +176,22 @@ class Trainer:
             "step": self.step,
             "seconds": self.seconds,
         }
-        torch.save(state, self.folder / "checkpoint.new")
-        (self.folder / "checkpoint.new").replace(self.folder / "checkpoint.pt")
+        new = self.folder / "checkpoint.new"
+        with new.open(
+            "wb"
+        ) as file:  # on the disk before it takes the old one's name: a kill leaves one that is whole
+            torch.save(state, file)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self.folder / "checkpoint.pt")
+
+    def _forget_rows_after(self, step: int) -> None:
+        """Rows written after the checkpoint was: their steps are done again."""
+        path = self.folder / "log.csv"
+        if path.is_file():
+            head, *rows = path.read_text().splitlines(keepends=True)
+            kept = [row for row in rows if row.endswith("\n") and int(row.split(",")[0]) <= step]
+            path.write_text(head + "".join(kept))
 
     def rate(self) -> float:
         """Learning rate of the present step."""
@@ -185,7 +205,7 @@ class Trainer:
     def _of(self, sweep: Waveform) -> tuple[tuple[Tables, ...], BeatLoss]:
         """What the network takes beside frames of a sweep other than its own, and the loss."""
         tables = () if sweep == self.waveform else (Tables(sweep, layout_of(sweep)).to(self.device),)
-        loss = BeatLoss(sweep, margin=self.recipe.margin, faint=self.recipe.faint)
+        loss = BeatLoss(sweep, margin=self.recipe.margin, faint=self.recipe.faint, floor=self.recipe.floor)
         return tables, loss.to(self.device)
 
     def loss(self, received: np.ndarray, clean: np.ndarray, sweep: Waveform) -> Tensor:
@@ -193,7 +213,10 @@ class Trainer:
         tables, beat_loss = self._of(sweep)
         x = normalise(torch.from_numpy(received).to(self.device), self.network.normalisation)
         target = torch.from_numpy(clean).to(self.device)
-        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.recipe.bfloat16):
+        bfloat16 = self.recipe.bfloat16 and (
+            self.device.type != "cpu" or torch.cpu._is_avx512_bf16_supported()
+        )
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=bfloat16):
             output = self.network(x, *tables)
         if self.recipe.loss == "beat":
             return beat_loss(output.float(), target)
@@ -233,20 +256,35 @@ class Trainer:
             makers.append((queue, worker))
         return makers
 
+    def _made(
+        self, makers: list[tuple[multiprocessing.Queue, multiprocessing.Process]]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, Waveform]]:
+        """Batches from the present step on: from the stored set, else from the workers in turn."""
+        if self.stored is not None:
+            first = self.step * self.recipe.batch
+            yield from batches(self.config, self.waveform, self.recipe.batch, first, stored=self.stored)
+        for maker in cycle(makers):
+            yield _take(*maker)
+
     def run(self, until: float, workers: int = 1) -> None:
         """Train to the recipe's end or to the wall-clock time ``until`` (seconds since the epoch)."""
-        makers = self._makers(workers)
-        turn = cycle(makers)
+        makers = self._makers(workers) if self.stored is None else []
+        made = self._made(makers)
         recent: list[float] = []
-        mark = time.monotonic()
+        mark = saved = time.monotonic()
         try:
             while self.step < self.last and time.time() < until:
-                recent.append(self.train_step(*_take(*next(turn))))
+                recent.append(self.train_step(*next(made)))
+                now = time.monotonic()
+                self.seconds += now - mark
+                mark = now
                 if self.step % self.interval == 0 or self.step == self.last:
-                    self.seconds += time.monotonic() - mark
-                    mark = time.monotonic()
                     self._report(float(np.mean(recent)))
                     recent.clear()
+                    saved = now
+                elif now - saved > _SAVE_EVERY_S:
+                    self._save()
+                    saved = now
             self._save()
         finally:
             for _, worker in makers:
@@ -316,7 +354,10 @@ def main() -> None:
     parser.add_argument("--validation", type=int, default=256, help="validation examples")
     parser.add_argument("--steps", type=int, help="instead of the recipe's number")
     parser.add_argument("--minutes", type=float, default=1e6, help="stop, resumable, after this long")
-    parser.add_argument("--interval", type=int, default=250, help="steps between reports and checkpoints")
+    parser.add_argument("--interval", type=int, default=250, help="steps between reports")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FOLDER", help="make a finite data set once and keep it there (3.6 GB)"
+    )
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--workers", type=int, default=1, help="processes that make examples")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
@@ -334,6 +375,7 @@ def main() -> None:
         "interval": args.interval,
         "runs": args.runs,
         "validation": args.validation,
+        "keep": args.keep,
     }
     for name in [] if args.start else _missing_before(recipe, args.runs):
         print(f"{args.recipe} starts from {name}: training that first", flush=True)

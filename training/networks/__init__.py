@@ -9,8 +9,9 @@ from torch import nn
 from radalt.core.waveform import Waveform
 
 from .alternatives import Mask, Residual
+from .cnn import Convolutional
 from .compact import Compact, CompactSettings
-from .paper import Convolutional, FullyConnected, Paper
+from .paper import FullyConnected, Paper
 
 __all__ = ["NETWORKS", "build"]
 
@@ -29,6 +30,9 @@ NETWORKS: dict[str, Callable[[Waveform], nn.Module]] = {
     "paper_dropout_30": lambda w: Paper(w, 0.3),
     "fc": FullyConnected,
     "cnn": Convolutional,
+    "cnn_normalised": lambda w: Convolutional(w, normalised=True),
+    "cnn_300": lambda w: Convolutional(w, kernel=300),
+    "cnn_300_normalised": lambda w: Convolutional(w, kernel=300, normalised=True),
 }
 
 

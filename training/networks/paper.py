@@ -1,4 +1,4 @@
-"""The paper's model to the digit, and the fully connected and convolutional autoencoders it is compared with.
+"""The paper's model to the digit, and a fully connected autoencoder it is compared with.
 
 C. E. Thornton et al., "Temporal Convolutional Autoencoder for Interference Mitigation in FMCW Radar
 Altimeters".
@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from radalt.core.waveform import Waveform
 
-__all__ = ["Convolutional", "FullyConnected", "Paper"]
+__all__ = ["FullyConnected", "Paper"]
 
 _CACHED = 8  # frames
 
@@ -98,7 +98,7 @@ class Paper(nn.Module):
 
 
 class FullyConnected(nn.Module):
-    """Dense autoencoder, 15,000 -> 256 -> 256 -> 15,000."""
+    """Dense autoencoder, 15,000 -> 256 -> 256 -> 15,000. The paper gives no layout: this one is ours."""
 
     normalisation = "joint_rms"
 
@@ -112,43 +112,3 @@ class FullyConnected(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(B, 2, N) -> (B, 2, N)."""
         return self.layers(x.flatten(1)).reshape(x.shape)
-
-
-class Convolutional(nn.Module):
-    """Strided convolutional autoencoder without gates or dilation; strides 5, 5, 3 and a dense bottleneck of 256.
-
-    Without the dense layers no output sees more than a tenth of a sweep, nor where in the sweep it is, and
-    nothing was learned.
-    """
-
-    normalisation = "joint_rms"
-
-    def __init__(self, waveform: Waveform, width: int = 256) -> None:
-        super().__init__()
-        if waveform.samples_per_frame % 75:
-            raise ValueError(
-                f"the CNN takes frames of a multiple of 75 samples, not {waveform.samples_per_frame}"
-            )
-        self.steps = waveform.samples_per_frame // 75
-        self.encoder = nn.Sequential(
-            nn.Conv1d(2, 16, 15, stride=5, padding=5),
-            nn.ReLU(),
-            nn.Conv1d(16, 32, 15, stride=5, padding=5),
-            nn.ReLU(),
-            nn.Conv1d(32, 32, 9, stride=3, padding=3),
-            nn.ReLU(),
-        )
-        self.compress = nn.Linear(32 * self.steps, width)
-        self.expand = nn.Linear(width, 32 * self.steps)
-        self.decoder = nn.Sequential(
-            nn.ConvTranspose1d(32, 32, 9, stride=3, padding=3),
-            nn.ReLU(),
-            nn.ConvTranspose1d(32, 16, 15, stride=5, padding=5),
-            nn.ReLU(),
-            nn.ConvTranspose1d(16, 2, 15, stride=5, padding=5),
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, 2, N) -> (B, 2, N)."""
-        code = self.compress(self.encoder(x).flatten(1))
-        return self.decoder(torch.relu(self.expand(code)).reshape(-1, 32, self.steps))

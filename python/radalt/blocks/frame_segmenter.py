@@ -13,7 +13,9 @@ from gnuradio import gr
 from ..core.parsing import shown
 from ..core.programme import SentAltitudes
 from ..core.radio.calibration import CalibrationError
+from ..core.receiver.leakage import ground_is_apart
 from ..core.receiver.segmenter import ACQUIRING, LOCKED, LOST, Frame
+from ..core.receiver.tracker_settings import Status
 from ..core.scene import Scene
 from ..core.scene.build import segmenter_of
 from ..core.waveform import altitude_to_delay_s
@@ -37,6 +39,8 @@ _STATUS_EVERY = 1000  # frames between unsolicited status messages
 # frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
 _SLOW_S = 1.0
+# After so long a learned leakage is subtracted: longer than frames wait on their way to the tracker
+_LEARNED_S = 1.0
 _LARGEST = 1e15  # of a sample: its square and a frame's sum of them stay within float32
 _POLL_S = 1e-3
 # Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
@@ -61,8 +65,12 @@ class frame_segmenter(gr.basic_block):
     is released when the next one has confirmed the timing (1 ms). A lost lock, or a second of signal without a sweep,
     writes one line with its remedy to GNU Radio's log.
 
-    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``)
-    ``> frames: complex vector of N``, ``status: message`` (dictionary of state, lock quality and counters).
+    With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
+    connected, the calibration follows slow changes, from blocks in which the track holds the ground above 60 m alone.
+
+    Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
+    ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
+    (dictionary of state, lock quality and counters).
 
     Parameters
     ----------
@@ -121,6 +129,12 @@ class frame_segmenter(gr.basic_block):
         self._kept_free = places if drop_when_slow else 0
         self._most_waiting = min(_HELD_UP, _HELD_UP_BYTES // (8 * n))
         self._waits_from, self._dropped_at = 0, -np.inf  # by the input's sample counter
+        self._leakage = self.segmenter.leakage
+        self._block_frames = round(scene.tracker.output_s / scene.waveform.sweep_s)
+        self._later = round(_LEARNED_S / scene.waveform.sweep_s)
+        tracked = pmt.intern("tracked")
+        self.message_port_register_in(tracked)
+        self.set_msg_handler(tracked, self._on_tracked)
         self._status_port = pmt.intern("status")
         self.message_port_register_out(self._status_port)
         command = pmt.intern("command")
@@ -131,6 +145,20 @@ class frame_segmenter(gr.basic_block):
         """``reacquire``: take timing anew at the next opportunity."""
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
+
+    def _on_tracked(self, message) -> None:  # noqa: ANN001
+        """Learn the leakage from the frames of a tracker's output, if the ground stands apart in them."""
+        if self._leakage is None or not self._leakage.calibrated or not pmt.is_dict(message):
+            return
+        output = pmt.to_python(message)
+        self._leakage.following = True
+        last = int(output["frame_index"])
+        normal = output["status"] == Status.NAMES[Status.NORMAL]
+        known = (output[name] for name in ("altitude_m", "protection_level_m", "vertical_speed_m_per_s"))
+        if ground_is_apart(normal, *known):
+            self._leakage.learn(last - self._block_frames + 1, last, last + self._later)
+        else:
+            self._leakage.forget(last)
 
     def reacquire(self) -> None:
         """Take timing anew at the next opportunity; for other threads."""

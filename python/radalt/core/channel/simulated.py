@@ -21,6 +21,7 @@ __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer
 
 
 _MOST_DELAY = 1e6  # samples, which a delay line has to hold
+_MOST_LEAKAGE_M = 100.0  # path that is part of an installation
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,15 @@ class ChannelSettings:
     full_scale : float
         Amplitude per rail at which the converter clips, relative to the return.
     leakage_db : float or None
-        Direct transmitter leakage at zero delay, relative to the return; only with true delays.
+        Direct transmitter leakage, relative to the return; only with true delays. Outside the trials (preamble,
+        synchronisation) it is alone, as with terminated antennas.
+    leakage_m : float
+        Its path, in metres of altitude.
+    gear_db : float or None
+        A second line that stands still, such as the echo of the landing gear, relative to the return; with
+        ``leakage_db`` only.
+    gear_m : float
+        Its distance below the antennas.
     drops : DropSettings
         Lost samples.
     return_multipath : FadingChannel or None
@@ -94,6 +103,9 @@ class ChannelSettings:
     adc_bits: int = 0
     full_scale: float = 4.0
     leakage_db: float | None = None
+    leakage_m: float = 0.0
+    gear_db: float | None = None
+    gear_m: float = 4.5
     drops: DropSettings = DropSettings()
     return_multipath: FadingChannel | None = None
 
@@ -107,6 +119,15 @@ class ChannelSettings:
         if self.start_offset_samples is not None and not 0 <= self.start_offset_samples <= _MOST_DELAY:
             raise ValueError(
                 f"channel.start_offset_samples is {self.start_offset_samples:g}; it has to be within 0..{_MOST_DELAY:g}"
+            )
+        for name in ("leakage_m", "gear_m"):
+            if not 0 <= getattr(self, name) <= _MOST_LEAKAGE_M:
+                raise ValueError(
+                    f"channel.{name} is {getattr(self, name):g}; it has to be within 0..{_MOST_LEAKAGE_M:g}"
+                )
+        if self.gear_db is not None and self.leakage_db is None:
+            raise ValueError(
+                f"channel.gear_db {self.gear_db:g} needs channel.leakage_db, on which timing is taken"
             )
         if abs(self.jammer_clock_ppm) > 100:
             raise ValueError(f"channel.jammer_clock_ppm is {self.jammer_clock_ppm:g}; within -100..100")
@@ -340,6 +361,9 @@ class SimulatedChannel:
         assert self.true_delay is not None
         altitude = float(self.true_delay.altitude_m(frame))
         speed = float(self.true_delay.speed_m_per_s(frame))
+        leakage = self._leakage()
+        if leakage is not None and not self.true_delay.is_trial(frame):
+            return leakage
         delay_s = float(altitude_to_delay_s(altitude))
         out = self._paths(self.latency_samples + delay_s * w.rate_hz)[0]
         carrier = -np.mod(w.carrier_hz * delay_s, 1.0)
@@ -351,13 +375,22 @@ class SimulatedChannel:
             out = out * exp_cycles(carrier - float(w.vertical_speed_to_doppler_hz(speed)) * t)
         else:
             out = out * np.complex64(np.exp(2j * np.pi * carrier))
-        if self.settings.leakage_db is not None:
-            out = (
-                out
-                + np.float32(10.0 ** (self.settings.leakage_db / 20.0))
-                * self._radar.read(self.latency_samples)[0]
+        return out if leakage is None else out + leakage
+
+    def _leakage(self) -> np.ndarray | None:
+        """(N,) this block of what stands still beside the antennas; None without any."""
+        s, total = self.settings, None
+        for level_db, distance_m in ((s.leakage_db, s.leakage_m), (s.gear_db, s.gear_m)):
+            if level_db is None:
+                continue
+            delay_s = float(altitude_to_delay_s(distance_m))
+            line = self._radar.read(self.latency_samples + delay_s * self.waveform.rate_hz)[0]
+            gain = 10.0 ** (level_db / 20.0) * np.exp(
+                -2j * np.pi * np.mod(self.waveform.carrier_hz * delay_s, 1.0)
             )
-        return out
+            line = np.complex64(gain) * line
+            total = line if total is None else total + line
+        return total
 
     def _interference(self, count: int) -> np.ndarray:
         """(count, N) the jammer at the receiver."""

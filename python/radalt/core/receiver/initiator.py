@@ -34,6 +34,9 @@ class Initiator:
     deleter : Deleter
         Says which contradict themselves.
     settings : TrackerSettings
+    lowest_start_m : float
+        Below it no candidate starts: leakage stands still as hovering ground does, and without a calibration nothing
+        tells them apart.
 
     Attributes
     ----------
@@ -42,7 +45,15 @@ class Initiator:
         Strength from which a return starts a candidate.
     """
 
-    def __init__(self, gate: Gate, updater: Updater, deleter: Deleter, settings: TrackerSettings) -> None:
+    def __init__(
+        self,
+        gate: Gate,
+        updater: Updater,
+        deleter: Deleter,
+        settings: TrackerSettings,
+        lowest_start_m: float = -np.inf,
+    ) -> None:
+        self.lowest_start_m = lowest_start_m
         self.gate, self.updater, self.deleter, self.settings = gate, updater, deleter, settings
         self.tables = gate.tables
         self.threshold = updater.integrity.search_threshold
@@ -73,6 +84,7 @@ class Initiator:
         found = block.best(block.prominent(allowed))
         strong = found is not None and found.strength >= self.threshold
         strong = strong and self.gate.allowed_speed(found) and not self._is_tracked(found, self.candidates)
+        strong = strong and scan.corrected(found).altitude_m >= self.lowest_start_m
         if strong and not block.is_side_lobe(found, mixed=True):
             self.candidates.append(self.start(scan, scan.corrected(found)))
 

@@ -64,7 +64,7 @@ class Integrator:
         self.speed_per_cell = float(
             w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0)
         )  # of up against down
-        limit = altimeter.settings.max_vertical_speed_m_per_s if doppler else np.inf
+        limit = altimeter.speed_limit_m_per_s if doppler else np.inf
         self.max_speed = min(max_speed_m_per_s, limit)
         self.resolution_cells = w.range_resolution_m / self.cell_m
         low, high = altimeter.search_hz

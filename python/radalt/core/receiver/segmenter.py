@@ -16,6 +16,8 @@ import numpy as np
 from ..programme import Programme
 from ..waveform import Waveform, altitude_to_delay_s
 from .frame import Frame
+from .leakage import LeakageCanceller
+from .leakage_timing import LeakageTiming
 from .receiver_faults import ReceiverFaults
 from .segmenter_settings import SegmenterSettings
 from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
@@ -46,6 +48,9 @@ class FrameSegmenter:
     point_target : bool
         False for an extended return, which matches no single delay: frames are then checked as without a programme. The
         programme still tells where the synchronisation sections are.
+    leakage : LeakageCanceller or None
+        Subtracts the transmitter's own leakage from every frame. Timing is then taken on the leakage and held on it
+        (`LeakageTiming`). Not with beat shifts, which shift the leakage as well.
 
     noise : bool
         Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
@@ -82,13 +87,22 @@ class FrameSegmenter:
         max_altitude_m: float = 1500.0,
         true_delay: bool = False,
         point_target: bool = True,
+        leakage: LeakageCanceller | None = None,
         noise: bool = True,
     ) -> None:
+        if leakage is not None and not true_delay:
+            raise ValueError(
+                "a leakage calibration needs true delays: a beat shift moves the leakage with the return, and the line "
+                "at 0 m is then the return of the preamble; leave it out, or set altitude.mode: true_delay"
+            )
         self.waveform, self.programme, self.settings = waveform, programme, settings
         self.true_delay, self.point_target = true_delay, point_target
         self._n = waveform.samples_per_frame
         self._finder = SweepFinder(waveform, settings, true_delay=true_delay)
         self._check = SweepCheck(waveform, settings, self._finder, max_altitude_m)
+        self.leakage = leakage
+        self._leakage = None if leakage is None else LeakageTiming(leakage, settings, self._finder)
+        self._installation_m = 0.0 if leakage is None else leakage.installation_delay_m
         # room for some frames beyond the longest wait, so that what is left over is moved once in a while
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
         names = (
@@ -253,7 +267,7 @@ class FrameSegmenter:
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
-        found = self._finder.locate(self._waiting(self._n, needed))
+        found = self._locate(self._n, needed)
         if found is not None and self._faults.conjugated(self._waiting(self._n, 2 * self._n)):
             found = None
         if found is None:
@@ -272,6 +286,13 @@ class FrameSegmenter:
         self.counters["acquisitions"] += 1
         return True
 
+    def _locate(self, first: int, last: int) -> tuple[int, float] | None:
+        """As `SweepFinder.locate`; where the leakage is known, that alone is a place to take timing on."""
+        samples = self._waiting(first, last)
+        if self._leakage is None:
+            return self._finder.locate(samples)
+        return self._leakage.locate(samples, self._origin + first)
+
     # -- locked ---------------------------------------------------------------------------------------------------
 
     def _emit(self, samples: np.ndarray, out: list[Frame]) -> bool:
@@ -281,19 +302,29 @@ class FrameSegmenter:
             self._index += 1
             return True
         frame = Frame(self._index, self._origin, samples, self._offset_s)
+        slip = None
+        if self._leakage is not None:
+            slip = self._leakage.slip(samples, frame.index, self._expected(frame.index), self._offset_s)
+            frame.samples = samples = self._leakage.canceller.clean(samples, frame.index)
+            frame.offset_s += float(altitude_to_delay_s(self._installation_m))
         self._origin += self._n
         self._index += 1
         if not self.settings.monitor:
             out.append(frame)
             return True
-        sent = self._sent(frame.index)
-        near = self._check.near(samples, sent, self._offset_s)
+        sent = self._expected(frame.index)
         seen_before = self._vain <= _IN_VAIN
-        look = near is not None or seen_before or self._vain % self._pause == 0
-        found = self._check.verdict(samples, sent, self._offset_s, near) if look else NOT_LOOKED
+        found = NOT_LOOKED
+        if slip is None:
+            near = self._check.near(samples, sent, self._offset_s)
+            if near is not None or seen_before or self._vain % self._pause == 0:
+                found = self._check.verdict(samples, sent, self._offset_s, near)
+        if self._leakage is not None:
+            found = self._leakage.verdict(found, slip, sent, samples)
         shown = found[0] in ("verified", "contradicted")
         self._vain = 0 if shown else self._vain + 1
-        self.unverified_frames = 0 if found[0] == "verified" and sent else self.unverified_frames + 1
+        known = sent is not None or slip == 0.0
+        self.unverified_frames = 0 if found[0] == "verified" and known else self.unverified_frames + 1
         if shown and not seen_before:
             counted = self._index
             if not self._look_back(out):
@@ -345,7 +376,9 @@ class FrameSegmenter:
         sent = self._sent(index)
         expected = "within the altitude span" if sent is None else f"at {sent[0]:g} m"
         seen_m = seen / self.waveform.rate_hz / float(altitude_to_delay_s(1.0))
-        self.lock_loss = f"sweep {index} was expected {expected} and seen near {round(seen_m, -1):.0f} m"
+        self.lock_loss = (
+            f"sweep {index} was expected {expected} and seen near {round(seen_m, -1) + 0.0:.0f} m"
+        )
 
     def _lose_lock(self, frames: int) -> None:
         self.counters["lock_losses"] += 1
@@ -364,9 +397,14 @@ class FrameSegmenter:
             return None
         return self.programme.at(index) if self.point_target or not self.programme.is_trial(index) else None
 
+    def _expected(self, index: int) -> tuple[float, float] | None:
+        """`_sent`, with timing taken on the leakage: the installation lies between it and the altitude."""
+        sent = self._sent(index)
+        return sent if sent is None or self._leakage is None else (sent[0] + self._installation_m, sent[1])
+
     def _sent_delays(self, index: int) -> np.ndarray:
         """(q,) delays in samples of this frame and the following ones; 0 where the altitude is not known."""
-        sent = [self._sent(index + q) or (0.0, 0.0) for q in range(MOST_LOST_FRAMES + 1)]
+        sent = [self._expected(index + q) or (0.0, 0.0) for q in range(MOST_LOST_FRAMES + 1)]
         return altitude_to_delay_s(np.array([altitude for altitude, _ in sent])) * self.waveform.rate_hz
 
     def _slipped(self, index: int, seen: float, tolerance: float) -> bool:
@@ -390,7 +428,7 @@ class FrameSegmenter:
 
     def _look(self, frame: Frame, *, near: bool = True) -> tuple[str, float, float]:
         """`SweepCheck.verdict` of a frame under the index that it has now; matched filters only if ``near``."""
-        sent = self._sent(frame.index)
+        sent = self._expected(frame.index)
         found = self._check.near(frame.samples, sent, self._offset_s) if near else None
         return self._check.verdict(frame.samples, sent, self._offset_s, found)
 
@@ -414,7 +452,7 @@ class FrameSegmenter:
             return True
         if self._filled < (count + 1) * self._n:
             return False
-        found = self._finder.locate(self._waiting(0, (count + 1) * self._n))
+        found = self._locate(0, (count + 1) * self._n)
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
@@ -427,7 +465,10 @@ class FrameSegmenter:
 
     def _confirm_index(self) -> bool:
         """Walk to the end of the section, where the altitude steps away from zero: that names the frame index."""
-        peak, significance, _ = self._finder.correlate(self._waiting(0, self._n))
+        waiting = self._waiting(0, self._n)
+        if self._leakage is not None:
+            waiting = self._leakage.canceller.subtract(waiting[None], self._index)[0]
+        peak, significance, _ = self._finder.correlate(waiting)
         delay = peak if peak < self._n // 2 else peak - self._n
         after = (
             float(altitude_to_delay_s(self.programme.altitude_m(self._section_end))) * self.waveform.rate_hz

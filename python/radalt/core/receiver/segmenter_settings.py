@@ -24,12 +24,17 @@ class SegmenterSettings:
         while the timing is in doubt.
     monitor : bool
         Check every frame (default). Without it only tagged discontinuities are noticed.
+    leakage_calibration : str
+        Stored leakage of the installation, subtracted from every frame: a file, or a shipped one's name
+        (docs/leakage.md). ``uncalibrated`` fits it to every frame instead, for altitudes from 100 m on. Empty: the
+        receiver knows of none. Only with true delays.
     """
 
     acquisition_frames: int = 4
     lock_threshold: float = 25.0
     confirm_frames: int = 2
     monitor: bool = True
+    leakage_calibration: str = ""
 
     def __post_init__(self) -> None:
         if not 1 <= self.acquisition_frames <= 4:

@@ -72,6 +72,15 @@ class SweepFinder:
         whole = round(total)
         return whole, total - whole
 
+    def delay_samples(self, frame: np.ndarray) -> float | None:
+        """Delay in samples at which `locate` sees the strongest line of one frame (N,), near zero; None without any."""
+        found = self._fine.process(frame[None])[0]
+        return (
+            float(altitude_to_delay_s(found["altitude_m"])) * self._waveform.rate_hz
+            if found["valid"]
+            else None
+        )
+
     def correlate(self, frame: np.ndarray, sent: float = 0.0) -> tuple[int, float, float]:
         """Circular correlation of one frame with the sweep, halves added in power.
 
@@ -120,7 +129,7 @@ class SweepFinder:
         x, n = samples, self._n
         # whole samples apart, the expected frames are one frame moved, and what moves out at an end (two samples of
         # thousands) is left out. SciPy's BLAS: NumPy's takes newer processors for an old one (docs/real-time.md)
-        expected = self._expected_frame(*sent, offset_s)
+        expected = self.expected_frame(*sent, offset_s)
         response = [
             abs(blas.cdotc(expected, x, n=n - abs(shift), offx=max(0, -shift), offy=max(0, shift)))
             for shift in range(-2, 3)
@@ -142,7 +151,7 @@ class SweepFinder:
         fraction = (beside - best) * response[beside] / (response[beside] + response[best])
         return best - 2 + (fraction if abs(fraction) > _FRACTION else 0.0), strength
 
-    def _expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
+    def expected_frame(self, altitude_m: float, rate_m_per_s: float, offset_s: float) -> np.ndarray:
         """(N,) complex64 frame of an altitude and a range rate, delayed by timing's fraction, of unit energy."""
         key = altitude_m, rate_m_per_s, offset_s
         if key not in self._expected:

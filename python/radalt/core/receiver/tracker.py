@@ -20,6 +20,7 @@ from .deleter import Deleter
 from .gate import Gate
 from .initiator import Initiator
 from .integrator import Integrator
+from .leakage import REACH_M
 from .repeated_frames import RepeatedFrames
 from .scan import Scan
 from .summed_block import Block, Measurement
@@ -91,13 +92,18 @@ class AltitudeTracker:
             doppler=settings.doppler is not False,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
+        lowest_start_m = (
+            REACH_M
+            if settings.leakage_m is None and self.integrator.doppler
+            else settings.leakage_m or -np.inf
+        )
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         self._updater = Updater(gate, self._integrity)
         self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
-        self._initiator = Initiator(gate, self._updater, self._deleter, settings)
+        self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)

@@ -62,7 +62,7 @@ class TrackerSettings:
         Whether a range rate shows as Doppler. That of a synthetic altitude does not. None takes what a scene plays
         (`Scene.tracker_settings`), else true.
     max_vertical_speed_m_per_s : float
-        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's own limit holds where it is lower.
+        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's holds where that names a lower one.
     acceleration_m_per_s2 : float
         Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output).
     search_pfa, gate_pfa : float
@@ -81,6 +81,11 @@ class TrackerSettings:
         In decibels: a second return farther up leaves the altitude undecided, unless it is weaker by more than this.
     nearer_rival_db : float
         The same for a nearer return than the track's: the ground is the nearest thing there is.
+    leakage_m : float or None
+        Altitude in metres below which no track starts, 0..1000: there stand the transmitter's own leakage and the
+        landing gear (docs/leakage.md). A track that comes from above goes on. None is 15 m where range rates show as
+        Doppler, and 0 with a beat shift, which moves the leakage. A scene sets 0, unless it plays leakage without a
+        calibration.
     """
 
     output_s: float = 0.04
@@ -96,6 +101,7 @@ class TrackerSettings:
     memory_outputs: float = 10.0
     rival_db: float = 6.0
     nearer_rival_db: float = 10.0
+    leakage_m: float | None = None
 
     def __post_init__(self) -> None:
         limits = {
@@ -111,8 +117,11 @@ class TrackerSettings:
             "memory_outputs": (1.0, 1000.0),
             "rival_db": (0.0, 40.0),
             "nearer_rival_db": (0.0, 40.0),
+            "leakage_m": (0.0, 1000.0),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)
+            if value is None and name == "leakage_m":
+                continue
             if not low <= value <= high:  # a NaN is not within, either
                 raise ValueError(f"tracker.{name} is {value!r}; it has to be within {low:g}..{high:g}")

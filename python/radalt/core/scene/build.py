@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..channel.simulated import SimulatedChannel, TerrainPlayer
 from ..interference.stream import JammerStream
 from ..programme import SentAltitudes
+from ..receiver.leakage import leakage_canceller
 from ..receiver.segmenter import FrameSegmenter
 from ..sweeps import SentSweeps
 from .scene import Scene
@@ -58,5 +59,6 @@ def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegment
         max_altitude_m=top_m,
         true_delay=scene.altitude.mode == "true_delay",
         point_target=scene.return_model == "point",
+        leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),
         noise=scene.has_noise,
     )

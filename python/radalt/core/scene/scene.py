@@ -11,6 +11,7 @@ from ..channel.simulated import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import shown
 from ..receiver.altimeter import AltimeterSettings
+from ..receiver.leakage import FITTED_ABOVE_M, UNCALIBRATED
 from ..receiver.segmenter import SegmenterSettings
 from ..receiver.tracker_settings import TrackerSettings
 from ..returns.landing import LandingSpec
@@ -65,6 +66,7 @@ class Scene:
         if not 0 <= self.seed < 2**63:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
         self._check_methods()
+        self._check_leakage()
         top = self.altimeter_settings.max_altitude_m
         assert top is not None  # resolved
         highest = max(self.altitude.programme_m, default=0.0)
@@ -86,6 +88,26 @@ class Scene:
             raise ValueError(
                 f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m {top:g}; raise that limit "
                 "or lower the altitude"
+            )
+
+    def _check_leakage(self) -> None:
+        """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""
+        stated = {
+            "channel.leakage_db": self.channel.leakage_db is not None,
+            "segmenter.leakage_calibration": bool(self.segmenter.leakage_calibration),
+        }
+        plays = self.altitude.mode == "true_delay" and self.return_model == "point"
+        wrong = next((key for key, given in stated.items() if given), None)
+        if wrong and not plays:
+            raise ValueError(
+                f"{wrong} needs altitude.mode: true_delay and return: point; a beat shift moves the leakage with the "
+                "return, and the line at 0 m is then the return of the preamble"
+            )
+        least = FITTED_ABOVE_M
+        if self.segmenter.leakage_calibration == UNCALIBRATED and self.altimeter.min_altitude_m < least:
+            raise ValueError(
+                f"segmenter.leakage_calibration: {UNCALIBRATED} needs altimeter.min_altitude_m of {least:g} or more "
+                f"(it is {self.altimeter.min_altitude_m:g}): without a calibration nothing is known below"
             )
 
     def _check_methods(self) -> None:
@@ -140,11 +162,20 @@ class Scene:
 
     @property
     def tracker_settings(self) -> TrackerSettings:
-        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none."""
-        if self.tracker.doppler is not None:
-            return self.tracker
+        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none.
+
+        A track may start at any altitude, unless the scene plays leakage that the receiver does not know.
+        """
         plays = self.altitude.mode == "true_delay" or self.return_model == "terrain"
-        return dataclasses.replace(self.tracker, doppler=plays)
+        given = {name: getattr(self.tracker, name) for name in ("doppler", "leakage_m")}
+        known = self.channel.leakage_db is None or self.segmenter.leakage_calibration not in (
+            "",
+            UNCALIBRATED,
+        )
+        taken = {"doppler": plays, "leakage_m": 0.0 if known else None}
+        return dataclasses.replace(
+            self.tracker, **{name: taken[name] for name, value in given.items() if value is None}
+        )
 
     @property
     def has_noise(self) -> bool:

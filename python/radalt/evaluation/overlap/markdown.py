@@ -68,7 +68,14 @@ def every_row(rows: Sequence[dict[str, Any]]) -> str:
         "Pd (95 % interval)",
         "wrong",
     ]
-    header += ["its bound", "RMSE detected / m", "RMSE forced / m", "bias / m", "ms per frame"]
+    header += [
+        "its bound",
+        "RMSE detected / m",
+        "RMSE forced / m",
+        "bias / m",
+        "peak to sidelobe / dB",
+        "ms per frame",
+    ]
     lines = [
         [
             *(r["method"], r["interference"]),
@@ -78,7 +85,8 @@ def every_row(rows: Sequence[dict[str, Any]]) -> str:
             r["detections"] - r["correct"],
             number(r["wrong_bound"], 4),
             *(metres(r[name]) for name in ("rmse_detected_m", "rmse_forced_m", "bias_m")),
-            number(r["ms_per_frame_median"], 3),
+            number(r["peak_to_sidelobe_db"], 1),
+            number(r.get("ms_per_frame_median"), 3),
         ]
         for r in rows
     ]

@@ -13,6 +13,7 @@ import yaml
 from ...core.receiver.cramer_rao import altitude_crb_m
 from ...core.scene import Scene
 from ..engine.study import Run
+from ..flowgraph import FlowgraphError
 from ..results.break_point import break_point, protection_gain
 from ..results.folder import RunFolder
 from ..results.page import write_page
@@ -55,12 +56,21 @@ def write_report(
     tracked : sequence of dict
         Rows of the tracker's outputs; none where nothing was tracked.
     """
+    if not any(row["trials"] for row in rows):
+        raise FlowgraphError(
+            f"no frame: timing not acquired, or lost before the trials ({max(r['lock_losses'] for r in rows)} times at "
+            "most in a point); is the sweep received at altitude zero, and nothing stronger (leakage: docs/leakage.md)?"
+        )
     text = "# the scene as used, with all defaults and what the command line changed\n"
     text += yaml.safe_dump(folder.head["scene"], sort_keys=False)
     folder.write_text("scene.yaml", text)
+    altitudes = [row for row in altitudes if row["trials"]]
     report = build_report(folder.head, study, with_intervals(rows, altitudes), ceiling, run)
     report["tracked"] = list(tracked)
-    figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
+    measured = [row for row in report["rows"] if row["trials"]]  # a point without a frame has no Pd
+    figures = _draw(report | {"rows": measured}, folder.path) + _draw_altitudes(
+        report["title"], altitudes, folder.path
+    )
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures, altitudes)
     page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
@@ -69,14 +79,15 @@ def write_report(
 
 
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
-    """Draw against overlap, and against SIR where there are at least three; returns (file, caption)."""
+    """Draw against overlap, against SIR where there are at least three; returns (file, caption).
+
+    No axis has a single value where the other has several, and what was swept comes first.
+    """
     rows, title = report["rows"], report["title"]
-    ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none"), default=None)
+    ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
-    for against, name in (("overlap", "overlap"), ("sir_db", "sir")):
-        if against == "sir_db" and not report["break_points"]:
-            continue
+    for against, name in _axes(rows, bool(report["break_points"])):
         figures += [
             (f"pd_vs_{name}.png", f"Probability of correct altitude against {_NAMES[against]}"),
             (
@@ -92,6 +103,17 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
         draw_error(rows, path / figures[-2][0], title=title, bounds_m=bounds, against=against)
         draw_wrong(rows, path / figures[-1][0], title=title, against=against)
     return figures
+
+
+def _axes(rows: Sequence[dict[str, Any]], broken: bool) -> list[tuple[str, str]]:
+    """(column, word in file names) of the axes to draw against."""
+    overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0}
+    by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
+    if len(overlaps) < 2 and len(sirs) > 1:
+        return [by_sir]
+    if len(overlaps - {0.0}) < 2 and broken:
+        return [by_sir, by_overlap] if len(overlaps) > 1 else [by_sir]
+    return [by_overlap, by_sir] if broken else [by_overlap]
 
 
 def _draw_altitudes(title: str, altitudes: Sequence[dict[str, Any]], path: Path) -> list[tuple[str, str]]:

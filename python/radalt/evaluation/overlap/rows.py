@@ -22,6 +22,7 @@ COLUMNS = Columns(
         *("pd", "pd_low", "pd_high", "rmse_detected_m", "rmse_forced_m", "bias_m", "forced", "frames_lost"),
         *("diverged_frames", "discontinuities", "lock_losses", "seed"),
         *("ms_per_frame_median", "ms_per_frame_p99", "real_time_factor", "wrong_far", "wrong_bound"),
+        "peak_to_sidelobe_db",
     ),
     text=frozenset({"source", "method", "interference"}),
     whole=frozenset(

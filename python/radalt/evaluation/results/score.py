@@ -4,6 +4,9 @@ A *trial* is a frame that was asked for an altitude. It is *detected* if the alt
 lies within 5 m of the truth, *wrong and valid* if it was declared and does not. A trial without detection counts
 against Pd, never against the error of detections. The error of the forced decision is over all frames that have one; a
 frame that held nothing (silent, not finite, diverged) has none, and ``forced`` says how many did.
+
+*Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell beside it, in decibels, the mean
+over forced decisions. It is 0 dB where the peak is not the return: 20 m off or more, the return is the lower of the two.
 """
 
 from __future__ import annotations
@@ -59,6 +62,8 @@ class Score:
         Sums over detections of the squared error and of the signed error (measured minus true).
     squared_forced_m2 : float
         Sum over forced decisions of the squared error.
+    peak_to_sidelobe_sum_db : float
+        Sum over forced decisions of the peak-to-sidelobe ratio.
     """
 
     trials: int = 0
@@ -70,6 +75,7 @@ class Score:
     squared_detected_m2: float = 0.0
     error_detected_m: float = 0.0
     squared_forced_m2: float = 0.0
+    peak_to_sidelobe_sum_db: float = 0.0
 
     def __add__(self, other: Score) -> Score:
         return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -109,6 +115,11 @@ class Score:
         """Mean signed error over detections; NaN without any."""
         return _ratio(self.error_detected_m, self.detections)
 
+    @property
+    def peak_to_sidelobe_db(self) -> float:
+        """Mean peak-to-sidelobe ratio over forced decisions, see the module; NaN without any."""
+        return _ratio(self.peak_to_sidelobe_sum_db, self.forced)
+
     def row(self) -> dict[str, Any]:
         """The columns that every study's rows share, `SCORE_COLUMNS`."""
         low, high = self.interval
@@ -126,6 +137,7 @@ class Score:
             "frames_lost": self.lost,
             "wrong_far": self.far,
             "wrong_bound": self.wrong_bound,
+            "peak_to_sidelobe_db": self.peak_to_sidelobe_db,
         }
 
 
@@ -149,7 +161,9 @@ def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> 
     valid = results["valid"]
     error = (results["altitude_m"] - truth_m)[valid]
     forced = results["forced_altitude_m"] - truth_m
-    forced = forced[np.isfinite(forced)]
+    decided = np.isfinite(forced)
+    forced = forced[decided]
+    sidelobe_db = results["peak_to_sidelobe_db"][decided]
     size = np.abs(error)
     return Score(
         trials=len(results),
@@ -161,6 +175,7 @@ def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> 
         squared_detected_m2=float(error @ error),
         error_detected_m=float(error.sum()),
         squared_forced_m2=float(forced @ forced),
+        peak_to_sidelobe_sum_db=float(sidelobe_db[np.abs(forced) < FAR_LIMIT_M].sum()),
     )
 
 
@@ -202,6 +217,8 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
     def counted(name: str) -> int:
         return sum(row[name] for row in rows)
 
+    # rows written before there was this column make their pool have none
+    stated = all(row.get("peak_to_sidelobe_db") is not None for row in rows if row["forced"])
     return Score(
         trials=counted("trials"),
         detections=counted("detections"),
@@ -212,4 +229,5 @@ def pool(rows: Sequence[dict[str, Any]]) -> Score:
         squared_detected_m2=total("detections", "rmse_detected_m", 2),
         error_detected_m=total("detections", "bias_m", 1),
         squared_forced_m2=total("forced", "rmse_forced_m", 2),
+        peak_to_sidelobe_sum_db=total("forced", "peak_to_sidelobe_db", 1) if stated else float("nan"),
     )

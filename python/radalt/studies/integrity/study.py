@@ -39,7 +39,8 @@ __all__ = [
     "replay_lines",
 ]
 
-TRACKER = TrackerSettings(doppler=True)
+# its flights have no leakage, so a track may start anywhere
+TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
 # milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
 _SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
 _BASE_S = 8e-4

@@ -22,6 +22,7 @@ from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 
 __all__ = [
+    "MEASURED",
     "TABLES",
     "LandingPoint",
     "Truth",
@@ -40,7 +41,7 @@ __all__ = [
 ]
 
 RESAMPLES = 400
-_MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s")
+MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_to_sidelobe_db")
 _LEVELS = ("sinr_db", "sir_db", "snr_db")
 _ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")
 _INTERVALS = tuple(f"rmse_{over}_{end}_m" for over in ("detected", "forced") for end in ("low", "high"))
@@ -58,7 +59,7 @@ _STATISTICS = (*_LEVELS, *SCORE_COLUMNS, *_INTERVALS, *_ACCURACY, "diverged_fram
 TABLES = {
     "approach": _columns(
         *("method", "overlap", *_LEVELS, "time_s", "height_m", "nearest_m", "climb_m_per_s"),
-        *("valid", "reason", *_MEASURED),
+        *("valid", "reason", *MEASURED),
     ),
     "curve": _columns("method", "overlap", "asked_sinr_db", *_STATISTICS),
     "assumptions": _columns("assumption", "method", "overlap", *_STATISTICS),
@@ -325,7 +326,7 @@ def _approach_rows(config: LandingConfig, point: LandingPoint, batch: int) -> li
         known = {name: getattr(truth, name) for name in _TRUE} | {"sir_db": sir, "sinr_db": sinr}
         for method in methods:
             results, _ = altitudes(config, frames, method)
-            found = known | {name: results[name] for name in ("valid", "reason", *_MEASURED)}
+            found = known | {name: results[name] for name in ("valid", "reason", *MEASURED)}
             rows += [
                 {"method": method, "overlap": overlap} | {name: v[k] for name, v in found.items()}
                 for k in range(len(results))

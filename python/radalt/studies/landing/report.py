@@ -21,7 +21,7 @@ from ...evaluation.results.table import DASH, interval, metres, number, signed_m
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 from .figures import condition, curve_of, draw_figures
-from .points import accuracy
+from .points import MEASURED, accuracy
 
 __all__ = ["approach_table", "break_points", "comparison", "doppler", "sensitivity", "write_report"]
 
@@ -57,7 +57,7 @@ def _band(rows: Sequence[Row]) -> Row:
         return np.array([np.nan if r[name] is None else r[name] for r in rows], dtype=float)
 
     results = np.zeros(len(rows), RESULT_DTYPE)
-    for name in ("valid", "reason", "altitude_m", "forced_altitude_m", "vertical_speed_m_per_s"):
+    for name in ("valid", "reason", *MEASURED):
         results[name] = column(name)
     height, climb = column("height_m"), column("climb_m_per_s")
     speed = (results["vertical_speed_m_per_s"] - climb)[results["valid"]]

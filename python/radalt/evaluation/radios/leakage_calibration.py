@@ -1,0 +1,73 @@
+"""Leakage calibration of a scene's simulated installation, by the steps that a real one takes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ...core.channel.simulated import DropSettings, SimulatedChannel
+from ...core.programme import Programme
+from ...core.receiver.altimeter import Altimeter
+from ...core.receiver.frame import Frame
+from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
+from ...core.receiver.segmenter import FrameSegmenter
+from ...core.scene import Scene, SceneError
+
+__all__ = ["calibrate_leakage"]
+
+_KNOWN_M = 300.0  # altitude at which the installation delay is measured: beyond the leakage's side lobes
+_SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60
+
+
+def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
+    """Leakage with nothing else in view, then the installation delay at a known altitude.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``channel.leakage_db``; its noise and seed count, its interference and lost samples do not.
+    frames : int
+        In which the leakage is averaged, 20 or more.
+
+    Raises
+    ------
+    SceneError
+        If the scene plays no leakage, or its sweep is not found.
+    """
+    if scene.channel.leakage_db is None:
+        raise SceneError("calibrate_leakage: the scene plays no leakage; set channel.leakage_db")
+    programme = Programme((min(_KNOWN_M, scene.altimeter_settings.max_altitude_m),), _KNOWN_FRAMES)
+    alone = dataclasses.replace(programme, preamble_frames=frames + 2 * _SETTLE_FRAMES)
+    played = [f for f in _play(scene, alone, None) if not alone.is_trial(f.index)]
+    played = played[_SETTLE_FRAMES : _SETTLE_FRAMES + frames]
+    if len(played) < frames:
+        raise SceneError("calibrate_leakage: the leakage is not found; raise channel.leakage_db or snr_db")
+    found = LeakageCalibration.measured(
+        scene.waveform,
+        np.stack([f.samples for f in played]),
+        timing_offset_s=played[0].offset_s,
+        frame_index=np.array([f.index for f in played]),
+    )
+    known = [f for f in _play(scene, programme, LeakageCanceller(found)) if programme.is_trial(f.index)]
+    results = Altimeter(scene.waveform, scene.altimeter_settings).process(
+        np.stack([f.samples for f in known]), timing_offset_s=np.array([f.offset_s for f in known])
+    )
+    return found.with_installation(results["altitude_m"], programme.altitudes_m[0])
+
+
+def _play(scene: Scene, programme: Programme, leakage: LeakageCanceller | None) -> list[Frame]:
+    """Frames of a programme through the scene's channel."""
+    w, channel = scene.waveform, dataclasses.replace(scene.channel, drops=DropSettings())
+    # the ground of the trials would end a lock on an unknown leakage
+    settings = dataclasses.replace(scene.segmenter, monitor=False)
+    source = SimulatedChannel(
+        w, channel, seed=scene.seed, true_delay=programme, frames=programme.total_frames
+    )
+    segmenter = FrameSegmenter(w, programme, settings, true_delay=True, leakage=leakage)
+    out: list[Frame] = []
+    for index in range(programme.total_frames):
+        sweep = (w.reference * w.frame_rotation(index)).astype(np.complex64)
+        for _, samples in source.process(sweep):
+            out += segmenter.push(samples)
+    return out

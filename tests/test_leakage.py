@@ -1,0 +1,488 @@
+"""The transmitter's own leakage: subtracted as calibrated, timing held on it, never taken for the ground."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.parsing import InputError
+from radalt.core.programme import Programme
+from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
+from radalt.core.receiver.leakage import (
+    FITTED_ABOVE_M,
+    LEARN_ABOVE_M,
+    NEAREST_M,
+    REACH_M,
+    LeakageCalibration,
+    LeakageCanceller,
+    ground_is_apart,
+    leakage_canceller,
+    load_leakage,
+    store_leakage,
+)
+from radalt.core.receiver.segmenter import FrameSegmenter
+from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
+from radalt.core.returns.point import point_return
+from radalt.core.scene import SceneError, load_scene, parse_scene
+from radalt.core.waveform import Waveform, altitude_to_delay_s, exp_cycles
+from radalt.evaluation.flowgraph import FlowgraphError
+from radalt.evaluation.overlap.report import write_report
+from radalt.evaluation.radios.leakage_calibration import calibrate_leakage
+
+W = Waveform()
+N = W.samples_per_frame
+NOTHING = LeakageCalibration(W, np.zeros((2, 6), dtype=complex))
+
+
+def noise(rng, frames: int, snr_db: float, w: Waveform = W) -> np.ndarray:
+    shape = (frames, w.samples_per_frame, 2)
+    white = rng.standard_normal(shape, dtype=np.float32).view(np.complex64)[..., 0]
+    return white * np.float32(np.sqrt(0.5) * 10.0 ** (-snr_db / 20.0))
+
+
+def line(level_db: float, distance_m: float, w: Waveform = W) -> np.ndarray:
+    return (10.0 ** (level_db / 20.0) * point_return(w, distance_m)).astype(np.complex64)
+
+
+def power_db(x: np.ndarray) -> float:
+    return float(10.0 * np.log10(np.mean(np.abs(x) ** 2)))
+
+
+def calibrated(leakage: np.ndarray, snr_db: float = 10.0, frames: int = 400) -> LeakageCanceller:
+    rng = np.random.default_rng(9)
+    parts = [
+        LeakageCalibration.measured(W, leakage + noise(rng, 40, snr_db)).coefficients
+        for _ in range(frames // 40)
+    ]
+    return LeakageCanceller(LeakageCalibration(W, np.mean(parts, axis=0)))
+
+
+# -- the shapes -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset_samples", [0.0, 0.37])
+def test_six_shapes_per_half_sweep_hold_every_delay_within_reach(offset_samples):
+    canceller = LeakageCanceller.uncalibrated(W)
+    offset_s = offset_samples / W.rate_hz
+    canceller.align(offset_s)
+    delays = offset_s + altitude_to_delay_s(np.linspace(NEAREST_M, REACH_M, 19))
+    frames = exp_cycles(W.phase_cycles(W.sample_times_s - delays[:, None]))
+    assert max(power_db(x) for x in canceller.subtract(frames)) < -70.0
+
+
+@pytest.mark.parametrize("speed", [0.0, -20.0])
+def test_frames_are_right_beside_40_db_of_leakage_and_20_db_of_landing_gear(speed):
+    rng = np.random.default_rng(1)
+    leakage = line(40.0, 1.0) + line(20.0, 4.5)
+    altitude_m = np.repeat([10.0, 30.0, 100.0, 300.0, 1000.0], 8)
+    ground = point_return(
+        W, altitude_m, vertical_speed_m_per_s=np.full(40, speed), phase_cycles=rng.random(40)
+    )
+    received = ground + leakage + noise(rng, 40, -10.0)
+    altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0))
+
+    def right(frames):
+        return int(np.sum(np.abs(altimeter.process(frames)["altitude_m"] - altitude_m) < 5.0))
+
+    assert right(received) <= 8  # of 10 m, some of the leakage's own line
+    assert right(calibrated(leakage, -10.0).subtract(received)) == 40
+
+
+def test_the_ground_within_reach_of_the_leakage_keeps_what_it_has():
+    canceller = calibrated(line(40.0, 1.0), snr_db=60.0, frames=40)
+    ground = point_return(W, 4.5)
+    rest = canceller.subtract((line(40.0, 1.0) + ground)[None])[0]
+    inside = np.flatnonzero(rest)
+    assert inside.size > 0.96 * N
+    assert power_db(rest[inside] - ground[inside]) < -20.0
+
+
+def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
+    w = Waveform(bandwidth_hz=7.3001e6, centered=False)  # B T_h is 3650.05 cycles
+    assert w.cycles_per_frame == pytest.approx(0.05, abs=1e-6)
+    index = np.arange(24)
+    frames = 100.0 * point_return(w, np.full(24, 1.0), frame_index=index)
+    found = LeakageCalibration.measured(w, frames, frame_index=index)
+    assert power_db(LeakageCanceller(found).subtract(frames, index)) < 40.0 - 70.0
+    segmenter = FrameSegmenter(w, None, true_delay=True, leakage=LeakageCanceller(found))
+    rest = [f.samples for f in segmenter.push(frames.reshape(-1).astype(np.complex64))]
+    assert len(rest) >= 20 and max(power_db(x) for x in rest) < -20.0
+
+
+# -- learning ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("normal", "altitude_m", "level_m", "speed", "may"),
+    [
+        (True, 64.0, 3.0, -5.0, True),
+        (True, 62.0, 3.0, -5.0, False),  # perhaps no more than 59 m
+        (True, 80.0, 3.0, 0.0, False),
+        (True, 104.0, 3.0, 0.0, True),
+        (False, 200.0, 3.0, -5.0, False),
+        (True, 3.0, 2.0, -5.0, False),
+        (False, np.nan, np.nan, np.nan, False),
+    ],
+)
+def test_leakage_is_learned_only_where_a_track_holds_the_ground_above_60_m(
+    normal, altitude_m, level_m, speed, may
+):
+    assert (LEARN_ABOVE_M, FITTED_ABOVE_M) == (60.0, 100.0)
+    assert ground_is_apart(normal, altitude_m, level_m, speed) is may
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "speed", "least_db", "most_db"),
+    [(40.0, 0.0, -14.0, -12.0), (60.0, 0.0, -1.6, -1.3), (100.0, 0.0, -0.7, -0.3), (60.0, 2.0, -0.01, 0.01)],
+)
+def test_a_hovering_ground_is_learned_and_a_moving_one_is_not(altitude_m, speed, least_db, most_db):
+    """Why 60 m, and why the ground has to move there: what stands still is known apart by its delay alone."""
+    canceller = LeakageCanceller(NOTHING)
+    ground = point_return(W, altitude_m)
+    canceller.remember(ground, 0)
+    found, power = canceller._waiting.pop(0)
+    for first in range(0, 4000, 400):
+        for index in range(first, first + 400):
+            phase = 2.0 * speed * index * W.sweep_s * W.carrier_hz / 299792458.0
+            canceller._waiting[index] = found * np.exp(-2j * np.pi * phase), power
+        canceller.learn(first, first + 399)
+    rest = canceller.subtract(ground[None])[0]
+    assert least_db < power_db(rest[rest != 0]) < most_db
+
+
+def test_what_a_fit_leaves_of_a_ground_stands_elsewhere_and_not_from_100_m_on():
+    altitude_m = np.array([60.0, 80.0, 100.0, 150.0])
+    frames = LeakageCanceller.uncalibrated(W).subtract(point_return(W, altitude_m))
+    error = np.abs(shared_altimeter(W, AltimeterSettings()).process(frames)["altitude_m"] - altitude_m)
+    np.testing.assert_allclose(error, [3.7, 1.0, 0.2, 0.2], atol=0.3)
+
+
+def test_block_learns_from_a_trackers_outputs_and_not_at_power_up_near_the_ground():
+    pmt = pytest.importorskip("pmt")
+    from radalt.blocks.frame_segmenter import frame_segmenter
+
+    block = frame_segmenter(SCENE)
+    canceller = block.segmenter._leakage.canceller
+
+    def say(last, altitude_m, status="normal"):
+        fields = {"frame_index": last, "status": status, "altitude_m": altitude_m}
+        fields |= {"protection_level_m": 2.5, "vertical_speed_m_per_s": -5.0}
+        block._on_tracked(pmt.to_pmt(fields))
+
+    assert not canceller.following  # nothing is remembered for a tracker that is not there
+    say(39, 3.0)
+    for index in range(40, 200):
+        canceller.clean(canceller.background, index)
+    say(79, 3.0)
+    say(119, float("nan"), "no_computed_data")
+    assert canceller.learned_frames == 0
+    say(159, 150.0)
+    assert canceller.learned_frames == 40 and min(canceller._waiting) == 160
+
+
+def test_a_slow_change_is_followed_and_frames_of_other_blocks_are_not_learned():
+    leakage = line(30.0, 1.0)
+    canceller = calibrated(leakage, 60.0, 40)
+    canceller.following = True
+    turned = leakage * np.complex64(np.exp(0.1j))
+    for index in range(80):
+        canceller.clean(turned, index)
+    canceller.forget(39)
+    canceller.learn(40, 59)
+    assert canceller.learned_frames == 20
+    before = power_db(turned - leakage)
+    for block in range(40):
+        for index in range(80 + 40 * block, 120 + 40 * block):
+            canceller.clean(turned, index)
+        canceller.learn(80 + 40 * block, 119 + 40 * block)
+    rest = canceller.subtract(turned[None])[0]
+    assert power_db(rest[rest != 0]) < before - 30.0
+
+
+def test_what_was_learned_is_subtracted_from_a_stated_frame_on():
+    canceller = calibrated(line(0.0, 1.0), 60.0, 40)
+    canceller.following = True
+    other = line(0.0, 4.5)
+    for index in range(40):
+        canceller.clean(other, index)
+    canceller.learn(0, 39, due=100)
+    at = {index: canceller.clean(other, index) for index in (99, 100, 101)}
+    assert not np.array_equal(at[99], at[100])
+    np.testing.assert_array_equal(at[100], at[101])
+
+
+@pytest.mark.parametrize("amount_rad", [0.003, 0.054])
+def test_what_is_left_of_a_leakage_whose_phase_has_changed(amount_rad):
+    """0.003 rad is a phase walk of 0.003 rad per root second after a second, 0.054 rad a vibration by 0.3 mm."""
+    assert 4 * np.pi * 0.3e-3 * W.carrier_hz / 299792458.0 == pytest.approx(0.054, abs=0.0005)
+    canceller = calibrated(line(40.0, 1.0), 80.0, 40)
+    rest = canceller.subtract((line(40.0, 1.0) * np.complex64(np.exp(1j * amount_rad)))[None])[0]
+    expected_db = 40.0 + 20.0 * np.log10(amount_rad)
+    assert power_db(rest[rest != 0]) == pytest.approx(expected_db, abs=0.5)
+
+
+# -- timing -----------------------------------------------------------------------------------------------------------
+
+
+def run(
+    canceller: LeakageCanceller | None,
+    channel: ChannelSettings,
+    altitudes_m: tuple[float, ...],
+    seed: int,
+    lost: tuple[int, int] = (0, 0),
+    sizes: tuple[int, ...] = (N,),
+) -> tuple[np.ndarray, np.ndarray, FrameSegmenter]:
+    """(n,) altitudes and true ones of the trials; ``lost``: a block, and samples missing from it without a tag."""
+    programme = Programme(altitudes_m, 16)
+    source = SimulatedChannel(W, channel, seed=seed, true_delay=programme, frames=programme.total_frames + 3)
+    segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
+    stream = []
+    for block in range(programme.total_frames + 3):
+        for _, samples in source.process(W.reference):
+            stream.append(samples[lost[1] :] if block == lost[0] else samples)
+    stream, frames, at = np.concatenate(stream), [], 0
+    for k in range(10**6):
+        size = sizes[k % len(sizes)]
+        frames += segmenter.push(stream[at : at + size])
+        at += size
+        if at >= stream.size:
+            break
+    frames += segmenter.drain()
+    frames = [f for f in frames if programme.is_trial(f.index)]
+    if not frames:
+        return np.zeros(0), np.zeros(0), segmenter
+    altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0))
+    found = altimeter.process(
+        np.stack([f.samples for f in frames]), timing_offset_s=np.array([f.offset_s for f in frames])
+    )
+    return found["altitude_m"], programme.altitude_m(np.array([f.index for f in frames])), segmenter
+
+
+SCENE = load_scene("leakage")
+LEVELS = [(0.0, None), (10.0, None), (40.0, 20.0)]
+
+
+@pytest.fixture(scope="module")
+def cancellers():
+    """By level: made by the same steps as the shipped calibration, 100 frames each."""
+    out = {}
+    for level_db, gear_db in LEVELS:
+        channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
+        out[level_db] = calibrate_leakage(dataclasses.replace(SCENE, channel=channel, seed=77), 100)
+    return out
+
+
+@pytest.mark.parametrize(("level_db", "gear_db"), LEVELS)
+def test_frames_through_the_channel_are_right_from_3_m_to_1000_m(cancellers, level_db, gear_db):
+    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
+    found, truth, segmenter = run(
+        LeakageCanceller(cancellers[level_db]), channel, (1000.0, 100.0, 20.0, 3.0), 5
+    )
+    assert found.size == 64 and segmenter.timing_verified
+    assert np.max(np.abs(found - truth)) < 1.5  # NaN would fail as well
+
+
+@pytest.mark.parametrize("level_db", [-10.0, 0.0, 10.0])
+def test_no_altitude_near_the_ground_is_taken_for_a_loss(level_db):
+    """There the return merges with the leakage, and no sample separates them."""
+    rng = np.random.default_rng(7)
+    leakage, altitudes_m = line(level_db, 1.0), (2.0, 4.0, 5.0, 8.5, 13.0, 21.0, 33.0, 60.0)
+    canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(leakage, (20, 1))))
+    programme = Programme(altitudes_m, 3)
+    flown = [programme.altitude_m(k) for k in range(programme.total_frames)]
+    trial = programme.is_trial(np.arange(programme.total_frames))
+    frames = [
+        leakage + t * point_return(W, a) + noise(rng, 1, 10.0)[0] for a, t in zip(flown, trial, strict=True)
+    ]
+    segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
+    segmenter.push(np.concatenate([np.zeros(4 * N, np.complex64), *frames]).astype(np.complex64))
+    assert segmenter.counters["lock_losses"] == 0 and segmenter.counters["frames"] >= 28
+
+
+@pytest.mark.parametrize(("level_db", "gear_db"), LEVELS)
+@pytest.mark.parametrize("lost", [1, 7499, 2000])
+def test_lost_samples_end_the_lock_and_no_altitude_is_wrong(cancellers, level_db, gear_db, lost):
+    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=gear_db)
+    for altitude_m in (10.0, 300.0):
+        found, truth, segmenter = run(
+            LeakageCanceller(cancellers[level_db]), channel, (altitude_m,), 3, (15, lost)
+        )
+        assert segmenter.counters["lock_losses"] == 1
+        assert found.size >= 4 and not np.any(np.abs(found - truth) > 5.0)
+
+
+@pytest.mark.parametrize("level_db", [20.0, 40.0])
+def test_without_a_calibration_frames_above_100_m_come_through_and_losses_are_noticed(level_db):
+    channel = dataclasses.replace(SCENE.channel, leakage_db=level_db, gear_db=None)
+    fitted = LeakageCanceller.uncalibrated(W)
+    found, truth, segmenter = run(fitted, channel, (600.0, 150.0), 6)
+    assert found.size == 32 and segmenter.counters["lock_losses"] == 0
+    assert np.max(np.abs(found - truth)) < 2.0  # the leakage's path of 1 m among it
+    found, truth, segmenter = run(fitted, channel, (300.0,), 6, (15, 700))
+    assert segmenter.counters["lock_losses"] == 1 and not np.any(np.abs(found - truth) > 5.0)
+
+
+def test_a_return_is_no_leakage_to_take_timing_on():
+    canceller = LeakageCanceller(LeakageCalibration.measured(W, np.tile(line(0.0, 1.0), (20, 1))))
+    segmenter = FrameSegmenter(W, None, true_delay=True, leakage=canceller)
+    rng = np.random.default_rng(2)
+    ground = point_return(W, 150.0, phase_cycles=0.3) * 3.0
+    assert segmenter.push((ground + noise(rng, 12, 20.0)).reshape(-1)) == []
+    assert segmenter.counters["acquisitions"] == 0
+
+
+def test_ragged_chunks_give_the_frames_of_one_chunk(cancellers):
+    one = run(LeakageCanceller(cancellers[10.0]), SCENE.channel, (100.0,), 4, sizes=(10**7,))
+    ragged = run(LeakageCanceller(cancellers[10.0]), SCENE.channel, (100.0,), 4, sizes=(1, 9000, 777, 7499))
+    np.testing.assert_array_equal(one[0], ragged[0])
+
+
+def test_with_a_beat_shift_leakage_is_off_and_the_reason_is_said():
+    with pytest.raises(ValueError, match="a beat shift moves the leakage with the return"):
+        FrameSegmenter(W, Programme(), leakage=LeakageCanceller(NOTHING))
+    for section in ({"segmenter": {"leakage_calibration": "leakage"}}, {"channel": {"leakage_db": 10.0}}):
+        with pytest.raises(SceneError, match=r"needs altitude\.mode: true_delay"):
+            parse_scene(section)
+
+
+# -- without a calibration --------------------------------------------------------------------------------------------
+
+
+def tracked(
+    altitude_m: float,
+    leakage: np.ndarray,
+    settings: TrackerSettings,
+    canceller=None,
+    speed=-5.0,
+    blocks=8,
+    **span,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs of a descent beside leakage, and the true altitude at the end of each."""
+    rng = np.random.default_rng(1)
+    altimeter = shared_altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=20.0, **span))
+    tracker, out = AltitudeTracker(altimeter, settings), []
+    for block in range(blocks):
+        at = altitude_m + speed * 1e-3 * (np.arange(40) + 40 * block)
+        frames = (
+            point_return(W, at, vertical_speed_m_per_s=np.full(40, speed)) + leakage + noise(rng, 40, 10.0)
+        )
+        out.append(tracker.process(altimeter.spectra(canceller.subtract(frames) if canceller else frames)))
+    ends = altitude_m + speed * 1e-3 * (40 * np.arange(1, blocks + 1) - 0.5)
+    return np.concatenate(out), ends
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "level_db", "distance_m"),
+    [(300.0, 15.0, 1.0), (300.0, 25.0, 1.0), (60.0, 20.0, 1.0), (200.0, 10.0, 4.5), (30.0, 10.0, 4.5)],
+)
+def test_neither_leakage_nor_landing_gear_is_an_altitude(altitude_m, level_db, distance_m):
+    leakage = line(level_db, distance_m)
+    known = TrackerSettings(leakage_m=0.0)  # as if nothing stood there but ground
+    before, truth = tracked(altitude_m, leakage, known)
+    assert np.sum(np.abs(before["altitude_m"] - truth) > 5.0) >= 5
+    out, _ = tracked(altitude_m, leakage, TrackerSettings())
+    assert not np.any(out["status"] == Status.NORMAL)
+
+
+@pytest.mark.parametrize("level_db", [20.0, 40.0])
+def test_leakage_that_is_fitted_leaves_altitudes_above_100_m_and_none_below(level_db):
+    fitted = LeakageCanceller.uncalibrated(W)
+    for altitude_m, some in ((110.0, True), (80.0, False), (40.0, False)):
+        out, truth = tracked(
+            altitude_m, line(level_db, 1.0), TrackerSettings(), fitted, speed=-2.0, min_altitude_m=100.0
+        )
+        normal = out["status"] == Status.NORMAL
+        assert normal.sum() >= 4 if some else not normal.any()
+        assert not np.any(np.abs(out["altitude_m"] - truth)[normal] > 1.0)
+
+
+def test_a_track_from_above_goes_on_where_none_starts():
+    out, truth = tracked(17.0, np.zeros(N, np.complex64), TrackerSettings(), speed=-10.0, blocks=12)
+    normal = out["status"] == Status.NORMAL
+    assert truth[-1] < 13.0 and normal[-3:].all() and np.abs(out["altitude_m"] - truth)[-1] < 1.0
+    started, _ = tracked(12.0, np.zeros(N, np.complex64), TrackerSettings(), speed=0.0)
+    assert not np.any(started["status"] == Status.NORMAL)
+
+
+def test_a_scene_says_where_a_track_may_start():
+    leaks = {"altitude": {"mode": "true_delay"}, "channel": {"leakage_db": 20.0}}
+    assert parse_scene({}).tracker_settings.leakage_m == 0.0
+    assert parse_scene(leaks).tracker_settings.leakage_m is None
+    assert SCENE.tracker_settings.leakage_m == 0.0
+    assert parse_scene(leaks | {"tracker": {"leakage_m": 20.0}}).tracker_settings.leakage_m == 20.0
+    with pytest.raises(SceneError, match=r"needs altimeter\.min_altitude_m of 100"):
+        parse_scene(leaks | {"segmenter": {"leakage_calibration": "uncalibrated"}})
+
+
+# -- calibrations -----------------------------------------------------------------------------------------------------
+
+
+def test_the_shipped_calibration_is_what_its_command_measures():
+    shipped = load_leakage("leakage", W)
+    again = calibrate_leakage(dataclasses.replace(SCENE, seed=SCENE.seed), 60)
+    apart = np.sum(np.abs(again.coefficients - shipped.coefficients) ** 2)
+    assert apart < 1e-4 * np.sum(np.abs(shipped.coefficients) ** 2)
+    assert again.installation_delay_m == pytest.approx(shipped.installation_delay_m, abs=0.1)
+
+
+def test_installation_delay_is_calibrated_and_subtracted():
+    rng = np.random.default_rng(3)
+    cables_m = 12.2  # 40 ft
+    found = LeakageCalibration.measured(W, np.tile(line(10.0, 0.0), (20, 1)))
+    found = found.with_installation(300.0 + cables_m + 0.3 * rng.standard_normal(60), 300.0)
+    assert found.installation_delay_m == pytest.approx(cables_m, abs=0.2)
+    leakage, ground = line(10.0, 0.0), point_return(W, 50.0 + cables_m)
+    alone = [leakage + noise(rng, 1, 20.0)[0] for _ in range(8)]
+    flown = [leakage + ground + noise(rng, 1, 20.0)[0] for _ in range(8)]
+    segmenter = FrameSegmenter(W, None, true_delay=True, leakage=LeakageCanceller(found))
+    frames = segmenter.push(np.concatenate([np.zeros(500, np.complex64), *alone, *flown]))[-4:]
+    altitude_m = shared_altimeter(W, AltimeterSettings()).process(
+        np.stack([f.samples for f in frames]), timing_offset_s=np.array([f.offset_s for f in frames])
+    )["altitude_m"]
+    np.testing.assert_allclose(altitude_m, 50.0, atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("measured", "said"),
+    [(np.full(19, 3.0), "19 altitudes"), (np.linspace(0, 100, 40), "hold one known altitude")],
+)
+def test_an_installation_delay_takes_many_altitudes_at_one_height(measured, said):
+    with pytest.raises(ValueError, match=said):
+        NOTHING.with_installation(measured, 3.0)
+
+
+def test_a_calibration_takes_frames_that_are_many_and_finite():
+    with pytest.raises(ValueError, match="has 19 frames"):
+        LeakageCalibration.measured(W, np.zeros((19, N), np.complex64))
+    with pytest.raises(ValueError, match="not finite"):
+        LeakageCalibration.measured(W, np.full((20, N), np.nan, np.complex64))
+
+
+def test_a_stored_calibration_comes_back_and_another_sweeps_is_refused(tmp_path):
+    found = LeakageCalibration.measured(W, np.tile(line(30.0, 1.0), (20, 1)))
+    path = store_leakage(
+        dataclasses.replace(found, installation_delay_m=-0.97), tmp_path / "new" / "mine.yaml"
+    )
+    again = load_leakage(path, W)
+    assert again.installation_delay_m == -0.97
+    np.testing.assert_allclose(again.coefficients, found.coefficients, rtol=1e-5)
+    with pytest.raises(InputError, match="another sweep.*calibrate anew"):
+        load_leakage(path, Waveform(sweep_s=2e-3))
+    text = path.read_text()
+    for wrong in (text.replace("up:", "aloft:"), text.replace("- [", "- [.nan, ", 1), "[1, 2]", "{"):
+        path.write_text(wrong)
+        with pytest.raises(InputError, match="leakage calibration"):
+            load_leakage(path, W)
+    assert leakage_canceller("", W) is None
+    assert not leakage_canceller("uncalibrated", W).calibrated
+    assert leakage_canceller("leakage", W).calibrated
+
+
+# -- reports ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_without_a_frame_ends_in_one_line():
+    rows = [{"trials": 0, "lock_losses": 1, "pd": None}]
+    with pytest.raises(FlowgraphError, match="no frame: timing not acquired"):
+        write_report(None, None, rows, rows, None)

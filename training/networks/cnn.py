@@ -1,0 +1,153 @@
+"""The convolution-only autoencoder of the paper's predecessor.
+
+S. B. Brown et al., "Aircraft Radar Altimeter Interference Mitigation Through a CNN-Layer Only Denoising Autoencoder
+Architecture", MILCOM 2024, arXiv:2410.03423.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from radalt.core.waveform import Waveform
+
+__all__ = ["Convolutional"]
+
+_CACHED = 16  # frames
+
+
+def _fast_length(least: int) -> int:
+    """Smallest length of at least ``least`` whose only factors are 2, 3 and 5."""
+    length = least
+    while True:
+        rest = length
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return length
+        length += 1
+
+
+class _LongConvolution(nn.Module):
+    """Convolution of stride 1 whose output is as long as its input; by FFT, but for the exported graph.
+
+    Mirrored in the decoder this is the transposed convolution: at stride 1 that is a convolution with the taps in
+    reverse, and taps are learned.
+    """
+
+    def __init__(self, entering: int, leaving: int, kernel: int, gain: float) -> None:
+        super().__init__()
+        scale = gain / math.sqrt(entering * kernel)
+        self.weight = nn.Parameter(scale * torch.randn(leaving, entering, kernel))
+        self.bias = nn.Parameter(torch.zeros(leaving))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, entering, L) -> (B, leaving, L)."""
+        samples, kernel = x.shape[-1], self.weight.shape[-1]
+        before = (kernel - 1) // 2
+        if torch.onnx.is_in_onnx_export():
+            return functional.conv1d(functional.pad(x, (before, kernel - 1 - before)), self.weight, self.bias)
+        # overlap-save: blocks of three kernels keep the taps' transforms small, a few frames at a time stay in cache
+        length = _fast_length(3 * kernel)
+        hop = length - kernel + 1
+        blocks = -(-samples // hop)
+        taps = torch.fft.rfft(self.weight, length).conj().permute(2, 1, 0)
+        parts = []
+        for part in x.split(_CACHED):
+            padded = functional.pad(part, (before, blocks * hop - samples + kernel - 1 - before))
+            spectrum = torch.fft.rfft(padded.unfold(2, length, hop)).permute(3, 0, 2, 1)
+            product = (spectrum.flatten(1, 2) @ taps).unflatten(1, (len(part), blocks)).permute(1, 3, 2, 0)
+            parts.append(torch.fft.irfft(product, length)[..., :hop].flatten(2)[..., :samples])
+        return torch.cat(parts) + self.bias[:, None]
+
+
+def _pool(x: Tensor) -> tuple[Tensor, Tensor]:
+    """Max-pooling by 2: (B, C, L) -> (B, C, L/2), and where of each pair the larger one is the first."""
+    pairs = x.reshape(*x.shape[:2], -1, 2)
+    first, second = pairs[..., 0], pairs[..., 1]
+    return torch.maximum(first, second), first >= second
+
+
+def _unpool(x: Tensor, first: Tensor) -> Tensor:
+    """(B, C, L/2) -> (B, C, L): each value where `_pool` found the larger one, zero beside it."""
+    here = first.to(x.dtype)
+    return torch.stack([x * here, x * (1 - here)], dim=-1).flatten(2)
+
+
+class Convolutional(nn.Module):
+    """IQ mixer, three convolutions with max-pooling by 2, the same mirrored, IQ unmixer.
+
+    The mixer is a 2 x 2 convolution over the rails and two samples, so 2 x N values become N; three poolings make that
+    N/8, which is 16:1. The mirrored half puts values back where the poolings took them from, so it also knows their
+    places. The text leaves open what is between the pooling stages:
+
+    - one channel at the bottleneck: any more would not be 16:1;
+    - ReLU after the inner convolutions, none after the bottleneck, the last convolution and the mixers: their values
+      have both signs;
+    - `initial` weights as in He et al., deviation ``sqrt(2 / fan-in)``, biases of zero.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    kernel, filters : int
+        200 and 64 for long signals, kernel 300 for 1,000 samples.
+    bottleneck : int
+        Channels there.
+    normalised : bool
+        Batch normalisation after the inner convolutions, which the authors' network does not have.
+    """
+
+    normalisation = "joint_rms"
+
+    def __init__(
+        self,
+        waveform: Waveform,
+        *,
+        kernel: int = 200,
+        filters: int = 64,
+        bottleneck: int = 1,
+        normalised: bool = False,
+    ) -> None:
+        super().__init__()
+        self.rest = -waveform.samples_per_frame % 8
+        self.mixer = nn.Conv1d(2, 1, 2, padding=1)
+        self.unmixer = nn.ConvTranspose1d(1, 2, 2)
+        inside, linear = math.sqrt(2.0), 1.0
+        self.encoder = nn.ModuleList(
+            [
+                _LongConvolution(1, filters, kernel, inside),
+                _LongConvolution(filters, filters, kernel, inside),
+                _LongConvolution(filters, bottleneck, kernel, linear),
+            ]
+        )
+        self.decoder = nn.ModuleList(
+            [
+                _LongConvolution(bottleneck, filters, kernel, inside),
+                _LongConvolution(filters, filters, kernel, inside),
+                _LongConvolution(filters, 1, kernel, linear),
+            ]
+        )
+        self.norms = nn.ModuleList(
+            [nn.BatchNorm1d(filters) if normalised else nn.Identity() for _ in range(4)]
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 2, N) -> (B, 2, N)."""
+        samples = x.shape[-1]
+        h = functional.pad(self.mixer(x)[..., :samples], (0, self.rest))
+        places = []
+        for k, convolution in enumerate(self.encoder):
+            h = convolution(h)
+            if k < 2:
+                h = torch.relu(self.norms[k](h))
+            h, place = _pool(h)
+            places.append(place)
+        for k, convolution in enumerate(self.decoder):
+            h = convolution(_unpool(h, places.pop()))
+            if k < 2:
+                h = torch.relu(self.norms[2 + k](h))
+        return self.unmixer(h[..., :samples])[..., :samples]

@@ -1,0 +1,270 @@
+"""The tables of the paper and of its predecessor, with the networks that are there.
+
+    PYTHONPATH=python .venv/bin/python training/paper_tables.py
+    PYTHONPATH=python .venv/bin/python training/paper_tables.py --models FOLDER --networks fc,cnn,paper
+
+RMSE over SINR and overlap with LMS beside it, Pd over overlap, peak-to-sidelobe ratio and range error over SIR, false
+altitudes on the landing. Runs in the runtime environment, without PyTorch. A killed run goes on with --resume.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import onnxruntime
+from evaluate import FIRST_DRAW, NETWORKS, SEED, SNR_DB, Scenes, chain_of, emitters
+
+from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
+from radalt.core.waveform import Waveform
+from radalt.evaluation.engine import command, options
+from radalt.evaluation.engine.study import Point, Run, Study
+from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
+from radalt.evaluation.results.folder import RunFolder
+from radalt.evaluation.results.page import render
+from radalt.evaluation.results.proportion import clopper_pearson_bound
+from radalt.evaluation.results.rows import Columns
+from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
+from radalt.evaluation.results.table import DASH, metres, number, table
+from radalt.studies.landing.config import ApproachSpec, load_config
+from radalt.studies.landing.points import approach_frames, impaired
+
+ROOT = Path(__file__).resolve().parent.parent
+BESIDE = ("none", "lms", "lms_reference_input")
+SINRS_DB = (0.0, -5.0, -10.0, -15.0)
+OVERLAPS = (0.25, 0.5, 0.75, 1.0)
+SIRS_DB = (0.0, -5.0, -10.0, -15.0, -20.0)
+LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # of tones and QPSK together, each at -20 dB
+# What the authors state: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
+STATED = {(-15.0, 1.0): "none above 400, TCAE more than 85 % below LMS"}
+Row = dict[str, Any]
+COLUMNS = Columns(
+    ("interferer", "overlap", "level_db", "method", *SCORE_COLUMNS, "diverged_frames"),
+    text=frozenset({"interferer", "method"}),
+    whole=frozenset({"trials", "detections", "correct", "forced", "frames_lost", "wrong_far"})
+    | {"diverged_frames"},
+)
+
+
+@dataclass(frozen=True)
+class TablePoint(Point):
+    """QPSK at a SINR and an overlap (``sinr``), an interferer at a SIR (``sir``), or the landing."""
+
+    part: str = "sinr"
+    interferer: str = "qpsk_rectangular"
+    overlap: float = 1.0
+    level_db: float = 0.0
+
+
+@lru_cache(maxsize=1)
+def _scenes(trials: int) -> Scenes:
+    return Scenes.draw(Waveform(), trials, FIRST_DRAW + 500)
+
+
+@dataclass(frozen=True)
+class PaperTables(Study):
+    """``trials`` frames per point, ``landing_frames`` of the approach; either may be 0."""
+
+    chains: tuple[Chain, ...]
+    trials: int = 150
+    landing_frames: int = 200
+
+    tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
+    published: ClassVar[Mapping[str, str]] = {"rows.csv": "data/paper_tables.csv"}
+
+    @property
+    def needs_network(self) -> bool:
+        """See `Study`."""
+        return bool(self.files())
+
+    def check(self) -> None:
+        """See `Study`; raises `MitigationError` where a model does not fit."""
+        for chain in self.chains:
+            chain.build(Waveform())
+
+    def head(self) -> dict[str, Any]:
+        """See `Study`."""
+        return {
+            "seed": [SEED, FIRST_DRAW + 500],
+            "snr_db": SNR_DB,
+            "methods": [chain.label for chain in self.chains],
+            "trials": self.trials,
+            "landing_frames": self.landing_frames,
+            "models": {chain.label: _about(chain.model) for chain in self.chains if chain.model},
+        }
+
+    def points(self) -> list[TablePoint]:
+        """Every point, in the order of the report."""
+        n, flown = self.trials, self.landing_frames
+        swept = [
+            TablePoint(f"SINR {sinr:g} dB, overlap {rho:g}", n, "rows", overlap=rho, level_db=sinr)
+            for sinr in SINRS_DB
+            for rho in OVERLAPS
+        ] + [
+            TablePoint(f"{name}, SIR {sir:g} dB", n, "rows", "sir", name, level_db=sir)
+            for name in ("tones", "qpsk_rectangular")
+            for sir in SIRS_DB
+        ]
+        landing = [
+            TablePoint("landing", flown, "rows", "landing", "tones and QPSK", level_db=LANDING_SIR_DB),
+            TablePoint("landing, clean", flown, "rows", "landing", "clean", 0.0),
+        ]
+        return (swept if n else []) + (landing if flown else [])
+
+    def _frames(self, point: TablePoint) -> tuple[np.ndarray, np.ndarray, Chain]:
+        """(n, N) frames, (n,) altitudes in metres, and the chain whose altimeter reads them."""
+        if point.part != "landing":
+            scenes = _scenes(self.trials)
+            noise = 10.0 ** (-SNR_DB / 10.0) if point.part == "sinr" else 0.0
+            sir_db = -10.0 * float(np.log10(10.0 ** (-point.level_db / 10.0) - noise))
+            parts = emitters()[point.interferer]
+            frames = scenes.with_interference(parts, point.overlap, sir_db, FIRST_DRAW + 500)
+            return frames, scenes.altitude_m, Chain("none", "none")
+        placed = (Interferer(ToneEmitter(5)), Interferer(QpskEmitter())) if point.overlap else ()
+        config = replace(
+            load_config(ROOT / "flowgraphs" / "landing" / "study.yaml"),
+            interference=placed,
+            approach=ApproachSpec(frames=self.landing_frames),
+        )
+        truth = approach_frames(config, 0, self.landing_frames)
+        rng = np.random.default_rng([SEED, FIRST_DRAW + 501])
+        frames, _, _ = impaired(config, truth, rng, overlap=point.overlap, sir_db=point.level_db)
+        return frames[:, 0], truth.height_m, Chain("none", "none", settings=config.altimeter)
+
+    def measure(self, point: TablePoint, batch: int = 0) -> list[Row]:
+        """One row a method, all on the same frames."""
+        frames, altitude_m, like = self._frames(point)
+        rows = []
+        for chain in self.chains:
+            results, method = replace(chain, settings=like.settings).results(frames, Waveform())
+            about = (f"{point.part} {point.interferer}", point.overlap, point.level_db, chain.label)
+            row = dict(zip(COLUMNS.names, about, strict=False)) | score_frames(results, altitude_m).row()
+            rows.append(row | {"diverged_frames": method.diverged_frames})
+        return rows
+
+    def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
+        """``report.md`` and ``report.json``; returns the page."""
+        names, found = folder.head["methods"], rows["rows"]
+        report = folder.head | {"rows": found, "run": run.as_dict()}
+        page = render(
+            Path(__file__).with_name("paper_tables.md.j2"),
+            **report,
+            sinr_table=_grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
+            pd_table=_grid(found, "sinr", names, lambda r: number(r["pd"], 2)),
+            ratio_table=_grid(found, "sir", names, lambda r: number(r["peak_to_sidelobe_db"], 1)),
+            range_table=_grid(found, "sir", names, _errors),
+            landing_table=_landing(found),
+        )
+        path = folder.write_text("report.md", page)
+        folder.write_report(report)
+        return path
+
+    def seconds(self, point: TablePoint) -> float:
+        """See `Study`."""
+        waveform = Waveform()
+        return point.frames * sum(
+            seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains
+        )
+
+    def files(self) -> dict[str, Path]:
+        """The networks."""
+        return model_files(self.chains)
+
+    def with_files(self, files: Mapping[str, Path]) -> PaperTables:
+        """See `Study`."""
+        return replace(self, chains=chains_with(self.chains, files))
+
+
+def _about(model: Path) -> str:
+    """Recipe, epochs and hash of a network's file."""
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    info = session.get_modelmeta().custom_metadata_map
+    examples = f"{int(info['radalt_training_examples']):,} examples"
+    return f"(`{info['radalt_recipe']}`, {examples}, `{hashlib.sha256(model.read_bytes()).hexdigest()[:16]}`)"
+
+
+def _errors(row: Row) -> str:
+    return f"{metres(row['rmse_forced_m'])} / {metres(row['rmse_detected_m'])}"
+
+
+def _grid(
+    rows: Sequence[Row],
+    part: str,
+    names: Sequence[str],
+    cell: Callable[[Row], str],
+    stated: Mapping[tuple[float, float], str] = {},  # noqa: B006 - never changed
+) -> str:
+    """A line per interferer, overlap and level, a column per method, the authors' last; empty without rows."""
+    mine = [r for r in rows if r["interferer"].startswith(f"{part} ")]
+    by_point: dict[tuple, dict[str, str]] = {}
+    for r in mine:
+        key = (r["interferer"].removeprefix(f"{part} "), r["overlap"], r["level_db"])
+        by_point.setdefault(key, {})[r["method"]] = cell(r)
+    level = {"sinr": "SINR / dB", "sir": "SIR / dB"}[part]
+    lines = [
+        [
+            name,
+            f"{overlap:g}",
+            f"{level_db:g}",
+            *(cells[m] for m in names),
+            stated.get((level_db, overlap), DASH),
+        ]
+        for (name, overlap, level_db), cells in by_point.items()
+    ]
+    return table(["interferer", "overlap", level, *names, "authors"], lines) if lines else ""
+
+
+def _landing(rows: Sequence[Row]) -> str:
+    """False reports of every method with and without interference; empty without rows."""
+    mine = [r for r in rows if r["interferer"].startswith("landing ")]
+    lines = []
+    for method in dict.fromkeys(r["method"] for r in mine):
+        cells = []
+        for r in (r for r in mine if r["method"] == method):
+            wrong = r["detections"] - r["correct"]
+            cells += [f"{wrong} ({clopper_pearson_bound(wrong, r['trials']):.3f})", number(r["pd"], 2)]
+        lines.append([method, *cells, DASH])
+    header = ["method", "false", "Pd", "false, clean", "Pd, clean", "authors"]
+    return table(header, lines) if lines else ""
+
+
+def describe(rows: Sequence[Row]) -> str:
+    """A measured point in a line."""
+    return f"{rows[0]['interferer']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
+
+
+@options.command("paper_tables")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    parser = options.Parser("paper_tables", __doc__)
+    options.add_options(
+        parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0, sampled=False
+    )
+    parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
+    parser.add_argument("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
+    parser.add_argument("--trials", type=int, default=150, help="frames per point; 0 leaves those tables out")
+    parser.add_argument(
+        "--landing-frames", type=int, default=200, help="frames of the approach; 0: no landing"
+    )
+    args = parser.parse_args(argv)
+    how = options.options_of(args, parser)
+    networks = [name.strip() for name in args.networks.split(",") if name.strip()]
+    strange = next((name for name in networks if name not in NETWORKS), None)
+    if strange is not None:
+        parser.error(f"--networks holds {strange!r}; known: {', '.join(NETWORKS)}")
+    if min(args.trials, args.landing_frames) < 0 or not args.trials + args.landing_frames:
+        parser.error(
+            f"--trials is {args.trials}, --landing-frames {args.landing_frames}; 0 or above, not both 0"
+        )
+    chains = tuple(chain_of(name, args.models.resolve()) for name in (*BESIDE, *networks))
+    study = PaperTables(chains, args.trials, args.landing_frames)
+    return command.main(lambda: study, how, program="paper_tables", dry_run=args.dry_run, describe=describe)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
