@@ -1,4 +1,4 @@
-"""A ZMQ socket behind a `BoundedListener`; control and telemetry have a context each: what fills one slows not the other."""
+"""A ZMQ socket behind a `BoundedListener`. Control and telemetry have a context each: neither slows the other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["BoundSocket"]
 
 @lru_cache(maxsize=2)
 def _context(kind: str) -> Any:
-    """The context of all sockets of a kind, and its thread; it is never destroyed, which would wait for every socket."""
+    """Context of all sockets of a kind. It is never destroyed: that would wait for every socket."""
     import zmq  # only who asks for an endpoint needs it
 
     return zmq.Context()
