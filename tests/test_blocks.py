@@ -679,13 +679,13 @@ def test_results_are_published_over_zmq_as_json():
     frames[4] = 0
     context = zmq.Context()
     block = radalt.altimeter_sink(scene, method="none", endpoint="tcp://127.0.0.1:*", messages=False)
-    endpoint = block._socket.getsockopt_string(zmq.LAST_ENDPOINT)  # the port the system chose
+    endpoint = block._socket.listener.address  # with the port the system chose
     subscriber = context.socket(zmq.SUB)
     subscriber.setsockopt(zmq.SUBSCRIBE, b"")
     subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
     subscriber.connect(endpoint)
-    block._socket.send_string("{}")  # a subscription takes time: repeat until it stands
-    wait_for(lambda: subscriber.poll(20) or block._socket.send_string("{}"), "the subscription")
+    block._socket.socket.send_string("{}")  # a subscription takes time: repeat until it stands
+    wait_for(lambda: subscriber.poll(20) or block._socket.socket.send_string("{}"), "the subscription")
     run(Ragged(frames, 1, tags), block)
     received = []
     while len(received) < 20:
