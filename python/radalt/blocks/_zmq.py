@@ -10,6 +10,9 @@ from ..core.radio.endpoint import BoundedListener
 __all__ = ["BoundSocket"]
 
 
+_LINGER_MS = 200  # for the last results on their way to the listener, on this machine
+
+
 @lru_cache(maxsize=2)
 def _context(kind: str) -> Any:
     """Context of all sockets of a kind. It is never destroyed: that would wait for every socket."""
@@ -54,5 +57,5 @@ class BoundSocket:
 
     def close(self) -> None:
         """Free the endpoint."""
+        self.socket.close(linger=_LINGER_MS)
         self.listener.close()
-        self.socket.close()
