@@ -1,4 +1,4 @@
-"""A ZMQ socket behind a `BoundedListener`; control and telemetry have a context each: what fills one slows not the other."""
+"""A ZMQ socket behind a `BoundedListener`; control and telemetry have separate contexts: neither delays the other."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ __all__ = ["BoundSocket"]
 
 @lru_cache(maxsize=2)
 def _context(kind: str) -> Any:
-    """The context of all sockets of a kind, and its thread; it is never destroyed, which would wait for every socket."""
-    import zmq  # only who asks for an endpoint needs it
+    """Context of all sockets of a kind. It is never destroyed, since that waits for every socket."""
+    import zmq  # needed for endpoints only
 
     return zmq.Context()
 
@@ -28,9 +28,9 @@ class BoundSocket:
     name, endpoint : str
         See `BoundedListener`.
     limit_bytes : int
-        Longest request with its framing, or all subscriptions of a peer.
+        Largest request with its framing, or all subscriptions of a peer.
     queued : int
-        Messages that a slow subscriber may lag behind before it loses some.
+        Messages queued for a slow subscriber; more are dropped.
 
     Raises
     ------
