@@ -27,6 +27,7 @@ __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
 
 _START_S = 3.0  # from set_up to the first sample, at most
 _POLL_S = 0.02
+_USB_TYPE = "b200"  # UHD's type of the radios on USB (docs/hardware.md); its others are on a network
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
 
@@ -162,10 +163,16 @@ def _fly(top: Any, scene: Scene, time_limit_s: float) -> float:
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
 
     def too_long(limit_s: float) -> str:
-        came = top.frame_segmenter.segmenter.sample_counter / n
+        counter = top.frame_segmenter.segmenter.sample_counter
+        if counter < 0:
+            return (
+                f"after {limit_s:.0f} s the receiver's time is still {-counter / scene.waveform.rate_hz:.3g} s before the "
+                "common start: it took another time zero or ignored its start time; start again"
+            )
+        cable = "USB connection" if scene.radio.limits.uhd_type == _USB_TYPE else "network connection"
         return (
-            f"only {came:.0f} of {programme.total_frames} frames came in within {limit_s:.0f} s; "
-            "check the receiver's USB connection"
+            f"only {counter / n:.0f} of {programme.total_frames} frames came in within {limit_s:.0f} s; "
+            f"check the receiver's {cable}"
         )
 
     return run_to_end(

@@ -159,6 +159,12 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
         f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, "
         f"limit {limits.max_rx_dbm:g} dBm",
     ]
+    divider = round(radio.master_clock_hz / w.rate_hz)
+    if divider > 1 and divider % 2:
+        lines.append(
+            f"warning: the master clock is divided by {divider}, an odd number: a B200 then decimates without its "
+            "half-band filters, and its CIC filter rolls off within the band; choose one divided by 2 or a multiple of 4"
+        )
     lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
     pulse = "set_time_now(0)" if radio.clock_source == "internal" else "set_time_next_pps(0), same second"
     lines += [
@@ -375,7 +381,7 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
                 f"{entry.block}: {entry.what} is {entry.got:g}, asked was {entry.asked:g}; the level at the receiver "
                 "was computed for what was asked: choose a gain that the radio has"
             )
-    _wait_for_locks(top, scene, sleep)
+    readback += _wait_for_locks(top, scene, sleep)
     _align_time(top, scene, uhd, sleep)
     return readback
 
@@ -392,10 +398,16 @@ def _read_back(step: Step, block: Any) -> list[Readback]:
     return []
 
 
-def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> None:
+def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> list[Readback]:
+    """Wait for every lock sensor there is; returns what was asked of a device that has no ``lo_locked``."""
+    missing = []
     for name in radio_blocks(scene):
         block = getattr(top, name)
-        sensors = [("lo_locked", lambda b: b.get_sensor("lo_locked", 0))]
+        sensors = []
+        if "lo_locked" in block.get_sensor_names(0):
+            sensors.append(("lo_locked", lambda b: b.get_sensor("lo_locked", 0)))
+        else:
+            missing.append(Readback(name, "lo_locked", "true", "no such sensor"))
         if scene.radio.clock_source != "internal":
             sensors.append(("ref_locked", lambda b: b.get_mboard_sensor("ref_locked", 0)))
         for sensor, read in sensors:
@@ -408,6 +420,7 @@ def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> N
                     )
                 sleep(0.05)
                 waited += 0.05
+    return missing
 
 
 def _align_time(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None]) -> None:
