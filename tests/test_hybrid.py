@@ -104,11 +104,11 @@ def test_a_frame_whose_return_stands_out_is_not_searched():
 
 def test_an_emitter_that_appears_later_is_found():
     _, before = stream([ToneEmitter(3)], -30.0, 60, 6)
-    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 60, 7)
+    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 120, 7)
     method = create("hybrid", W)
     method.process(before)
     cleaned = method.process(after)
-    assert right(cleaned[-10:], altitude_m[-10:]) >= 0.9 and method.cancelled > 10
+    assert right(cleaned, altitude_m) > 0.5 and method.cancelled > 60
 
 
 def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps():

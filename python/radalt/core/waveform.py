@@ -23,8 +23,8 @@ __all__ = [
 ]
 
 
-_MOST_SAMPLES = 1 << 20  # of a frame
-_FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
+_MOST_SAMPLES = 1 << 20  # longest frame, samples: 8 MB, 140 default frames
+_FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
 
 
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
@@ -62,7 +62,7 @@ def delay_to_altitude_m(delay_s: np.ndarray | float) -> np.ndarray | float:
 
 @dataclass(frozen=True)
 class Waveform:
-    """Up/down linear sweep; every quantity the rest of the module derives from it.
+    """Up/down linear sweep, and the quantities derived from it.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Waveform:
     carrier_hz : float
         Carrier ``f_c``, for Doppler and carrier phase.
     centered : bool
-        True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``).
+        True sweeps ``-B/2..+B/2`` (over the air), False ``0..B`` (the paper; aliases at ``F_s = B``).
 
     Raises
     ------

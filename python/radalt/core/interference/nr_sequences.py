@@ -153,13 +153,13 @@ def csi_rs(cell_id: int, slot: int, symbol: int, length: int) -> np.ndarray:
 
 
 def constellation(modulation: str) -> np.ndarray:
-    """QAM alphabet of clause 5.1, unit mean power: (2**Q,) complex128, index = bits with b(0) as the MSB.
+    """QAM constellation of clause 5.1, unit mean power: (2**Q,) complex128, index = bits with b(0) as the MSB.
 
     Raises ValueError for anything but 'qpsk', '16qam', '64qam', '256qam'.
     """
     if modulation not in BITS_PER_SYMBOL:
         raise ValueError(
-            f"modulation {modulation!r} is no NR alphabet; choose one of {', '.join(BITS_PER_SYMBOL)}"
+            f"modulation {modulation!r} is no NR modulation; choose one of {', '.join(BITS_PER_SYMBOL)}"
         )
     bits = BITS_PER_SYMBOL[modulation]
     index = np.arange(1 << bits)

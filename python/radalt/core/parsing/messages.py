@@ -1,4 +1,4 @@
-"""Words for messages: the one error of unusable input, and any value on one line."""
+"""Messages about unusable input: the error class, and values on one line."""
 
 from __future__ import annotations
 

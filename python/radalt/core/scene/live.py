@@ -1,4 +1,4 @@
-"""What a live view shows: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
+"""Displays of a live view: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .scene import Scene
 
 __all__ = ["AltitudeStrip", "RangeProfile", "by_hand"]
 
-_FLOOR_DB = -200.0  # stands for no power at all
+_FLOOR_DB = -200.0  # value shown for zero power, dB
 
 
 def by_hand(scene: Scene) -> Scene:
@@ -21,15 +21,25 @@ def by_hand(scene: Scene) -> Scene:
 
     Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
     preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
-    length, lost samples and the jammer's clock drift, is off.
+    length, lost samples and the jammer's clock drift, is off. So is leakage, which a beat shift would move with the
+    return.
     """
     altitude = dataclasses.replace(
         scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
     )
-    channel = dataclasses.replace(scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0)
+    channel = dataclasses.replace(
+        scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0, leakage_db=None, gear_db=None
+    )
+    segmenter = dataclasses.replace(scene.segmenter, leakage_calibration="")
     altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
     return dataclasses.replace(
-        scene, altitude=altitude, channel=channel, altimeter=altimeter, return_model="point", landing=None
+        scene,
+        altitude=altitude,
+        channel=channel,
+        segmenter=segmenter,
+        altimeter=altimeter,
+        return_model="point",
+        landing=None,
     )
 
 
@@ -37,13 +47,13 @@ class RangeProfile:
     """Beat spectrum and CFAR threshold of frames in decibels, over altitude.
 
     The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. The threshold drawn is
-    ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise of two half sweeps that are alike and have the joint
-    significance found; ``r_T`` is the same for the altimeter's joint threshold. So the profile exceeds the threshold
-    where the joint significance exceeds the altimeter's threshold (a target without Doppler).
+    ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise at which two equal half sweeps have the joint
+    significance found; ``r_T`` is the power over noise at the altimeter's joint threshold. The profile therefore
+    exceeds the threshold where the joint significance exceeds the altimeter's threshold (a target without Doppler).
 
-    It is the altimeter's first look. Its second looks concern the cell found alone and are not drawn: a higher level
-    where the cells beyond the span are quieter, a lower threshold for noise that lasts without a gap, and a level
-    without a return's own side lobes (`PairSearch`).
+    This is the altimeter's first test. Its further tests of the detected cell are not drawn: a higher level where the
+    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's side
+    lobes (`PairSearch`).
 
     Parameters
     ----------
@@ -90,7 +100,7 @@ class RangeProfile:
         """Profile and threshold of ``(n, N)`` frames: two (n, points) float32 arrays in dB."""
         spectra = self.altimeter.spectra(frames)
         cells = self.altimeter.significance(spectra)
-        # K log(1 + r/K) of both half sweeps alike, turned back into power over noise r
+        # joint significance K log(1 + r/K) of two equal half sweeps, solved for the power over noise r
         looks = 2.0 * cells.looks.mean(axis=1, keepdims=True)
         ratio = np.expm1(cells.value.sum(axis=1) / looks)
         needed = np.expm1((self.altimeter.pair_threshold - cells.spared[:, None]) / looks)
@@ -107,23 +117,23 @@ class RangeProfile:
             return 10.0 * np.log10(power * spectra.scale[:, None].astype(float) ** 2)
 
     def _resample(self, cells_db: np.ndarray) -> np.ndarray:
-        """(n, points) values between cells; what is not finite shows as no power."""
+        """(n, points) values interpolated between cells; non-finite ones become `_FLOOR_DB`."""
         cells_db = np.where(np.isfinite(cells_db), cells_db, _FLOOR_DB)
         left, right = cells_db[:, self._cell], cells_db[:, self._cell + 1]
         return (left + self._part * (right - left)).astype(np.float32)
 
 
 class AltitudeStrip:
-    """The last seconds of several altitudes, rolling: one row a trace, newest value last.
+    """The last seconds of several altitudes, rolling: one row per trace, newest value last.
 
     Parameters
     ----------
     traces : int
         Number of rows.
     points : int
-        Values kept a row.
+        Values per row.
     every : int
-        Frames between two values; the frame in between is not shown, as it is (never averaged, an error stays visible).
+        Frames per value; the others are dropped, never averaged, so that an error stays visible.
     """
 
     def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:
@@ -135,7 +145,7 @@ class AltitudeStrip:
         self._every, self._seen = every, 0
 
     def push(self, altitudes_m: np.ndarray) -> int:
-        """Take ``(traces, n)`` altitudes of n frames; returns how many values each row has moved on by."""
+        """Append ``(traces, n)`` altitudes of n frames; returns the number of new values per row."""
         first = -self._seen % self._every
         self._seen += altitudes_m.shape[1]
         taken = altitudes_m[:, first :: self._every][:, -self._rows.shape[1] :]

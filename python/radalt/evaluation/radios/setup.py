@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -159,6 +159,12 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
         f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, "
         f"limit {limits.max_rx_dbm:g} dBm",
     ]
+    divider = round(radio.master_clock_hz / w.rate_hz)
+    if divider > 1 and divider % 2:
+        lines.append(
+            f"warning: the master clock is divided by {divider}, an odd number: a B200 then decimates without its "
+            "half-band filters, and its CIC filter rolls off within the band; choose a clock divided by 2 or 4n"
+        )
     lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
     pulse = "set_time_now(0)" if radio.clock_source == "internal" else "set_time_next_pps(0), same second"
     lines += [
@@ -336,7 +342,7 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
     Parameters
     ----------
     top : object
-        Flowgraph with the UHD blocks as attributes.
+        Flowgraph with the UHD blocks as attributes; the plan's steps for blocks that it lacks are left out.
     uhd : module
         ``gnuradio.uhd`` (time_spec and tune_request are taken from it).
     sleep : callable
@@ -352,14 +358,15 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
         If a rate or the master clock differs from what was asked, or a lock does not come.
     """
     readback = []
-    for step in plan(scene):
+    blocks = [name for name in radio_blocks(scene) if hasattr(top, name)]  # a receiver alone has one
+    for step in (s for s in plan(scene) if s.block in blocks):
         block = getattr(top, step.block)
         args = step.args
         if step.call == "set_center_freq":
             args = (uhd.tune_request(*args[0]), *args[1:])
         getattr(block, step.call)(*args)
         readback += _read_back(step, block)
-    for name in radio_blocks(scene):
+    for name in blocks:
         clock = getattr(top, name).get_clock_rate(0)
         readback.append(Readback(name, "master clock Hz", scene.radio.master_clock_hz, clock))
     for entry in readback:
@@ -375,8 +382,8 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
                 f"{entry.block}: {entry.what} is {entry.got:g}, asked was {entry.asked:g}; the level at the receiver "
                 "was computed for what was asked: choose a gain that the radio has"
             )
-    _wait_for_locks(top, scene, sleep)
-    _align_time(top, scene, uhd, sleep)
+    readback += _wait_for_locks(top, scene, blocks, sleep)
+    _align_time(top, scene, uhd, blocks, sleep)
     return readback
 
 
@@ -392,10 +399,18 @@ def _read_back(step: Step, block: Any) -> list[Readback]:
     return []
 
 
-def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> None:
-    for name in radio_blocks(scene):
+def _wait_for_locks(
+    top: Any, scene: Scene, blocks: Sequence[str], sleep: Callable[[float], None]
+) -> list[Readback]:
+    """Wait for every lock sensor there is; returns what was asked of a device that has no ``lo_locked``."""
+    missing = []
+    for name in blocks:
         block = getattr(top, name)
-        sensors = [("lo_locked", lambda b: b.get_sensor("lo_locked", 0))]
+        sensors = []
+        if "lo_locked" in block.get_sensor_names(0):
+            sensors.append(("lo_locked", lambda b: b.get_sensor("lo_locked", 0)))
+        else:
+            missing.append(Readback(name, "lo_locked", "true", "no such sensor"))
         if scene.radio.clock_source != "internal":
             sensors.append(("ref_locked", lambda b: b.get_mboard_sensor("ref_locked", 0)))
         for sensor, read in sensors:
@@ -408,11 +423,14 @@ def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> N
                     )
                 sleep(0.05)
                 waited += 0.05
+    return missing
 
 
-def _align_time(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None]) -> None:
+def _align_time(
+    top: Any, scene: Scene, uhd: Any, blocks: Sequence[str], sleep: Callable[[float], None]
+) -> None:
     """Time zero on every device, last of all settings."""
-    devices = [getattr(top, b) for b in radio_blocks(scene) if b != RADAR_SINK]
+    devices = [getattr(top, b) for b in blocks if b != RADAR_SINK]
     if scene.radio.clock_source == "internal":
         for device in devices:
             device.set_time_now(uhd.time_spec(0.0), 0)
@@ -444,6 +462,6 @@ def start_together(top: Any, scene: Scene, uhd: Any) -> float:
     """Give every block the same start time, a whole second ahead; returns it in device seconds."""
     now = getattr(top, RADAR_SOURCE).get_time_now(0).get_real_secs()
     at = float(math.floor(now) + 2)
-    for name in radio_blocks(scene):
+    for name in (b for b in radio_blocks(scene) if hasattr(top, b)):
         getattr(top, name).set_start_time(uhd.time_spec(at))
     return at

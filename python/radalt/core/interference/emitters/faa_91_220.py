@@ -5,8 +5,7 @@ withstand from 0 to 500 ft. A receiving antenna of gain G collects
 
     PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi)        [dBW/MHz]
 
-which the receiver's selectivity weighs. Every band of the table is taken as filled at once, the hardest
-reading.
+weighted by the receiver's selectivity. All bands of the table are taken as occupied at once, the worst case.
 """
 
 from __future__ import annotations
@@ -134,7 +133,7 @@ class BandReport:
 
 @dataclass(frozen=True)
 class FaaReport:
-    """What the mask does to the receiver; powers in dBm, ratios in dB, `sir_db` before any compression."""
+    """Received powers under the mask in dBm, ratios in dB; `sir_db` before any compression."""
 
     altitude_ft: float
     range_m: float
@@ -335,5 +334,5 @@ def band_limited_noise(
 
 
 def filter_energy(rate_hz: float, bandwidth_hz: float) -> float:
-    """Sum of the squared taps of the receiver's filter: its mean output power for unit white input."""
+    """Sum of the squared taps of the receiver's filter: its mean output power for white input of unit power."""
     return float(np.sum(receiver_taps(rate_hz, rate_hz / 2, bandwidth_hz) ** 2))

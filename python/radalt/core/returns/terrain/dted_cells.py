@@ -23,7 +23,7 @@ def intervals_s(level: int, latitude_deg: int) -> tuple[int, int]:
     """Post spacing (longitude, latitude) in seconds of arc of the cell with this south edge."""
     if level not in LATITUDE_INTERVAL_S:
         raise TerrainError(f"DTED level is {level!r}; allowed: 0, 1, 2")
-    # the zone of a cell is that of its edge nearest to the equator
+    # a cell belongs to the zone of its edge nearest to the equator
     edge = latitude_deg if latitude_deg >= 0 else -(latitude_deg + 1)
     zone = next(i for i, limit in enumerate(ZONE_LIMITS_DEG) if edge < limit)
     return LATITUDE_INTERVAL_S[level] * ZONE_FACTORS[zone], LATITUDE_INTERVAL_S[level]

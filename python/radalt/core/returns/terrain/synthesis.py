@@ -19,9 +19,9 @@ from ..point import point_return
 __all__ = ["synthesise", "synthesise_directly"]
 
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
-KAISER_BETA = 11.0
-NODE_STEP = 16  # node counts are rounded up to this, so that few interpolators are ever built
-BIN_M = 4.0  # range bins of the transitions
+KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB
+NODE_STEP = 16  # node counts are multiples of this, so that few interpolators are built
+BIN_M = 4.0  # width of a range bin in the transitions, metres: a fifth of the range resolution at 7.5 MHz
 
 
 def synthesise_directly(
@@ -169,8 +169,8 @@ def _interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray,
 def _transition(
     waveform: Waveform, amplitude: np.ndarray, tau: np.ndarray, rate: np.ndarray, down: bool, late: np.ndarray
 ) -> np.ndarray:
-    """Echo relative to the reference at samples ``late`` of a half in which some scatterers' echoes lag
-    behind.
+    """Echo relative to the reference at samples ``late`` of a half, where some scatterers' echoes belong to the half
+    before.
 
     There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin
     share their modulation once the turning point's own phase is applied exactly.
