@@ -71,19 +71,20 @@ class AltitudeTracker:
 
     def __init__(self, altimeter: Altimeter, settings: TrackerSettings = TrackerSettings()) -> None:  # noqa: B008
         self.settings = settings
-        self.sweep_s = altimeter.waveform.sweep_s
+        self.sweep_s, self._doppler_lead_s = altimeter.waveform.sweep_s, altimeter.waveform.doppler_lead_s
         self.frames = round(settings.output_s / self.sweep_s)
         self.integrator = Integrator(
             altimeter,
             self.frames,
-            doppler=settings.doppler is not False,
+            doppler=settings.doppler is not False and altimeter.waveform.separates_doppler,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
         t = self.integrator
         leakage_m = REACH_M if settings.leakage_m is None and t.doppler else settings.leakage_m or -np.inf
         self._lowest_start_m = leakage_m
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
-        self._widest_m = 2.0 * altimeter.waveform.range_resolution_m
+        # a narrow cell is crossed within an output
+        self._widest_m = max(2.0 * altimeter.waveform.range_resolution_m, t.max_speed * settings.output_s)
         self._reach = t.last - t.first
         # a speed lies that far from its row's at most
         self._slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
@@ -206,7 +207,8 @@ class AltitudeTracker:
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
         self._at, self._before = at, None
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
-        self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s
+        # from the instant that was measured to the block's end; a sawtooth measures an instant ahead (or behind)
+        self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s
         middle = last - self.frames + 1 + block.middle
         return self._follow(block, last, middle)
 
