@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
 from radalt.core.receiver.cfar import Cfar, pair_threshold, support_of, upcrossings
 from radalt.core.receiver.sweep_pairing import FLOOR
 from radalt.core.waveform import Waveform
 
 W = Waveform()
 PFA = 1e-4
+LAW = {"strategy": "centroid"}  # without the test of likelihood, which leaves fewer altitudes of noise
 BEAT_HZ = np.outer(
     [-1.0, 1.0], np.fft.fftfreq(3750, 1 / 7.5e6)
 )  # (2, 3750) that bins of both half sweeps stand for
@@ -40,7 +41,7 @@ def test_false_alarm_rate_on_noise_is_the_design_value(window):
 
     The sum of two exponentials, each at least F, exceeds T with probability ``(T - 2F + 1) exp(-T)``.
     """
-    altimeter = Altimeter(W, AltimeterSettings(pfa=PFA, window=window))
+    altimeter = Altimeter(W, AltimeterSettings(window=window))
     rng = np.random.default_rng(20 + len(window))
     joint_level = 9.0
     for _ in range(50):  # (T - 2F + 1) exp(-T) = PFA
@@ -62,12 +63,31 @@ def test_false_alarm_rate_on_noise_is_the_design_value(window):
 )
 def test_altitudes_on_noise_alone_are_as_rare_as_the_design_says_and_no_rarer(speed, more):
     """At any speed, span and window: a threshold that is higher than the bound asks costs altitudes."""
-    altimeter = Altimeter(W, AltimeterSettings(pfa=1e-3, max_vertical_speed_m_per_s=speed, **more))
+    settings = {"pfa_per_frame": 0.15, "max_vertical_speed_m_per_s": speed} | LAW | more
+    altimeter = Altimeter(W, AltimeterSettings(**settings))
     rng = np.random.default_rng(5)
     valid = np.concatenate([altimeter.process(noise_frames(rng, 100))["valid"] for _ in range(30)])
-    bound = altimeter.false_alarms_per_frame
-    assert bound == pytest.approx(1e-3 * 2 * altimeter.settings.max_altitude_m / 20, rel=0.25)
-    assert 0.8 * bound < valid.mean() < 1.05 * bound
+    assert 0.8 * 0.15 < valid.mean() < 1.05 * 0.15
+
+
+WIDE = Waveform(bandwidth_hz=150e6, sweep_s=0.1e-3, rate_hz=150e6)  # cells of 1 m
+
+
+@pytest.mark.parametrize(("waveform", "count"), [(W, 4000), (WIDE, 2000)], ids=["7.5 MHz", "150 MHz"])
+def test_a_frame_of_noise_has_an_altitude_as_rarely_whatever_the_sweep(waveform, count):
+    """The default's 0.0155 per frame, over 75 cells of 20 m and over 1,500 of 1 m."""
+    rng = np.random.default_rng(13)
+    altimeter = Altimeter(waveform, AltimeterSettings(max_altitude_m=1500.0))
+    assert altimeter.false_alarms_per_frame == 0.0155
+    found = declared = 0
+    for _ in range(count // 100):
+        frames = rng.standard_normal((100, 2 * waveform.samples_per_frame), dtype=np.float32)
+        reason = altimeter.process(frames.view(np.complex64))["reason"]
+        declared += np.count_nonzero(reason == Reason.OK)
+        found += np.count_nonzero((reason == Reason.OK) | (reason == Reason.AMBIGUOUS))
+    deviation = np.sqrt(0.0155 / count)
+    assert 0.8 * 0.0155 - 2 * deviation < found / count < 1.05 * 0.0155 + 2 * deviation
+    assert declared < found
 
 
 @pytest.mark.parametrize(("share", "speed"), [(0.1, 150.0), (0.27, 20.0), (0.27, 150.0), (0.6, 150.0)])
@@ -76,7 +96,7 @@ def test_bursts_cause_no_more_false_alarms_than_white_noise_and_not_many_fewer(s
 
     They are fewer trials, and pairs of them fewer still: with the threshold of white noise a twentieth is declared.
     """
-    altimeter = Altimeter(W, AltimeterSettings(pfa=1e-3, max_vertical_speed_m_per_s=speed))
+    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=speed, **LAW))
     rng = np.random.default_rng(6)
     valid = np.concatenate(
         [altimeter.process(burst_of(noise_frames(rng, 100), share))["valid"] for _ in range(10)]
@@ -90,7 +110,7 @@ def test_noise_passed_by_a_filter_causes_no_more_false_alarms(width_hz):
 
     The network's filterbank has cells of 83 kHz. Against the mean of the band alone more than half would be declared.
     """
-    altimeter = Altimeter(W, AltimeterSettings(pfa=1e-3))
+    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
     rng = np.random.default_rng(7)
     gain = 0.1 + 0.9 * np.exp(-((np.abs(BEAT_HZ) - 70e3) ** 2) / (2 * (width_hz / 2.35) ** 2))
     valid = [altimeter.process(passed(noise_frames(rng, 100), gain))["valid"].mean() for _ in range(6)]
@@ -103,7 +123,7 @@ def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
     Its cells are as many trials as in white noise, and the mean of the band is below the level within the span: with
     both neglected, twice as many as in white noise were declared.
     """
-    altimeter = Altimeter(W, AltimeterSettings(pfa=1e-3))
+    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, **LAW))
     rng = np.random.default_rng(10)
     pieces = np.isin(np.arange(W.samples_per_frame) % 3750 // 150, (2, 6, 11, 15, 21))
     gain = np.where((BEAT_HZ > 0.0) & (BEAT_HZ < 120e3), 1.0, 0.5)
@@ -114,7 +134,7 @@ def test_noise_in_pieces_within_the_span_causes_no_more_false_alarms():
 
 
 def test_a_narrower_interval_of_speeds_lowers_the_threshold_and_keeps_the_rate():
-    altimeter = Altimeter(W, AltimeterSettings(pfa=1e-3))
+    altimeter = Altimeter(W, AltimeterSettings(pfa_per_frame=0.15, max_vertical_speed_m_per_s=150.0, **LAW))
     rng = np.random.default_rng(8)
     spectra = [altimeter.spectra(noise_frames(rng, 100)) for _ in range(15)]
     for low, high in ((-2.0, 2.0), (40.0, 60.0), (-150.0, -130.0)):

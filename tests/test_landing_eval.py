@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile import ended
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
@@ -219,13 +220,15 @@ def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
         (["{out}/none.yaml"], "none.yaml"),
     ],
 )
-def test_what_does_not_fit_gets_one_line(small, tmp_path, root, capsys, arguments, message):
+def test_what_does_not_fit_gets_one_line(small, tmp_path, root, arguments, message):
     (tmp_path / "wide.yaml").write_text(small.read_text() + "interference: {qpsk: {bandwidth_hz: 9.0e+6}}\n")
     flat = root / "flowgraphs" / "landing"
     arguments = [a.format(flat=flat, out=tmp_path) for a in arguments]
     study = [] if arguments[0].endswith(".yaml") else [str(small)]
-    assert landing_command.main([*study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"]) == 2
-    error = capsys.readouterr().err
+    status, error = ended(
+        landing_command.main, *study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"
+    )
+    assert status == 2
     assert message in error and error.count("\n") == 1
 
 

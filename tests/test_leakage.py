@@ -99,12 +99,15 @@ def test_the_ground_within_reach_of_the_leakage_keeps_what_it_has():
 
 
 def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
-    w = Waveform(bandwidth_hz=7.3e6, sweep_s=1.0e-3, centered=False, rate_hz=7.5e6)
-    assert w.cycles_per_frame != 0 or pytest.skip("B T_h is whole")
-    index = np.arange(20)
-    frames = np.stack([100.0 * point_return(w, 1.0, frame_index=k) for k in index])
+    w = Waveform(bandwidth_hz=7.3001e6, centered=False)  # B T_h is 3650.05 cycles
+    assert w.cycles_per_frame == pytest.approx(0.05, abs=1e-6)
+    index = np.arange(24)
+    frames = 100.0 * point_return(w, np.full(24, 1.0), frame_index=index)
     found = LeakageCalibration.measured(w, frames, frame_index=index)
     assert power_db(LeakageCanceller(found).subtract(frames, index)) < 40.0 - 70.0
+    segmenter = FrameSegmenter(w, None, true_delay=True, leakage=LeakageCanceller(found))
+    rest = [f.samples for f in segmenter.push(frames.reshape(-1).astype(np.complex64))]
+    assert len(rest) >= 20 and max(power_db(x) for x in rest) < -20.0
 
 
 # -- learning ---------------------------------------------------------------------------------------------------------
@@ -146,6 +149,13 @@ def test_a_hovering_ground_is_learned_and_a_moving_one_is_not(altitude_m, speed,
         canceller.learn(first, first + 399)
     rest = canceller.subtract(ground[None])[0]
     assert least_db < power_db(rest[rest != 0]) < most_db
+
+
+def test_what_a_fit_leaves_of_a_ground_stands_elsewhere_and_not_from_100_m_on():
+    altitude_m = np.array([60.0, 80.0, 100.0, 150.0])
+    frames = LeakageCanceller.uncalibrated(W).subtract(point_return(W, altitude_m))
+    error = np.abs(shared_altimeter(W, AltimeterSettings()).process(frames)["altitude_m"] - altitude_m)
+    np.testing.assert_allclose(error, [3.7, 1.0, 0.2, 0.2], atol=0.3)
 
 
 def test_block_learns_from_a_trackers_outputs_and_not_at_power_up_near_the_ground():

@@ -73,7 +73,7 @@ def test_noise_is_added_at_its_power_and_follows_its_seed():
 
 def test_false_alarms_on_this_noise_meet_the_design():
     """Of single cells, 5e5 of them; neighbours are correlated, so 10 % are some four standard errors."""
-    altimeter = Altimeter(Waveform(), AltimeterSettings(pfa=1e-2, max_vertical_speed_m_per_s=0.0))
+    altimeter = Altimeter(Waveform(), AltimeterSettings(max_vertical_speed_m_per_s=0.0))
     noise = ReceiverNoise(N, [3])
     alarms = cells = 0
     for _ in range(50):

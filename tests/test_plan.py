@@ -17,6 +17,7 @@ from radalt.evaluation.flowgraph.plan import left_out, make_plan
 from radalt.evaluation.flowgraph.rewrite import JAMMER_SINK, RADAR_SINK, load_grc, prune
 from radalt.studies.leaving_out import study as leaving_out
 from radalt.studies.leaving_out.report import summarise
+from radalt.studies.leaving_out.scenes import CHECKED
 
 RUN = """
 import sys, tempfile
@@ -37,7 +38,7 @@ def scene(**data):
 
 @pytest.mark.parametrize(
     "name",
-    ["no interference, no mitigation", "no interference, whitening", "QPSK, whitening", *leaving_out.CHECKED],
+    ["no interference, no mitigation", "no interference, whitening", "QPSK, whitening", *CHECKED],
 )
 def test_left_out_parts_change_no_bit_of_the_results(name):
     """Against the flowgraph with every method's chain and, where nothing interferes, a jammer that sends nothing."""

@@ -378,8 +378,8 @@ def test_a_run_that_occurs_twice_counts_once(tmp_path):
     [
         (lambda s: {"waveform": dataclasses.replace(s.waveform, carrier_hz=4.25e9)}, "waveform.carrier_hz"),
         (
-            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa=1e-3)},
-            "pfa is 0.0001 in the one, 0.001",
+            lambda s: {"altimeter": dataclasses.replace(s.altimeter, pfa_per_frame=1e-3)},
+            "pfa_per_frame is 0.0155 in the one, 0.001",
         ),
         (lambda s: {"channel": dataclasses.replace(s.channel, snr_db=20.0)}, "snr_db"),
         (lambda s: {"channel": dataclasses.replace(s.channel, adc_bits=12)}, "channel.adc_bits"),

@@ -25,7 +25,7 @@ channel: {snr_db: null, start_offset_samples: 90.5, gain_db: 1, jammer_delay_sam
           jammer_lo_offset_hz: 100, dc_offset: 0.1, iq_gain_db: 0.2, iq_phase_deg: 1, adc_bits: 12, full_scale: 5,
           leakage_db: -20, drops: {count: 2, min_samples: 5, max_samples: 9, tagged: false}}
 segmenter: {acquisition_frames: 3, lock_threshold: 30, confirm_frames: 3, monitor: false}
-altimeter: {max_altitude_m: 900, min_altitude_m: 1, max_vertical_speed_m_per_s: 40, window: hann, pfa: 1e-5,
+altimeter: {max_altitude_m: 900, min_altitude_m: 1, max_vertical_speed_m_per_s: 40, window: hann, pfa_per_frame: 1e-3,
             train_cells: 12, guard_cells: 2, strategy: centroid}
 methods: [none, blanking]
 method_options: {blanking: {threshold_db: 10}}
@@ -136,7 +136,14 @@ WRONG = [
     ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "1..16"),
     ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
     ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
-    ({"altimeter": {"pfa": 2.0}}, "pfa", "2.0", "within"),
+    ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2.0", "within"),
+    (
+        {"altimeter": {"pfa": 1e-4, "max_altitude_m": 1500}},
+        "altimeter.pfa is 0.0001",
+        "pfa_per_frame: 0.0154",
+        "give",
+    ),
+    ({"altimeter": {"pfa": "low"}}, "altimeter.pfa", "low", "number"),
     (
         {"altimeter": {"strategy": "best"}},
         "altimeter.strategy",

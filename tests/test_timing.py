@@ -362,7 +362,7 @@ def test_loss_without_any_synchronisation_ahead_stays_unlocked():
 
 def test_without_a_programme_reacquisition_waits_for_the_command():
     """Altitudes moved by hand: the person sets zero and says so."""
-    segmenter = FrameSegmenter(W, None)
+    segmenter = FrameSegmenter(W, None, noise=False)
     zero, high = W.beat_shifted(0.0), W.beat_shifted(600.0)
     frames = segmenter.push(np.tile(zero, 10)[100:])
     assert segmenter.status()["locked"] and frames

@@ -60,7 +60,7 @@ class altitude_tracker(altimeter_sink):
             self, scene, method, endpoint, messages, capacity, stream, network, inputs=1 + bool(received)
         )
         self._received: np.ndarray | None = None
-        self.tracker = AltitudeTracker(self.altimeter, scene.tracker_settings)
+        self.tracker = AltitudeTracker(self.altimeter, scene.tracker_settings, noise=scene.has_noise)
         self._outputs = np.zeros(max(1, int(capacity) // self.tracker.frames), dtype=OUTPUT_DTYPE)
         self._output_count = 0
         self._lost = False

@@ -48,6 +48,14 @@ _POLL_S = 1e-3
 # something to do.
 _PLACES = 32
 
+# What a receiver's fault means for the user, one line each (`FrameSegmenter.fault`).
+_FAULTS = {
+    "frozen": "the receiver repeats samples bit for bit, so no frames: restart it (a simulation without noise needs "
+    "channel.snr_db: null)",
+    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or late; "
+    "check the receiver",
+}
+
 
 class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
@@ -111,7 +119,7 @@ class frame_segmenter(gr.basic_block):
         # for other threads: while a flowgraph starts, the scheduler's own counts point nowhere (a segmentation fault)
         self.has_heard = False
         self._reacquire = False
-        self._reported: tuple[str, bool, int] = ("", False, 0)
+        self._reported: tuple[str, str, bool, int] = ("", "", False, 0)
         self._silent_from: int | None = None  # sample counter from which there is no timing
         self._said = False
         self.set_tag_propagation_policy(gr.TPP_DONT)
@@ -325,6 +333,7 @@ class frame_segmenter(gr.basic_block):
         seg = self.segmenter
         now = (
             seg.state,
+            seg.fault,
             seg.timing_verified,
             seg.counters["discontinuities"] + seg.counters["frames"] // _STATUS_EVERY,
         )
@@ -334,6 +343,8 @@ class frame_segmenter(gr.basic_block):
             self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))
             if lost:
                 self.logger.warn(self._why_lost())
+            if seg.fault:
+                self.logger.warn(_FAULTS[seg.fault])
         self._watch()
 
     def _why_lost(self) -> str:

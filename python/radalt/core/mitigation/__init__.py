@@ -16,8 +16,10 @@ import re
 from ..cores import allowed_cores
 from ..parsing import arguments
 from ..plugins import load_plugins
+from ..receiver.altimeter_settings import AltimeterSettings
 from ..waveform import Waveform
 from .base import METHODS, Mitigation, MitigationError, PlotStyle, register
+from .beyond_span import BeyondSpan
 from .blanking import Blanking
 from .custom import Custom
 from .hybrid import Hybrid
@@ -133,7 +135,8 @@ def create(
         may use one core only, since the two would only take turns.
     batch : int
     max_altitude_m : float or None
-        Highest altitude that the altimeter behind the method searches: the default of ``span_m``, where it has one.
+        Highest altitude that the altimeter behind the method searches (None: the altimeter's default): the default of
+        ``span_m``, where the method has one. A frame with ground beyond it passes as it came (`BeyondSpan`).
     **parameters
         Of the method.
 
@@ -155,17 +158,25 @@ def create(
     if not isinstance(own_process, bool):
         raise MitigationError(f"{name}.own_process is {own_process!r}; it has to be true or false")
     if own_process and len(allowed_cores()) > 1:
-        return OwnProcess(name, waveform, batch=batch, **parameters)
+        return OwnProcess(name, waveform, batch=batch, max_altitude_m=max_altitude_m, **parameters)
     parameters.pop("method", None)
     try:
         if isinstance(method, type):
             parameters = arguments(method.__init__, parameters, name)
-        return method(waveform, **parameters)
+        built = method(waveform, **parameters)
     except MitigationError:
         raise
     except (TypeError, ValueError) as error:
         text = str(error)
         raise MitigationError(text if text.startswith(name) else f"mitigation {name!r}: {text}") from None
+    if name != Identity.name:
+        span_m = (
+            max_altitude_m
+            or parameters.get("span_m")
+            or AltimeterSettings().resolved(waveform).max_altitude_m
+        )
+        built.beyond_span = BeyondSpan(waveform, span_m)
+    return built
 
 
 # whatever else lies in this folder, and what stands outside, registers itself

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import blas
 
 from ..waveform import Waveform
+from .beyond_span import BeyondSpan
 
 __all__ = [
     "METHODS",
@@ -76,8 +77,15 @@ class Mitigation(ABC):
         Frames in which an adaptive method left its stable region; always 0 for the others.
     removed : mapping of str to str
         Options that earlier releases had, and what to do about each.
+    beyond_frames : int
+        Frames that passed as they came because the ground lies beyond the span (`BeyondSpan`).
     outside_cpu_ns : int
         CPU time spent on frames outside the calling thread, in nanoseconds; 0 except for `OwnProcess`.
+
+    Notes
+    -----
+    `radalt.core.mitigation.create` gives every method the highest altitude that the altimeter searches. A frame whose
+    strongest return lies beyond it passes as it came, whatever the method is: the method never sees it.
     """
 
     name = "mitigation"
@@ -86,6 +94,7 @@ class Mitigation(ABC):
     runs_network: ClassVar[bool] = False
     removed: ClassVar[Mapping[str, str]] = {}
     outside_cpu_ns = 0
+    beyond_span: BeyondSpan | None = None  # what `create` gives it; a method inside another one needs none
 
     def __init__(self, waveform: Waveform) -> None:
         self.waveform = waveform
@@ -95,6 +104,7 @@ class Mitigation(ABC):
         """Forget everything learnt from earlier frames."""
         self.frames = 0
         self.diverged_frames = 0
+        self.beyond_frames = 0
 
     def process(self, frames: np.ndarray) -> np.ndarray:
         """Clean ``(n, N)`` or ``(N,)`` complex64 frames; the input is left untouched.
@@ -110,6 +120,37 @@ class Mitigation(ABC):
         batch = np.atleast_2d(frames)
         if not len(batch):
             return frames.copy()
+        beyond = self._beyond(batch)
+        if beyond is None:
+            out = self._processed(batch)
+        else:
+            out = batch.copy()
+            if not beyond.all():
+                out[~beyond] = self._processed(batch[~beyond])
+        return out.reshape(frames.shape)
+
+    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """Like `process`, (n, N) into ``out`` of the same shape."""
+        beyond = self._beyond(frames)
+        if beyond is None:
+            self._processed_into(frames, out)
+        else:
+            out[:] = frames
+            if not beyond.all():
+                out[~beyond] = self._processed(frames[~beyond])
+
+    def _beyond(self, frames: np.ndarray) -> np.ndarray | None:
+        """(n,) bool: frames that pass as they came; None where there is none."""
+        if self.beyond_span is None:
+            return None
+        beyond = self.beyond_span(frames)
+        count = int(beyond.sum())
+        self.frames += count
+        self.beyond_frames += count
+        return beyond if count else None
+
+    def _processed(self, batch: np.ndarray) -> np.ndarray:
+        """(n, N) complex64 frames cleaned; those that are not finite become NaN."""
         self.frames += batch.shape[0]
         finite = finite_frames(batch)
         if finite.all():
@@ -118,15 +159,15 @@ class Mitigation(ABC):
             out = np.full_like(batch, np.nan)
             if finite.any():
                 out[finite] = self._clean(np.ascontiguousarray(batch[finite]))
-        return out.astype(np.complex64, copy=False).reshape(frames.shape)
+        return out.astype(np.complex64, copy=False)
 
-    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `process`, (n, N) into ``out`` of the same shape."""
+    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """Like `_processed`, into ``out``; for methods that know sooner whether a frame is finite."""
         if finite_frames(frames).all():
             self.frames += len(frames)
             self._clean_into(frames, out)
         else:
-            out[:] = self.process(frames)
+            out[:] = self._processed(frames)
 
     def _clean_into(self, frames: np.ndarray, out: np.ndarray) -> None:
         """Like `_clean`, into ``out``; for methods that work in place."""
@@ -147,6 +188,7 @@ class Mitigation(ABC):
             "method": self.name,
             "frames": self.frames,
             "diverged_frames": self.diverged_frames,
+            "beyond_frames": self.beyond_frames,
             "carries_altitude": self.carries_altitude,
         }
 

@@ -131,8 +131,8 @@ class Hybrid(Mitigation):
 
     def _is_disturbed(self, frame: np.ndarray, cancelled: np.ndarray | None) -> bool:
         """Whether an (N,) frame holds interference that the network, or whitening, may take away, or, if that is not
-        None, its ``cancelled`` form does. Of a burst some is always left; what else is left may be white noise, and
-        then nothing can.
+        None, its ``cancelled`` form does. Of a burst some is always left; where else the return does not stand out of
+        what is left, that may be white noise, and then nothing can.
         """
         if cancelled is None:
             return bool(self._detector.present(frame[None])[0])

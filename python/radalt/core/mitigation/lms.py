@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
+from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
 
@@ -93,7 +94,9 @@ class BlockLms(Mitigation):
         reach = float(delay_to_altitude_m(self.length / waveform.rate_hz))
         span = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         top = min(max(min(reach, span), 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
-        return shared_altimeter(waveform, AltimeterSettings(max_altitude_m=top))
+        return shared_altimeter(
+            waveform, AltimeterSettings(max_altitude_m=top, max_vertical_speed_m_per_s=FASTEST_M_PER_S)
+        )
 
     def reset(self) -> None:
         """See `Mitigation.reset`: weights and delay line start at zero."""
@@ -233,13 +236,13 @@ class Nlms(BlockLms):
     1900 m, a fresh start with every frame. With the reference as desired signal every altitude comes out as zero.
 
     The weights keep a remnant of noise, which gives both half sweeps the same delay: 5 % of frames without a return
-    would be declared. So the received frame has to show the delay as well, at the altimeter's false-alarm rate per
-    cell. That leaves 1 % and costs less than 0.01 in Pd.
+    would be declared. So the received frame has to show the delay as well, with 1e-4 false alarms per pair of
+    cells. That leaves 1 % and costs less than 0.01 in Pd.
     """
 
     name = "nlms"
     style = PlotStyle("#56B4E9", "D", (0, (5, 1.5)))
-    _confirmed_pfa = AltimeterSettings.pfa
+    _confirmed_pfa = 1e-4  # that noise alone shows a pair of cells as strong
 
     def __init__(
         self,

@@ -91,7 +91,7 @@ class OwnProcess(Mitigation):
         self._carries = self._status_now()["carries_altitude"]
         # the base class would reset a method that is new
         self.waveform = waveform
-        self.frames = self.diverged_frames = 0
+        self.frames = self.diverged_frames = self.beyond_frames = 0
 
     @property
     def process_id(self) -> int:

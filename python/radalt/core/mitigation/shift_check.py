@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, Reason, shared_altimeter
+from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform, exp_cycles
 from .base import finite_frames, peak_scale
 from .interference_detector import InterferenceDetector
@@ -22,9 +23,9 @@ __all__ = ["ShiftCheck"]
 _SHIFT_CELLS = 5.0  # of resolution; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
 _SLOW_M_PER_S = 10.0  # what an aircraft does in almost every frame
-_PFA = 2e-3  # 20 times what an altimeter usually has, so that nothing is declared that is not looked at here
-# at which a received frame has to show a weak peak: at 2e-3 there are five times as many inventions
-_WEAK_PFA = 5e-4
+_PFA = 20.0 * AltimeterSettings.pfa_per_frame  # so that nothing is declared that is not looked at here
+# at which a received frame has to show a weak peak: at `_PFA` there are five times as many inventions
+_WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 
 
 class ShiftCheck:
@@ -45,14 +46,15 @@ class ShiftCheck:
     """
 
     def __init__(self, waveform: Waveform) -> None:
-        searches = [(None, _PFA)]
+        searches = [(FASTEST_M_PER_S, _PFA)]
         if waveform.vertical_speed_to_doppler_hz(_SLOW_M_PER_S) * waveform.sweep_s / 2.0 < 1.0:
-            # with partners for Doppler a pair's threshold is higher: as high as this one's at a pfa of 1e-4
+            # with partners for Doppler a pair's threshold is higher: as high as this one's at a twentieth of the rate
             searches.append((0.0, _PFA / 20.0))
 
         def altimeters(share: float) -> list[Altimeter]:
             settings = (
-                AltimeterSettings(max_vertical_speed_m_per_s=v, pfa=share * pfa) for v, pfa in searches
+                AltimeterSettings(max_vertical_speed_m_per_s=v, pfa_per_frame=share * pfa)
+                for v, pfa in searches
             )
             return [shared_altimeter(waveform, each) for each in settings]
 
@@ -101,15 +103,16 @@ class ShiftCheck:
         held, moving_m = np.ones(n, dtype=bool), None
         for altimeter, strict in zip(self._altimeters, self._strict, strict=True):
             result = altimeter.process(both)
-            found, again = result["altitude_m"][:n], result["altitude_m"][n:]  # NaN where nothing is found
+            declared, altitude = _declared(result)
+            found, again = altitude[:n], altitude[n:]  # NaN where nothing is found
             if moving_m is None:
                 moving_m = again
             # halves may agree to a cell before and just not afterwards: a long sweep sees a speed as that
             again = np.where(result["reason"][n:] == Reason.SWEEPS_DISAGREE, moving_m, again)
-            held &= ~result["valid"][:n] | (np.abs(again - found) <= self._tolerance_m)
-            weak = held & shown & result["valid"][:n] & (result["snr_db"][:n] < _WEAK_DB)
+            held &= ~declared[:n] | (np.abs(again - found) <= self._tolerance_m)
+            weak = held & shown & declared[:n] & ~(result["snr_db"][:n] >= _WEAK_DB)
             if weak.any():
-                plain_m = strict.process(received[weak])["altitude_m"]
+                plain_m = _declared(strict.process(received[weak]))[1]
                 held[weak] = np.abs(plain_m - found[weak]) <= self._tolerance_m
         return held
 
@@ -130,3 +133,9 @@ class ShiftCheck:
         """(k,) bool: whether the beat is below the middle of the span, by its phase from sample to sample."""
         beat = cleaned[:, -self._mix.size :] * self._mix / peak_scale(cleaned)
         return (np.einsum("ks,ks->k", beat[:, 1:], beat[:, :-1].conj()) * self._middle).imag < 0
+
+
+def _declared(result: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool and altitudes of results that are declared where fewer speeds are allowed, too; NaN elsewhere."""
+    declared = result["valid"] | (result["reason"] == Reason.AMBIGUOUS)
+    return declared, np.where(declared, result["forced_altitude_m"], np.nan)

@@ -229,8 +229,8 @@ class Tcae(Mitigation):
         self.unconfirmed_frames = 0
         self.flat_frames = 0
 
-    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation.process_into`; frames that need nothing but the network are written where they belong."""
+    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """See `Mitigation._processed_into`; frames that need nothing but the network are written where they belong."""
         plain = self._detector is None and self._white is None and self._shift_check is None
         if plain and frames.shape[-1] == self._samples:
             filled = self._filled(frames)  # reads them; whatever looks at them next finds them in the cache
@@ -239,7 +239,7 @@ class Tcae(Mitigation):
                 self._run(filled, out)
                 self._skip_lost(frames, out)
                 return
-        super().process_into(frames, out)
+        super()._processed_into(frames, out)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         flat = _constant_modulus(batch)

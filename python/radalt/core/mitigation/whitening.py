@@ -50,14 +50,14 @@ class Whitening(Mitigation):
         self._floor = np.full(waveform.samples_per_frame, 1e-6, dtype=np.float32)
         super().__init__(waveform)
 
-    def process_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """See `Mitigation.process_into`; a frame's peak, needed anyway, says whether it is finite."""
+    def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
+        """See `Mitigation._processed_into`; a frame's peak, needed anyway, says whether it is finite."""
         peak = rail_peak(frames)
         if np.isfinite(peak).all():
             self.frames += len(frames)
             self._clean_into(frames, out, peak)
         else:
-            super().process_into(frames, out)
+            super()._processed_into(frames, out)
 
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out = np.empty_like(batch)

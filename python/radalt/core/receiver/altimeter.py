@@ -2,7 +2,7 @@
 
 Of all pairs of cells that the allowed speeds permit, the one of greatest power over noise is the forced decision. It is
 declared by the sum over both half sweeps of ``-log P``, with ``P`` the probability that noise alone shows a cell's
-power (`Cfar`, `PairSearch`).
+power (`Cfar`, `PairSearch`), and if most of the likelihood of all pairs lies within 5 m of it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft, special
 
 from ..waveform import Waveform, delay_to_altitude_m
-from .altimeter_settings import RESULT_DTYPE, AltimeterSettings, Reason
+from .altimeter_settings import RESULT_DTYPE, SPEED_M_PER_S, AltimeterSettings, Reason
 from .beat_spectra import SHAPE_POINTS, BeatSpectra, Spectra
 from .cfar import Cfar, Significance, pair_threshold, upcrossings
 from .extended_peak import centroid_of, edge_of
@@ -24,6 +24,8 @@ __all__ = ["Altimeter", "AltimeterSettings", "Reason", "RESULT_DTYPE", "Spectra"
 _CLEAR_DB = 999.0  # greatest ambiguity that is given
 # First zero of a window's main lobe, in resolution cells: as many as it has cosine terms.
 _FIRST_ZERO = {"boxcar": 1.0, "hann": 2.0, "hamming": 2.0, "blackman": 3.0}
+# Error of a right altitude, in m; where a resolution cell is longer than 20 m, a quarter of it
+_NEAR_M = 5.0
 
 
 class Altimeter(BeatSpectra):
@@ -51,27 +53,28 @@ class Altimeter(BeatSpectra):
         super().__init__(waveform, settings)
         self._plan_detection()
         self._searches: dict[tuple[int, int], PairSearch] = {}
-        limit = self.settings.max_vertical_speed_m_per_s
-        self._search = self._search_within((-limit, limit))
+        cell_m = float(waveform.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
+        self._near = max(_NEAR_M, 0.25 * waveform.range_resolution_m) / cell_m
+        named = self.settings.max_vertical_speed_m_per_s
+        self.frame_speed_m_per_s = (
+            SPEED_M_PER_S if named is None else named
+        )  # allowed where a call names none
+        self._search = self._search_within((-self.frame_speed_m_per_s, self.frame_speed_m_per_s))
         self.pair_threshold = self._search.pair_threshold  # on the sum of both half sweeps' significance
 
     @property
     def false_alarms_per_frame(self) -> float:
-        """Bound of the probability that white noise alone gives an altitude: ``pfa`` per half resolution cell."""
-        return min(1.0, self._false_alarms)
-
-    @property
-    def _false_alarms(self) -> float:
-        return self.settings.pfa * 2.0 * (self._last - self._first) / self._per_resolution
+        """Bound of the probability that white noise alone gives an altitude."""
+        return self.settings.pfa_per_frame
 
     @property
     def doppler_cells(self) -> int:
-        """Cells by which the beats of the two half sweeps of one target may differ."""
-        return self._search.apart[1]
+        """Cells by which the beats of the two half sweeps of one target may differ, at the greatest speed."""
+        return round(2.0 * self.doppler_limit_hz / self.cell_hz)
 
     def _search_within(self, speeds_m_per_s: tuple[float, float]) -> PairSearch:
         """The search over pairs that an interval of vertical speeds allows."""
-        limit = self.settings.max_vertical_speed_m_per_s
+        limit = self.speed_limit_m_per_s
         low, high = speeds_m_per_s
         if not -limit <= low <= high <= limit:
             raise ValueError(
@@ -90,7 +93,7 @@ class Altimeter(BeatSpectra):
             # as many as have an altitude that `_inside` lets pass
             cells = 1.0 + (s.max_altitude_m - s.min_altitude_m) / self.waveform.range_resolution_m
             level, lower = (
-                pair_threshold(self._false_alarms, cells, partners, share * self._crossings, FLOOR)
+                pair_threshold(s.pfa_per_frame, cells, partners, share * self._crossings, FLOOR)
                 for share in (1.0, 0.25)  # of a half sweep, over which cells are correlated
             )
             self._searches[least, most] = PairSearch(
@@ -99,12 +102,15 @@ class Altimeter(BeatSpectra):
                 last=self._last,
                 apart=(least, most),
                 per_resolution=round(self._per_resolution),
-                cell_threshold=-float(np.log(self.settings.pfa)),
+                cell_threshold=-float(
+                    np.log(s.pfa_per_frame * 0.5 * self._per_resolution / (self._last - self._first))
+                ),
                 pair_threshold=level,
                 spare=(level - lower) / float(np.log(4.0)),
                 flank=self._flank,
                 side_lobes=self._side_lobes,
                 outshining=self.settings.strategy == "strongest",
+                near=self._near if self.settings.strategy == "strongest" else None,
             )
         return self._searches[least, most]
 
@@ -199,9 +205,9 @@ class Altimeter(BeatSpectra):
         frame_index : (n,) int, optional
             Copied into the results; default 0, 1, ...
         vertical_speed_m_per_s : (float, float), optional
-            Least and greatest range rate that these frames can have, as a track knows it, within
-            ``max_vertical_speed_m_per_s`` (the default). A narrower interval lowers the threshold at equal false alarms
-            and leaves fewer grating lobes that pass for a speed.
+            Least and greatest range rate that these frames can have, as a track knows it; default
+            ``-frame_speed_m_per_s..frame_speed_m_per_s``, at most ``speed_limit_m_per_s`` either way. A narrower
+            interval lowers the threshold at equal false alarms and leaves fewer grating lobes that pass for a speed.
 
         Returns
         -------
@@ -283,7 +289,8 @@ class Altimeter(BeatSpectra):
         spectra = self.spectra(cleaned)
         after = self.significance(spectra)
         found = self._search(spectra.power, after)
-        declared, nothing = found.reason == Reason.OK, found.reason == Reason.NO_DETECTION
+        declared = np.isin(found.reason, (Reason.OK, Reason.AMBIGUOUS))
+        nothing = found.reason == Reason.NO_DETECTION
         if pfa < 1.0:
             still = self._search_within((0.0, 0.0))
             there = nothing & (_joint(after, found.pair) >= still.threshold(after))
@@ -343,6 +350,7 @@ class Altimeter(BeatSpectra):
     def _interpolate(self, found: Found) -> np.ndarray:
         """(n, 2) beats of greatest likelihood: each half sweep's own peak, or both moved together.
 
+        Where one of them is broad its peak says little, and the mean of the likelihood is taken (`Found.mean`).
         They are moved together where one alone is no peak, weighted by their signal over noise. Two peaks are each
         measured where they are, even if they lie farther apart than the allowed speeds permit. Their mean is the
         altitude at any speed; a weighted sum would follow the clearer one and be wrong by the unexpected speed.
@@ -353,7 +361,8 @@ class Altimeter(BeatSpectra):
         if not peaks.all():
             together = self._offsets((around / found.noise[..., None]).sum(axis=1))
             own = np.where(peaks[:, None], own, together[:, None])
-        return self.beat_hz[self.cfar.margin] + self.cell_hz * (pair + own)
+        cells = np.where(np.isnan(found.mean), pair + own, found.mean)
+        return self.beat_hz[self.cfar.margin] + self.cell_hz * cells
 
     def _offsets(self, around: np.ndarray) -> np.ndarray:
         """(...) offset in cells of a peak from the middle one of (..., 3) powers; the table's end where it is none."""

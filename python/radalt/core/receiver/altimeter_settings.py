@@ -9,8 +9,12 @@ import numpy as np
 
 from ..waveform import Waveform
 
-__all__ = ["AltimeterSettings", "RESULT_DTYPE", "Reason"]
+__all__ = ["FASTEST_M_PER_S", "AltimeterSettings", "RESULT_DTYPE", "Reason", "pfa_is_per_frame"]
 
+# Vertical speed allowed per frame where neither scene nor settings name one, in m/s: 3,900 ft/min, more than approaches
+# and climbs have
+SPEED_M_PER_S = 20.0
+FASTEST_M_PER_S = 150.0  # no aircraft descends or climbs faster
 STRATEGIES = ("strongest", "leading_edge", "centroid")
 
 
@@ -24,8 +28,12 @@ class Reason:
     NO_SIGNAL = 4
     UNLOCKED = 5
     OUT_OF_RANGE = 6
+    AMBIGUOUS = 7
 
-    NAMES = ("ok", "no_detection", "sweeps_disagree", "not_finite", "no_signal", "unlocked", "out_of_range")
+    NAMES = (
+        *("ok", "no_detection", "sweeps_disagree", "not_finite", "no_signal", "unlocked", "out_of_range"),
+        "ambiguous",
+    )
 
 
 RESULT_DTYPE = np.dtype(
@@ -56,16 +64,17 @@ class AltimeterSettings:
         takes what a scene flies (`Scene.altimeter_settings`), else 1500 m, or the waveform's limit where that is lower.
     max_vertical_speed_m_per_s : float or None
         Largest range rate: how far the two sweeps' beats may differ and still be one target. None takes what a
-        scene flies, else 150 m/s. At equal `pfa` 150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the
-        sweep, one half's grating lobe beside the other's peak also passes for a speed. A caller that knows the speed
-        better gives it per call (`Altimeter.process`).
+        scene flies, else 20 m/s per frame, and 150 m/s in a track or where a call names a speed. At equal false alarms
+        150 m/s costs 1 dB of sensitivity. Where a method leaves holes in the sweep, one half's grating lobe beside the
+        other's peak also passes for a speed. A caller that knows the speed better gives it per call
+        (`Altimeter.process`).
     window : str
         ``"boxcar"`` (default), ``"hann"``, ``"hamming"`` or ``"blackman"``, over each half sweep. A taper lowers side
         lobes but weights the middle of the sweep, where an interferer at the radar's centre sits: a Hann window costs
         5.6 dB against one there, and a factor 1.6 in error.
-    pfa : float
-        False alarms in white noise per half resolution cell (1 kHz) of the span and frame, over all pairs that Doppler
-        allows; 1e-12..0.5.
+    pfa_per_frame : float
+        False altitudes per frame of white noise, at most, over all altitudes and speeds that are searched, whatever the
+        sweep; 1e-9..0.5.
     train_cells, guard_cells : float
         Training and guard cells on each side, in resolution cells (2 kHz, 20 m by default), where the noise is
         not white (`Cfar`).
@@ -78,7 +87,7 @@ class AltimeterSettings:
     min_altitude_m: float = 0.0
     max_vertical_speed_m_per_s: float | None = None
     window: str = "boxcar"
-    pfa: float = 1e-4
+    pfa_per_frame: float = 0.0155
     train_cells: float = 16.0
     guard_cells: float = 1.5
     strategy: str = "strongest"
@@ -93,8 +102,10 @@ class AltimeterSettings:
             raise ValueError(f"altimeter.strategy is {self.strategy!r}; allowed: {', '.join(STRATEGIES)}")
         if self.window not in ("hann", "hamming", "blackman", "boxcar"):
             raise ValueError(f"altimeter.window is {self.window!r}; allowed: hann, hamming, blackman, boxcar")
-        if not 1e-12 <= self.pfa <= 0.5:
-            raise ValueError(f"altimeter.pfa is {self.pfa!r}; it has to be within 1e-12..0.5")
+        if not 1e-9 <= self.pfa_per_frame <= 0.5:
+            raise ValueError(
+                f"altimeter.pfa_per_frame is {self.pfa_per_frame!r}; it has to be within 1e-9..0.5"
+            )
         if not (1 <= self.train_cells <= 256 and 0 <= self.guard_cells <= 256):
             raise ValueError(
                 f"altimeter.train_cells {self.train_cells:g} has to be within 1..256, guard_cells "
@@ -110,13 +121,28 @@ class AltimeterSettings:
         waveform: Waveform,
         *,
         highest_altitude_m: float = 1500.0,
-        vertical_speed_m_per_s: float = 150.0,
+        vertical_speed_m_per_s: float | None = None,
     ) -> AltimeterSettings:
         """The same settings with numbers in place of None: the given ones, the altitude within the waveform's limit."""
         span: dict[str, Any] = {}
         if self.max_altitude_m is None:
             floor = self.min_altitude_m + waveform.range_resolution_m
             span["max_altitude_m"] = min(max(highest_altitude_m, floor), waveform.max_unambiguous_altitude_m)
-        if self.max_vertical_speed_m_per_s is None:
+        if self.max_vertical_speed_m_per_s is None and vertical_speed_m_per_s is not None:
             span["max_vertical_speed_m_per_s"] = abs(vertical_speed_m_per_s)
         return replace(self, **span) if span else self
+
+
+def pfa_is_per_frame(pfa: float, waveform: Waveform, settings: AltimeterSettings) -> str:
+    """What is wrong with the key ``pfa``, false alarms per half resolution cell, and the same rate per frame."""
+    settings = settings.resolved(waveform)
+    named = settings.max_vertical_speed_m_per_s
+    doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S if named is None else named)
+    span_hz = (
+        waveform.altitude_to_beat_hz(settings.max_altitude_m - settings.min_altitude_m) + 2.0 * doppler_hz
+    )
+    per_frame = pfa * 2.0 * (float(span_hz) * waveform.half_sweep_s + 2.0)
+    return (
+        f"altimeter.pfa is {pfa:g}, false alarms per half resolution cell; give them per frame: pfa_per_frame: "
+        f"{min(max(per_frame, 1e-9), 0.5):.3g} is the same rate here"
+    )

@@ -20,7 +20,7 @@ from scipy import fft
 
 from ..fir import cosine_window
 from ..waveform import Waveform, altitude_to_delay_s
-from .altimeter_settings import AltimeterSettings
+from .altimeter_settings import FASTEST_M_PER_S, AltimeterSettings
 from .cfar import support_of
 from .decimator import Decimator
 
@@ -78,7 +78,10 @@ class BeatSpectra:
         """Beat band, decimation and FFT size from the span of altitudes."""
         w, s = self.waveform, self.settings
         cell_hz = 1.0 / w.half_sweep_s
-        self.doppler_limit_hz = float(w.vertical_speed_to_doppler_hz(s.max_vertical_speed_m_per_s))
+        named = s.max_vertical_speed_m_per_s
+        # of a track, or of a call that names it; a frame without allows less
+        self.speed_limit_m_per_s = FASTEST_M_PER_S if named is None else named
+        self.doppler_limit_hz = float(w.vertical_speed_to_doppler_hz(self.speed_limit_m_per_s))
         low, high = (float(w.altitude_to_beat_hz(a)) for a in (s.min_altitude_m, s.max_altitude_m))
         slack = self.doppler_limit_hz + cell_hz
         self.search_hz = (low - slack, high + slack)

@@ -11,11 +11,24 @@ import numpy as np
 
 from ..returns.point import point_return
 from .altimeter import Altimeter, Spectra
-from .summed_block import Block, upper_median
 
-__all__ = ["Integrator"]
+__all__ = ["Integrator", "upper_median"]
 
-_TOP = 200.0  # greatest power over noise in one frame that counts
+# Dynamic range of one half sweep, linear (23 dB): the noise level is not estimated below the fourth side lobe of
+# its strongest line, 1 / (4.5 pi)^2, so that the side lobes of a strong return do not count as returns.
+_DYNAMIC_RANGE = 200.0
+# Most that a return is blurred within a block by a speed between two steps of the table, in resolution cells. It
+# costs less than 0.1 dB of the peak's power.
+_BLUR_CELLS = 0.2
+# Resolution cells to either side whose median is the background of a cell. A return's main lobe and the grating lobes
+# that a method leaves of it (within 6 cells) fill less than half of them.
+_BACKGROUND_CELLS = 8
+
+
+def upper_median(values: np.ndarray) -> np.ndarray:
+    """Upper median over the last axis; `numpy.median` takes three times as long for rows this short."""
+    middle = values.shape[-1] // 2
+    return np.partition(values, middle, axis=-1)[..., middle]
 
 
 class Integrator:
@@ -51,7 +64,7 @@ class Integrator:
         self.speed_per_cell = float(
             w.beats_to_vertical_speed_m_per_s(self.cell_hz, 0.0)
         )  # of up against down
-        limit = altimeter.settings.max_vertical_speed_m_per_s if doppler else np.inf
+        limit = altimeter.speed_limit_m_per_s if doppler else np.inf
         self.max_speed = min(max_speed_m_per_s, limit)
         self.resolution_cells = w.range_resolution_m / self.cell_m
         low, high = altimeter.search_hz
@@ -59,13 +72,13 @@ class Integrator:
         self.first, self.last = max(2, int(inside[0])), min(self.beat_hz.size - 2, int(inside[-1]) + 1)
         self._plan_speeds()
         self._plan_pairs(altimeter)
-        self._curve = self._peak_curve(altimeter)
-        self._background = 2 * int(np.ceil(8 * self.resolution_cells)) + 1
+        self.peak_curve, self.point_shape = self._point_response(altimeter)
+        self.background_cells = 2 * int(np.ceil(_BACKGROUND_CELLS * self.resolution_cells)) + 1
 
     def _plan_speeds(self) -> None:
-        """Speeds by which frames are moved; a speed in between blurs the block by 0.2 resolution cells at most."""
+        """Speeds by which frames are moved; a speed in between blurs the block by `_BLUR_CELLS` at most."""
         duration = self.frames * self.waveform.sweep_s
-        blur = 0.2 * self.waveform.range_resolution_m / duration  # m/s to either side
+        blur = _BLUR_CELLS * self.waveform.range_resolution_m / duration  # m/s to either side
         sides = int(np.ceil(max(0.0, self.max_speed - blur) / (2.0 * blur)))
         self.speeds = np.arange(-sides, sides + 1) * (2.0 * self.max_speed / (2 * sides + 1))
         self._cells_per_frame = self.speeds * self.waveform.sweep_s / self.cell_m
@@ -86,49 +99,54 @@ class Integrator:
         self.rows = np.array(rows)
         up = np.arange(self.first, self.last)
         down = up - self.rows[:, 1:]
-        self._up = np.broadcast_to(up, down.shape)
-        self._valid = (down >= self.first) & (down < self.last)
-        self._down = np.clip(down, self.first, self.last - 1)
-        beat = 0.5 * (self.beat_hz[self._up] + self.beat_hz[self._down])
+        self.up_cell = np.broadcast_to(up, down.shape)
+        self.valid = (down >= self.first) & (down < self.last)
+        self.down_cell = np.clip(down, self.first, self.last - 1)
+        beat = 0.5 * (self.beat_hz[self.up_cell] + self.beat_hz[self.down_cell])
         self.altitude_m = self.waveform.beats_to_altitude_m(beat, -beat)
         s = altimeter.settings
         half_cell = 0.5 * self.waveform.range_resolution_m
         self.altitude_span_m = np.array([s.min_altitude_m - half_cell, s.max_altitude_m + half_cell])
-        self._valid &= (self.altitude_m >= self.altitude_span_m[0]) & (
+        self.valid &= (self.altitude_m >= self.altitude_span_m[0]) & (
             self.altitude_m <= self.altitude_span_m[1]
         )
-        self._no_pair = ~self._valid
+        self._no_pair = ~self.valid
         by_cells = self.rows[:, 1] * self.speed_per_cell
         self.row_speed = by_cells if self.doppler else self.speeds[self.rows[:, 0]]
         # neighbours are correlated at twice the resolution's sampling: every other entry is a trial of its own
-        self.trials = max(1.0, self._valid.sum() / self.resolution_cells**2)
+        self.trials = max(1.0, self.valid.sum() / self.resolution_cells**2)
 
-    def _peak_curve(self, altimeter: Altimeter) -> tuple[np.ndarray, np.ndarray]:
-        """Offset of a tone from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone."""
+    def _point_response(self, altimeter: Altimeter) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """How a point return shows in the cells around its peak, measured at the middle of the span.
+
+        Two curves: its offset from its peak cell against (R - L) / (2 C - R - L), which a noise floor leaves alone; and
+        its power against the distance in cells, relative to the peak.
+        """
         s = altimeter.settings
         middle = int(np.argmin(np.abs(self.altitude_m[0] - 0.5 * (s.min_altitude_m + s.max_altitude_m))))
-        cell = int(self._up[0, middle])
+        cell, reach = int(self.up_cell[0, middle]), round(self.resolution_cells) + 1
         offset = np.linspace(-0.7, 0.7, 57)
         beat = self.beat_hz[cell] + offset * self.cell_hz
         frames = point_return(self.waveform, self.waveform.beats_to_altitude_m(beat, -beat))
-        left, here, right = altimeter.spectra(frames).power[:, 0, cell - 1 : cell + 2].T.astype(float)
-        return (right - left) / (2.0 * here - right - left), offset
+        power = altimeter.spectra(frames).power[:, 0, cell - reach : cell + reach + 1].astype(float)
+        left, here, right = power[:, reach - 1 : reach + 2].T
+        peak = (right - left) / (2.0 * here - right - left), offset
+        distance = np.arange(-reach, reach + 1) - offset[:, None]
+        power /= power[offset.size // 2, reach]
+        order = np.argsort(distance.ravel())
+        return peak, (distance.ravel()[order], power.ravel()[order])
 
     # -- one block ------------------------------------------------------------------------------------------------
 
     def normalise(self, spectra: Spectra) -> np.ndarray:
-        """(n, 2, J) float32 power over the noise level of each half sweep; at most `_TOP`, NaN in unusable frames."""
+        """(n, 2, J) float32 power over each half sweep's noise level; at most 200 (23 dB), NaN in unusable frames."""
         inner = spectra.power[..., self.first : self.last]
         with np.errstate(invalid="ignore", divide="ignore"):
             level = upper_median(inner) * np.float32(1.0 / np.log(2.0))
-            level = np.maximum(level, inner.max(axis=-1) / np.float32(_TOP))
+            level = np.maximum(level, inner.max(axis=-1) / np.float32(_DYNAMIC_RANGE))
             out = spectra.power / level[..., None]
         out[~((spectra.scale > 0) & np.isfinite(spectra.scale) & (level > 0).all(axis=-1))] = np.nan
         return out
-
-    def integrate(self, ratio: np.ndarray, at: np.ndarray) -> Block:
-        """A block from normalised spectra (m, 2, J) of usable frames and their places (m,) in the block."""
-        return Block(self, ratio, at)
 
     def shifts(self, at: np.ndarray) -> np.ndarray:
         """(K, m) cells by which frames at these places are moved to the block's middle, for each speed under test."""

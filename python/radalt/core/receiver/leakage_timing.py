@@ -44,10 +44,10 @@ class LeakageTiming:
         # where the leakage's line peaks, which the echo of a landing gear moves: what timing is taken on
         self._place_samples = finder.delay_samples(canceller.background) or 0.0
 
-    def locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+    def locate(self, samples: np.ndarray, counter: int) -> tuple[int, float] | None:
         """As `SweepFinder.locate`, of the leakage; None where what is found is not the leakage that was calibrated.
 
-        Without a calibration it is the strongest sweep.
+        Without a calibration it is the strongest sweep. ``counter`` is the first sample's, which numbers the sweeps.
         """
         found = self._finder.locate(samples)
         if found is None:
@@ -60,10 +60,10 @@ class LeakageTiming:
         if not 0 <= whole <= samples.size - self._n:
             return None
         frames = samples[whole : whole + samples[whole:].size // self._n * self._n].reshape(-1, self._n)
-        index = np.arange(len(frames))
+        index = (counter + whole + 1) // self._n + np.arange(len(frames))
         mean = (frames * np.conj(np.reshape(self.canceller.rotation(index), (-1, 1)))).mean(axis=0)
         rest = self._refine(mean, total - whole)
-        if self.slip(frames[0]) != 0.0:
+        if self.slip(frames[0], int(index[0])) != 0.0:
             return None
         return whole, rest
 

@@ -18,6 +18,7 @@ from ..waveform import Waveform, altitude_to_delay_s
 from .frame import Frame
 from .leakage import LeakageCanceller
 from .leakage_timing import LeakageTiming
+from .receiver_faults import ReceiverFaults
 from .segmenter_settings import SegmenterSettings
 from .slips import MEMORY_FRAMES, MOST_LOST_FRAMES, Slips
 from .sweep_check import NOT_LOOKED, SweepCheck
@@ -51,13 +52,18 @@ class FrameSegmenter:
         Subtracts the transmitter's own leakage from every frame. Timing is then taken on the leakage and held on it
         (`LeakageTiming`). Not with beat shifts, which shift the leakage as well.
 
+    noise : bool
+        Whether samples carry noise: frames that repeat one of the last second bit for bit are then a frozen receiver's,
+        and are not released. A simulation without noise repeats frames rightly.
+
     `follow` names altitudes that were set by hand; they take precedence over the programme's.
 
     Attributes
     ----------
     counters : dict
         ``frames`` emitted, ``torn`` frames discarded at tagged discontinuities, ``discontinuities``, ``lost_samples``,
-        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``acquisitions``, ``index_corrections`` by
+        ``lock_losses``, ``unlocked_frames`` not emitted without timing, ``faulty_frames`` not emitted because of
+        `fault`, ``acquisitions``, ``index_corrections`` by
         whole frames that went missing (altitudes set by hand).
     lock_loss : str
         What ended the last lock: sweep, expected altitude, altitude at which the sweep was seen; else empty.
@@ -82,6 +88,7 @@ class FrameSegmenter:
         true_delay: bool = False,
         point_target: bool = True,
         leakage: LeakageCanceller | None = None,
+        noise: bool = True,
     ) -> None:
         if leakage is not None and not true_delay:
             raise ValueError(
@@ -98,7 +105,11 @@ class FrameSegmenter:
         self._installation_m = 0.0 if leakage is None else leakage.installation_delay_m
         # room for some frames beyond the longest wait, so that what is left over is moved once in a while
         self._buffer = np.empty((settings.acquisition_frames + 12) * self._n, dtype=np.complex64)
-        names = "frames torn discontinuities lost_samples lock_losses unlocked_frames acquisitions index_corrections"
+        names = (
+            "frames torn discontinuities lost_samples lock_losses unlocked_frames faulty_frames acquisitions"
+        )
+        names += " index_corrections"
+        self._faults = ReceiverFaults(waveform, self._finder, noise=noise)
         self.counters = dict.fromkeys(names.split(), 0)
         self._sent_by_hand: Callable[[int], tuple[float, float]] | None = None
         self.unverified_frames = 0
@@ -256,7 +267,9 @@ class FrameSegmenter:
         needed = (self.settings.acquisition_frames + 2) * self._n
         if self._filled < needed:
             return False
-        found = self._locate(self._waiting(self._n, needed))
+        found = self._locate(self._n, needed)
+        if found is not None and self._faults.conjugated(self._waiting(self._n, 2 * self._n)):
+            found = None
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._consume(self._n)
@@ -273,13 +286,21 @@ class FrameSegmenter:
         self.counters["acquisitions"] += 1
         return True
 
-    def _locate(self, samples: np.ndarray) -> tuple[int, float] | None:
+    def _locate(self, first: int, last: int) -> tuple[int, float] | None:
         """As `SweepFinder.locate`; where the leakage is known, that alone is a place to take timing on."""
-        return self._finder.locate(samples) if self._leakage is None else self._leakage.locate(samples)
+        samples = self._waiting(first, last)
+        if self._leakage is None:
+            return self._finder.locate(samples)
+        return self._leakage.locate(samples, self._origin + first)
 
     # -- locked ---------------------------------------------------------------------------------------------------
 
     def _emit(self, samples: np.ndarray, out: list[Frame]) -> bool:
+        if self._faults.found_in(samples, self._index):  # as received, before anything is subtracted
+            self.counters["faulty_frames"] += 1
+            self._origin += self._n
+            self._index += 1
+            return True
         frame = Frame(self._index, self._origin, samples, self._offset_s)
         slip = None
         if self._leakage is not None:
@@ -431,7 +452,7 @@ class FrameSegmenter:
             return True
         if self._filled < (count + 1) * self._n:
             return False
-        found = self._locate(self._waiting(0, (count + 1) * self._n))
+        found = self._locate(0, (count + 1) * self._n)
         if found is None:
             self.counters["unlocked_frames"] += 1
             self._next_frame()
@@ -470,6 +491,11 @@ class FrameSegmenter:
         return True
 
     @property
+    def fault(self) -> str:
+        """What is wrong with the receiver by the last frame: ``""``, ``"frozen"`` or ``"quadrature"``."""
+        return self._faults.fault
+
+    @property
     def timing_verified(self) -> bool:
         """Whether one of the last fifty frames showed the sweep where it was sent to be."""
         return self.state == LOCKED and self.unverified_frames <= MEMORY_FRAMES
@@ -478,7 +504,8 @@ class FrameSegmenter:
         """State, lock quality in dB (correlation over mean), how well timing is known, and counters, for telemetry."""
         return {
             "state": self.state,
-            "locked": self.state == LOCKED,
+            "locked": self.state == LOCKED and not self.fault,
+            "fault": self.fault,
             "quality_db": self._finder.quality_db,
             "unverified_frames": self.unverified_frames,
             "timing_verified": self.timing_verified,

@@ -3,32 +3,55 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
-if TYPE_CHECKING:  # it makes blocks
-    from .integrator import Integrator
+from .integrator import Integrator, upper_median
 
-__all__ = ["Block", "Entry", "Measurement", "upper_median"]
+__all__ = ["Block", "Entry", "Measurement"]
 
-_VARIANCE = 0.1763  # of log(1 + x), x exponential of mean 1
-_MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
-# resolution cells from a return to where another one counts, and to where one counts that no extended ground explains
+# Variance of log(1 + x) for x exponential of mean 1, by numerical integration: what one cell of noise adds per frame.
+_VARIANCE = 0.1763
+# Resolution cells from a peak to the first null of an unweighted sweep: beyond it are other returns.
+_MAIN_LOBE = 1.0
+# Resolution cells from a return, beyond which another return counts: by power alone from the middle of the first side
+# lobe on, or nearer by, where both main lobes overlap, if it is also a peak or no extended ground explains it.
 _BESIDE, _NEAR_BY = 1.5, 0.9
-_NEARLY = 0.8  # of the greatest strength
-_STILL = 0.6  # cells that a return may move in a block without being followed by the evidence
-_BOTH = 0.1  # least share of the stronger half's power over noise that the weaker has to show
-# least deviations of the power in its cells: behind a network, lower ones are shown without a return
+# Share of the greatest strength from which pairs count as equally strong, so that power decides between them: after
+# compression a return and its grating lobes are alike (tests/test_tracker_parts.py has a lobe that is stronger).
+_NEARLY = 0.8
+# Cells that a return may move within a block before its frames are aligned one by one: 3 m with the default sweep's
+# four cells per resolution cell, well within its main lobe.
+_UNMOVED = 0.6
+# Least power of the weaker half sweep over that of the stronger (-10 dB): a network may leave the return in two of
+# forty frames of one half (docs/tracker.md, initiator).
+_BOTH = 0.1
+# Standard deviations of the cells' own power by which the weaker half has to stand out. A network leaves structure in
+# noise: lower ones are shown without a return.
 _STANDS_OUT = 6.0
-_LATEST = 4  # the last of so many parts of a block has to agree with the whole
-
-
-def upper_median(values: np.ndarray) -> np.ndarray:
-    """Upper median over the last axis; `numpy.median` takes three times as long for rows this short."""
-    middle = values.shape[-1] // 2
-    return np.partition(values, middle, axis=-1)[..., middle]
+# Power ratio (6 dB) by which a side lobe may exceed 1 / (pi distance)^2: a method weights the sweep.
+_SIDE_LOBE_SPARE = 4.0
+# Least share of both halves' strength, or of their mean power, that each half has to show of a return.
+_EACH_HALF = 0.25
+_PARTS = 4  # the last of so many parts of a block has to agree with the whole: a step of the ground within the block
+# Standard deviations by which two noisy values contradict each other: noise alone does so in 6 of 100,000 blocks.
+_CONTRADICTION_SIGMAS = 4.0
+# Standard deviations by which a second return has to exceed its mirror image: one of the 60 cells examined does so by
+# noise in one of 60,000 blocks.
+_SECOND_SIGMAS = 5.0
+# Resolution cells around a return that are its own peak: the power there says nothing of another return.
+_OWN_CELLS = 0.35
+# One-sided power, as a share of the return's, that is another return's: -25 dB. A point's lobes are equal to -30 dB
+# after interpolation between cells.
+_ONE_SIDED_SHARE = 0.003
+# Least power over noise, linear (13 dB), and largest distance in resolution cells (3 m), of the peak by which received
+# frames show the return of the cleaned ones: interference seldom has a peak of both halves there.
+_CLEAR, _SAME_PLACE_CELLS = 20.0, 0.15
+# Fluctuation of one-sided power from frame to frame that is another return's: standard deviations of what noise gives,
+# and share of the return's power.
+_FLUCTUATION_SIGMAS, _FLUCTUATION_SHARE = 3.0, 0.03
+_MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
 @dataclass(frozen=True)
@@ -75,17 +98,39 @@ class Entry:
     row: int
 
 
+def _at(rows: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n, k) values of rows (n, J) at fractional cells (k,), by the cubic through the four nearest."""
+    whole = np.clip(np.floor(cells).astype(int), 1, rows.shape[-1] - 3)
+    x = np.clip(cells - whole, 0.0, 1.0)
+    weights = (
+        -x * (x - 1) * (x - 2) / 6,
+        (x + 1) * (x - 1) * (x - 2) / 2,
+        -(x + 1) * x * (x - 2) / 2,
+        (x + 1) * x * (x - 1) / 6,
+    )
+    return sum(weight * rows[:, whole + k - 1] for k, weight in enumerate(weights))
+
+
 class Block:
-    """One block's sums; what follows from them is computed on request."""
+    """One block's sums; what follows from them is computed on request.
+
+    Parameters
+    ----------
+    tables : Integrator
+    ratio : (m, 2, J) float32
+        Normalised spectra of its usable frames (`Integrator.normalise`).
+    at : (m,) float
+        Their places in the block, in frames.
+    """
 
     def __init__(self, tables: Integrator, ratio: np.ndarray, at: np.ndarray) -> None:
-        self.tables, self._ratio = tables, ratio
+        self.tables, self.ratio = tables, ratio
         self.count = len(ratio)
         self._known: dict[int, tuple] = {}
         self._away: dict[bytes, np.ndarray] = {}
         self.middle = float(at.mean())
         self._votes = np.log1p(ratio)
-        self.late = late = -(-self.count // _LATEST)  # frames of its last quarter
+        self.late = late = -(-self.count // _PARTS)  # frames of its last quarter
         self._shifts = shifts = tables.shifts(at)
         sums = tables.moved_sums(self._votes, shifts)
         background, self._sigma = self._noise(sums[len(sums) // 2])
@@ -105,10 +150,12 @@ class Block:
         t = self.tables
         inner = sums[:, t.first : t.last]
         # half by half: SciPy's filter for one dimension takes a fourteenth of the time
-        residual = inner - [ndimage.median_filter(half, size=t._background, mode="reflect") for half in inner]
+        residual = inner - [
+            ndimage.median_filter(half, size=t.background_cells, mode="reflect") for half in inner
+        ]
         everywhere = np.zeros(sums.shape)
         everywhere[:, t.first : t.last] = inner - residual
-        seen = 1.4826 * upper_median(np.abs(residual - upper_median(residual)[:, None]))
+        seen = _MAD * upper_median(np.abs(residual - upper_median(residual)[:, None]))
         expected = self.count * _VARIANCE
         return everywhere, float(np.sqrt(np.maximum(seen**2, expected).sum()))
 
@@ -120,13 +167,15 @@ class Block:
         if not np.isfinite(strength):
             return None
         t = self.tables
-        cells = int(t._up[row, column]), int(t._down[row, column])
+        cells = int(t.up_cell[row, column]), int(t.down_cell[row, column])
         k = int(t.rows[row, 0])
         power, floor, _ = self._sums(k)
         over = [float(power[half, cells[half]] / floor[half]) - 1.0 for half in range(2)]
         weaker = min(float(self._excess[k, half, cells[half]]) for half in range(2)) / self._sigma
-        if weaker < 0.25 * strength and not self._shown_by_both(k, over):  # both halves have to show a return
-            strength = min(strength, 4.0 * weaker)
+        if weaker < _EACH_HALF * strength and not self._shown_by_both(
+            k, over
+        ):  # both halves have to show a return
+            strength = min(strength, weaker / _EACH_HALF)
         return Entry(strength, float(t.altitude_m[row, column]), cells, max(0.0, 0.5 * sum(over)), row)
 
     def _shown_by_both(self, k: int, over: list[float]) -> bool:
@@ -137,7 +186,7 @@ class Block:
         t = self.tables
         power, floor, _ = self._sums(k)
         less = int(np.argmin(over))
-        usual = 1.4826 * upper_median(np.abs(power[less, t.first : t.last] - floor[less])) / floor[less]
+        usual = _MAD * upper_median(np.abs(power[less, t.first : t.last] - floor[less])) / floor[less]
         return over[less] >= max(_BOTH * max(over), _STANDS_OUT * float(usual))
 
     def best(self, allowed: np.ndarray | None = None) -> Measurement | None:
@@ -154,7 +203,7 @@ class Block:
         table = np.where(allowed, self.table, -np.inf)
         top = table.max()
         row, column = np.nonzero((table >= min(_NEARLY * top, top)) & (table > -np.inf))
-        cells, speed = (t._up[row, column], t._down[row, column]), t.rows[row, 0]
+        cells, speed = (t.up_cell[row, column], t.down_cell[row, column]), t.rows[row, 0]
         power = np.empty(row.size)
         for k in np.unique(speed).tolist():
             at = speed == k
@@ -179,7 +228,7 @@ class Block:
             for shift in range(3):
                 beside[k, :, shift : shift + peak.shape[1]] |= peak
         k = t.rows[:, :1]
-        found = allowed & beside[k, 0, t._up] & beside[k, 1, t._down]
+        found = allowed & beside[k, 0, t.up_cell] & beside[k, 1, t.down_cell]
         return found if found.any() else allowed
 
     def measure(self, entry: Entry) -> Measurement | None:
@@ -222,7 +271,11 @@ class Block:
         over = max(0.0, float(here / floor) - 1.0)
         # noise of the slope over the curvature; beside a return the noise is greater by its power over noise
         variance = slope * (1.0 + over) / curvature**2
-        return cell + float(np.interp((right - left) / curvature, *self.tables._curve)), float(variance), over
+        return (
+            cell + float(np.interp((right - left) / curvature, *self.tables.peak_curve)),
+            float(variance),
+            over,
+        )
 
     def moved_since(self, found: Measurement) -> tuple[float, float]:
         """Altitude of a return in the block's last quarter, less that in the whole block, and its standard deviation.
@@ -233,7 +286,7 @@ class Block:
         k = int(t.rows[found.row, 0])
         share = self.late / self.count
         _, floor, slope = self._sums(k)
-        power = t.moved_sums(self._ratio[-self.late :], self._shifts[k : k + 1, -self.late :])[0]
+        power = t.moved_sums(self.ratio[-self.late :], self._shifts[k : k + 1, -self.late :])[0]
         reach = round(_MAIN_LOBE * t.resolution_cells)
         steps, cells = np.arange(-reach, reach + 1), np.arange(power.shape[1])
         over = [np.interp(found.cells[half] + steps, cells, power[half]) / floor[half] for half in range(2)]
@@ -251,11 +304,11 @@ class Block:
         """(2, J) power moved by speed ``k``; (2,) its level in noise; (2,) variance of its slope in noise."""
         if k not in self._known:
             t = self.tables
-            power = t.moved_sums(self._ratio, self._shifts[k : k + 1])[0]
+            power = t.moved_sums(self.ratio, self._shifts[k : k + 1])[0]
             inner = power[:, t.first : t.last]
             floor = np.maximum(upper_median(inner), 1e-12)
             slopes = np.abs(inner[:, 2:] - inner[:, :-2])
-            self._known[k] = power, floor, (0.5 * 1.4826 * upper_median(slopes)) ** 2
+            self._known[k] = power, floor, (0.5 * _MAD * upper_median(slopes)) ** 2
         return self._known[k]
 
     def _climb(self, power: np.ndarray, cell: int) -> int:
@@ -279,8 +332,8 @@ class Block:
         t, key = self.tables, found.cells.tobytes()
         if key not in self._away:  # asked for several times
             lobe = _MAIN_LOBE * t.resolution_cells
-            up = np.abs(t._up[0] - found.cells[0]) > lobe
-            self._away[key] = up | (np.abs(t._down - found.cells[1]) > lobe)
+            up = np.abs(t.up_cell[0] - found.cells[0]) > lobe
+            self._away[key] = up | (np.abs(t.down_cell - found.cells[1]) > lobe)
         return self._away[key]
 
     def power_at(self, found: Measurement) -> float:
@@ -290,6 +343,30 @@ class Block:
         over = [np.interp(found.cells[h], cells, power[h]) / floor[h] - 1.0 for h in range(2)]
         return max(0.0, 0.5 * float(sum(over)))
 
+    def is_side_lobe(self, found: Measurement, *, mixed: bool = False) -> bool:
+        """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
+
+        With ``mixed`` also a pair of one half sweep of the stronger return with another cell of the other half, if the
+        stronger has more power too: a grating lobe may win by strength alone.
+        """
+        other = self.strongest(self.away_from(found))
+        if other is None or other.strength <= found.strength:
+            return False
+        near, far = np.sort(np.abs(np.array(other.cells) - found.cells)) / self.tables.resolution_cells
+        if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
+            return mixed and other.power > found.power
+        return bool(near >= 1.0 and found.power < other.power * _SIDE_LOBE_SPARE / (np.pi * near) ** 2)
+
+    def shows(self, found: Measurement) -> bool:
+        """Whether the block shows another block's return clearly: 13 dB over noise, both halves at the same place."""
+        here = self.measure(Entry(0.0, 0.0, tuple(round(c) for c in found.cells), 0.0, found.row))
+        apart = _SAME_PLACE_CELLS * self.tables.resolution_cells
+        return (
+            here is not None
+            and here.power >= _CLEAR
+            and bool(np.abs(here.cells - found.cells).max() <= apart)
+        )
+
     def lobe_from_beyond(self, found: Measurement) -> bool:
         """Whether a return is no more than a side lobe of a line beyond the span, in either half sweep, 6 dB to spare.
 
@@ -297,11 +374,13 @@ class Block:
         """
         t = self.tables
         moved, _, _ = self._sums(int(t.rows[found.row, 0]))
-        line, cells = self._ratio.sum(axis=0), np.arange(moved.shape[1])
+        line, cells = self.ratio.sum(axis=0), np.arange(moved.shape[1])
         line[:, t.first : t.last] = 0.0
         for half, at in enumerate(found.cells):
             apart = np.maximum(np.abs(cells - at) / t.resolution_cells, 1.0)
-            if np.max(line[half] * 4.0 / (np.pi * apart) ** 2) >= np.interp(at, cells, moved[half]):
+            if np.max(line[half] * _SIDE_LOBE_SPARE / (np.pi * apart) ** 2) >= np.interp(
+                at, cells, moved[half]
+            ):
                 return True
         return False
 
@@ -310,15 +389,17 @@ class Block:
         away = self.away_from(found)
         here = np.where(away, -np.inf, self._late).max()
         other = np.where(away, self._late, -np.inf).max()
-        return bool(other - here > 4.0 * np.sqrt(2.0))
+        return bool(other - here > _CONTRADICTION_SIGMAS * np.sqrt(2.0))
 
-    def second_return(self, found: Measurement, reach: int, above: float, below: float, lean: float) -> bool:
+    def second_return(
+        self, found: Measurement, reach: int, above: float, below: float, asymmetry: float
+    ) -> bool:
         """Whether another return, not a side lobe, stands within ``reach`` cells of one.
 
         A method weights the sweep by real factors, so its lobes lie on both sides alike; a return stands on one side
         only. It counts from 1.5 resolution cells on, if it exceeds a share of the return's power (``above`` it in
         altitude, ``below`` it) and twice its mirror image by five standard deviations. Nearer by, from 0.9 cells on,
-        it also has to be a peak of its own, or more than ground beyond the nearest gives: a share ``lean`` of the
+        it also has to be a peak of its own, or more than ground beyond the nearest gives: a share ``asymmetry`` of the
         return's power above it, nothing below it.
         """
         t = self.tables
@@ -331,18 +412,72 @@ class Block:
         noise = np.sqrt(((1.0 + over) ** 2 + 4.0 * (1.0 + over[::-1]) ** 2) / (2.0 * self.count))
         apart = np.abs(steps) >= _BESIDE * t.resolution_cells
         peak = np.r_[False, (over[1:-1] > over[:-2]) & (over[1:-1] >= over[2:]), False]
-        unlike_ground = (steps < 0) | (over > lean * found.power)
+        unlike_ground = (steps < 0) | (over > asymmetry * found.power)
         apart |= (peak | unlike_ground) & (np.abs(steps) >= _NEAR_BY * t.resolution_cells)
-        both = np.minimum(*here) > 0.25 * over  # the two halves show it
-        stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        both = np.minimum(*here) > _EACH_HALF * over  # the two halves show it
+        stands = (over >= share * found.power) & (over - 2.0 * over[::-1] > _SECOND_SIGMAS * noise)
         if not np.any(apart & both & stands):
             return False
         # what a network leaves falls off beyond the span it was trained for: that is no return
-        around = [ndimage.median_filter(power[h], size=t._background, mode="nearest") for h in range(2)]
+        around = [ndimage.median_filter(power[h], size=t.background_cells, mode="nearest") for h in range(2)]
         level = [np.interp(found.cells[h] + steps, cells, around[h]) / floor[h] - 1.0 for h in range(2)]
         over = over - np.maximum(0.5 * (level[0] + level[1]), 0.0)
-        stands &= (over >= share * found.power) & (over - 2.0 * over[::-1] > 5.0 * noise)
+        stands &= (over >= share * found.power) & (over - 2.0 * over[::-1] > _SECOND_SIGMAS * noise)
         return bool(np.any(apart & both & stands))
+
+    def stands_beside(self, found: Measurement, apart: float, window: float) -> bool:
+        """Whether something stands ``apart`` cells from a return, ``window`` to either side, beyond its own lobes.
+
+        A point has the same power on both sides, and so have its lobes behind a method, which weights the sweep by real
+        factors. Another return shows by power on one side. Nearer by, it shows by how that power fluctuates from frame
+        to frame: the phases of two returns rotate against each other. Interference that fluctuates as much counts as a
+        return: nothing is known then.
+        """
+        t = self.tables
+        k = int(t.rows[found.row, 0])
+        steps = np.arange(apart - window, apart + window + 0.5)
+        steps = steps[(np.abs(steps) >= _OWN_CELLS * t.resolution_cells) & (np.sign(steps) == np.sign(apart))]
+        if not steps.size:
+            return False
+        frames = self._aligned(k)
+        here = 0.5 * sum(_at(frames[:, h], found.cells[h] + steps) for h in range(2))
+        mirrored = 0.5 * sum(_at(frames[:, h], found.cells[h] - steps) for h in range(2))
+        excess = here - mirrored
+        level = 0.5 * float(self._sums(k)[1].sum()) / self.count
+        peak = found.power * level
+        fluctuation = excess.std(axis=0, ddof=1)
+        over = np.maximum(here, mirrored).mean(axis=0)
+        noise = np.sqrt(over * level + 0.5 * level**2)  # of one frame's excess, for a constant line in noise
+        fluctuates = fluctuation > np.maximum(_FLUCTUATION_SIGMAS * noise, _FLUCTUATION_SHARE * peak)
+        one_sided = excess.mean(
+            axis=0
+        ) > _ONE_SIDED_SHARE * peak + _CONTRADICTION_SIGMAS * fluctuation / np.sqrt(self.count)
+        return bool(np.any(fluctuates | one_sided))
+
+    def _aligned(self, k: int) -> np.ndarray:
+        """(m, 2, J) normalised spectra, each moved to the block's middle by speed ``k`` if that makes a difference."""
+        shifts = self._shifts[k]
+        return self.ratio if np.ptp(shifts) <= _UNMOVED else self.tables.moved(self.ratio, shifts)
+
+    def shape_deviation(self, found: Measurement) -> float:
+        """How far a return's peak deviates from a point's: share of its energy within a resolution cell, 0..1.
+
+        What the frames' own noise may add is taken off, twice its mean. A second return within the main lobe deviates
+        by its share of the power, and pulls the altitude by up to its share of the amplitude, times its distance.
+        """
+        t = self.tables
+        frames = self._aligned(int(t.rows[found.row, 0]))
+        level = self._sums(int(t.rows[found.row, 0]))[1] / self.count
+        reach = round(t.resolution_cells)
+        shares = np.empty(2)
+        for half, at in enumerate(found.cells):
+            cells = np.clip(round(at) + np.arange(-reach, reach + 1), 0, frames.shape[2] - 1)
+            power = frames[:, half, cells].mean(axis=0) - level[half]
+            point = np.interp(cells - at, *t.point_shape)
+            rest = power - float(power @ point / (point @ point)) * point
+            noise = float(frames[:, half, cells].var(axis=0).sum()) / max(1, self.count - 1)
+            shares[half] = max(0.0, float(rest @ rest) - 2.0 * noise) / max(float(power @ power), 1e-12)
+        return min(1.0, float(shares.mean()))
 
     def differences(self, found: Measurement, reach: int) -> tuple[np.ndarray, np.ndarray]:
         """Power over noise of the peak less that of cells ``-reach..reach`` from it.
@@ -351,8 +486,7 @@ class Block:
         holds whatever the interference is.
         """
         t = self.tables
-        shifts = self._shifts[int(t.rows[found.row, 0])]
-        power = self._ratio if np.ptp(shifts) <= _STILL else t.moved(self._ratio, shifts)
+        power = self._aligned(int(t.rows[found.row, 0]))
         mean, variance = np.full((2, 2, 2 * reach + 1), np.nan)
         for half in range(2):
             whole = int(np.floor(found.cells[half]))

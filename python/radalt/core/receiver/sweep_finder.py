@@ -87,8 +87,7 @@ class SweepFinder:
         Peak lag, its power over the mean, and over the greatest that is part neither of it nor of a sweep at the lag
         ``sent``: a torn frame has both.
         """
-        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
-        power = (response.real**2 + response.imag**2).sum(axis=0)
+        power = self._power(frame)
         peak = int(np.argmax(power))
         top, mean = float(power[peak]), float(power.mean())
         if not (np.isfinite(mean) and mean > 0):
@@ -96,6 +95,28 @@ class SweepFinder:
         for lag in (peak, round(sent)):
             power[np.arange(lag - _FLANK, lag + _FLANK + 1) % self._n] = 0.0
         return peak, top / mean, top / max(float(power.max()), 1e-3 * mean)
+
+    def image_share(self, frame: np.ndarray) -> float:
+        """Power of the sweep's complex conjugate over that of the sweep in one frame; 0 where none stands out alone.
+
+        A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred sweep
+        the conjugate is the sweep half a frame later, so a receiver with I and Q exchanged cannot be told by it.
+        """
+        power, mirrored = self._power(frame), self._power(np.conj(frame))
+        peak, mean = int(np.argmax(power)), float(power.mean())
+        if not (np.isfinite(mean) and mean > 0):
+            return 0.0
+        near = (peak + np.arange(-_FLANK, _FLANK + 1)) % self._n
+        image = float(mirrored[near].max())
+        mirrored[near] = 0.0
+        mirrored[(near + self._n // 2) % self._n] = 0.0  # where a centred sweep's own conjugate lies
+        alone = image >= max(self._settings.lock_threshold * mean, ALONE * float(mirrored.max()))
+        return image / float(power[peak]) if alone else 0.0
+
+    def _power(self, frame: np.ndarray) -> np.ndarray:
+        """(N,) power of the circular correlation of one frame with the sweep, halves added in power."""
+        response = fft.ifft(fft.fft(frame) * self._reference_fft, axis=1)
+        return (response.real**2 + response.imag**2).sum(axis=0)
 
     def shift(
         self, samples: np.ndarray, sent: tuple[float, float], offset_s: float

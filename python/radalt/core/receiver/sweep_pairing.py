@@ -10,7 +10,7 @@ import numpy as np
 from .altimeter_settings import Reason
 from .cfar import Cfar, Significance, repeated
 
-__all__ = ["FLOOR", "Found", "PairSearch"]
+__all__ = ["FLOOR", "Found", "PairSearch", "running_maxima"]
 
 # significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
 FLOOR = 3.0
@@ -25,6 +25,12 @@ _FINER = 2
 # false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in a mixture
 # at -40 dB.
 _SECOND_LOOK = 5.0
+# Least share of the pairs' likelihood near the altitude of the pair found. Where less lies there, an error of one half
+# sweep passes as a speed. With 0.9 another 1 % of right altitudes is lost under interference (docs/detection.md).
+_LEAST_MASS = 0.8
+# Standard deviation, in points, of the difference of the two halves' beats from which the mean of the likelihood is the
+# better estimate: one half sweep is then broad, and its peak may be anywhere within the allowed speeds
+_BROAD = 1.2
 
 
 class Found(NamedTuple):
@@ -42,6 +48,8 @@ class Found(NamedTuple):
         Noise level of each cell.
     lead : (n,) float32
         Joint significance of the pair less that of the best other pair, both halves' noise taken as one.
+    mean : (n, 2) float
+        Mean of the likelihood around a pair of which a half sweep is broad, in cells counted from the margin; else NaN.
     """
 
     reason: np.ndarray
@@ -49,6 +57,7 @@ class Found(NamedTuple):
     around: np.ndarray
     noise: np.ndarray
     lead: np.ndarray
+    mean: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +84,8 @@ class PairSearch:
         Greatest side lobe by distance in cells.
     outshining : bool
         Whether a strongest cell beyond the span of altitudes is taken for the return.
+    near : float or None
+        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: not asked.
     """
 
     cfar: Cfar
@@ -88,6 +99,7 @@ class PairSearch:
     flank: float
     side_lobes: np.ndarray
     outshining: bool
+    near: float | None = None
 
     def __call__(self, power: np.ndarray, cells: Significance) -> Found:
         """The pair of greatest power over noise, and whether it is a target.
@@ -126,6 +138,13 @@ class PairSearch:
                 power[missed], cells.frames(missed), pair[missed], peak[missed]
             )
         reason = np.full(len(found), Reason.OK)
+        mean = np.full(pair.shape, np.nan)
+        asked = np.nonzero(found)[0] if self.near is not None else np.zeros(0, dtype=int)
+        if asked.size:
+            mass, centre, spread = self._likely(fine[asked], noise[asked], at[asked])
+            reason[asked[mass < _LEAST_MASS]] = Reason.AMBIGUOUS
+            broad = spread > _BROAD
+            mean[asked[broad]] = centre[broad] / _FINER + self.first
         if not found.all():
             single = self._single(cells)
             reason[~found] = np.where(single[~found], Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
@@ -140,7 +159,7 @@ class PairSearch:
             reason[found & (beyond.any(axis=1) | outshone)] = Reason.OUT_OF_RANGE
         looks = cells.looks.sum(axis=1)
         lead = looks * (np.log1p(best / looks) - np.log1p(np.maximum(rival, 0.0) / looks))
-        return Found(reason, pair, around[..., 1:4], noise, lead)
+        return Found(reason, pair, around[..., 1:4], noise, lead, mean)
 
     def threshold(self, cells: Significance) -> np.ndarray:
         """(n,) what the sum of both halves' significance has to exceed where noise lasts without a gap."""
@@ -227,7 +246,7 @@ class PairSearch:
         least, most = (_FINER * cells for cells in self.apart)
         count, n = up.shape[1], np.arange(len(up))
         padded = self._padded(down)
-        joint = up + _running_maxima(padded, most - least + 1)[:, -count:]
+        joint = up + running_maxima(padded, most - least + 1)[:, -count:]
         cell = joint.argmax(axis=1)
         best = joint[n, cell]
         lobe = max(1, round(_MAIN_LOBE * _FINER * self.per_resolution))
@@ -240,8 +259,64 @@ class PairSearch:
         joint[n[:, None], ups] = -np.inf
         steps = np.arange(near.shape[1])
         near[np.abs(steps - (partner + lobe)[:, None]) <= lobe] = -np.inf
-        rest = up[n[:, None], ups] + _running_maxima(near, most - least + 1)
+        rest = up[n[:, None], ups] + running_maxima(near, most - least + 1)
         return pair, best, np.maximum(joint.max(axis=1), rest.max(axis=1))
+
+    def _likely(
+        self, fine: np.ndarray, noise: np.ndarray, at: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the likelihood of all pairs says of the pairs found.
+
+        A tone of unknown phase in noise has the likelihood ``exp(P / noise)`` in a cell of power ``P``. Those of the
+        two half sweeps multiply, and every altitude and every allowed speed is as likely as any other beforehand.
+
+        Parameters
+        ----------
+        fine : (n, 2, points) float32
+            Powers, see `_finer`.
+        noise : (n, 2) float32
+        at : (n, 2) int
+            Points of the pairs found.
+
+        Returns
+        -------
+        mass : (n,) float
+            Share of the likelihood within ``near`` of the mean altitude.
+        mean : (n, 2) float
+            Points of the mean of all pairs within twice ``near`` of the one found.
+        spread : (n,) float
+            Standard deviation of the difference of their points.
+        """
+        each = fine / noise[..., None]
+        each -= each.max(axis=-1, keepdims=True)
+        np.exp(each, out=each)
+        up, down = each[:, 0], each[:, 1]
+        count, n = up.shape[1], np.arange(len(up))[:, None]
+        least, most = (_FINER * cells for cells in self.apart)
+        # sums over the partners least..most below each up point
+        sums = np.zeros((len(down), count + 1))
+        np.cumsum(down, axis=1, out=sums[:, 1:])
+        points = np.arange(count)
+        above, below = (_within(points - d, count + 1) for d in (least - 1, most))
+        total = np.einsum("ni,ni->n", up, sums[:, above] - sums[:, below])
+        # all pairs around the one found, by the difference of their points and by the sum, which is twice the altitude
+        near = 2.0 * _FINER * self.near
+        apart = np.arange(least, most + 1)[:, None]
+        off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
+        twice = at.sum(axis=1)[:, None, None] + apart + off  # of the up point
+        ups, downs = twice // 2, twice // 2 - apart
+        there = (twice % 2 == 0) & (ups >= 0) & (ups < count) & (downs >= 0) & (downs < count)
+        n = n[..., None]
+        weight = np.where(there, up[n, _within(ups, count)] * down[n, _within(downs, count)], 0.0)
+        by_off, by_apart = weight.sum(axis=1), np.where(np.abs(off) <= 2.0 * near, weight, 0.0).sum(axis=2)
+        peak = np.where(np.abs(off) <= 2.0 * near, by_off, 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = (peak @ off) / peak.sum(axis=1)
+            mass = np.where(np.abs(off - mean[:, None]) <= near, by_off, 0.0).sum(axis=1) / total
+            difference = (by_apart @ apart)[:, 0] / by_apart.sum(axis=1)
+            spread = np.sqrt((by_apart @ apart**2)[:, 0] / by_apart.sum(axis=1) - difference**2)
+        middle = at.sum(axis=1) + mean
+        return mass, 0.5 * np.stack([middle + difference, middle - difference], axis=1), spread
 
     def _padded(self, down: np.ndarray) -> np.ndarray:
         """Down points, so that the partners that the allowed differences give up point ``k`` start at ``k``."""
@@ -289,7 +364,7 @@ def _within(index: np.ndarray, count: int) -> np.ndarray:
     return np.minimum(np.maximum(index, 0), count - 1)
 
 
-def _running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
+def running_maxima(rows: np.ndarray, width: int) -> np.ndarray:
     """(n, m) -> (n, m - width + 1) maxima of ``width`` neighbours, from maxima of 1, 2, 4, ... of them."""
     have = 1
     while have < width:

@@ -11,12 +11,17 @@ from .summed_block import Measurement
 
 __all__ = ["Evidence", "Kalman", "Track"]
 
-_FITTED = 25  # latest altitudes that say how fast the track moves
-_LEAN = 0.625, 1.5  # resolution cells from a peak, between which an extended return shows
+# Latest altitudes whose slope is a track's speed: one second of outputs, over which an aircraft's speed holds.
+_FITTED = 25
+# Resolution cells from a peak between which the asymmetry of an extended return is measured: from where its main lobe
+# has fallen by 6 dB to the middle of the first side lobe.
+_FLANKS = 0.625, 1.5
+# Weight of one block in the mean of the normalised innovation squared: a memory of ten blocks, as the evidence has.
+_NIS_SHARE = 0.1
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Of a covariance of one or two values; LAPACK's wakes its threads, for milliseconds beside a busy flowgraph."""
+    """Inverse of a (1, 1) or (2, 2) covariance; LAPACK wakes its threads, for milliseconds beside a busy flowgraph."""
     if len(matrix) == 1:
         return 1.0 / matrix
     (a, b), (c, d) = matrix
@@ -33,12 +38,12 @@ class Kalman:
 
     mean: np.ndarray
     covariance: np.ndarray
-    nis: float = 1.0  # innovation squared over its variance, averaged over ten blocks
-    # error of the mean if every altitude had been off by its own standard deviation, to the same side
+    nis: float = 1.0  # normalised innovation squared, mean of about ten blocks
+    # error of the mean if every altitude were off by its own standard deviation with the same sign
     pulled: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def predict(self, seconds: float, acceleration: float) -> None:
-        """Move on by ``seconds``."""
+        """Predict the state ``seconds`` later."""
         step = np.array([[1.0, seconds], [0.0, 1.0]])
         push = np.array([0.5 * seconds**2, seconds]) * acceleration
         self.mean, self.pulled = step @ self.mean, step @ self.pulled
@@ -52,17 +57,18 @@ class Kalman:
         )
 
     def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
-        """Take a measurement, of altitude alone or of speed as well.
+        """Update by a measurement of altitude, or of altitude and speed at once.
 
-        Both at once: what one half sweep is off by is in both, and a known speed takes it out of the altitude.
+        An error of one half sweep is in both, so a known speed takes it out of the altitude.
         """
         rest, variance = self.innovation(found, lead_s)
-        self.nis += 0.1 * (rest**2 / variance - self.nis)
+        self.nis += _NIS_SHARE * (rest**2 / variance - self.nis)
         n, both = 1 + with_speed, found.altitude_speed_covariance
         rows = np.array([[1.0, -lead_s], [0.0, 1.0]])[:n]
         noise = np.array([[found.altitude_variance_m2, both], [both, found.speed_variance_m2_per_s2]])[:n, :n]
         rest = np.array([rest, found.speed_m_per_s - self.mean[1]])[:n]
-        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)  # and what Doppler is off by then
+        # errors of altitude and Doppler, if the altitude is off by one standard deviation
+        pull = noise[:, 0] / np.sqrt(found.altitude_variance_m2)
         gain = self.covariance @ rows.T @ _inverse(rows @ self.covariance @ rows.T + noise)
         self.mean = self.mean + gain @ rest
         self.pulled = self.pulled + gain @ (pull - rows @ self.pulled)
@@ -72,7 +78,7 @@ class Kalman:
 
 @dataclass
 class Evidence:
-    """How much more a track's cells have shown than cells at other distances, over the last blocks.
+    """How much more power a track's cells have shown than cells at other distances, over the last blocks.
 
     A weighted mean of `Block.differences`, weights falling by ``memory / (memory + 1)`` per block, and its variance.
     """
@@ -83,7 +89,7 @@ class Evidence:
     weight: float = 0.0
 
     def add(self, mean: np.ndarray, variance: np.ndarray) -> None:
-        """One block's differences, (2, 2 reach + 1) each."""
+        """Add one block's differences, (2, 2 reach + 1) each."""
         self.weight = self.weight * self.memory / (self.memory + 1.0) + 1.0
         share = 1.0 / self.weight
         if self.mean is None:
@@ -146,40 +152,43 @@ class Evidence:
         return (int(steps[i]), int(steps[j])) if less[i, j] < 0.0 else None
 
     def recentre(self, steps: tuple[int, int]) -> None:
-        """Count from cells that lie so many steps from the track's, in each half."""
+        """Take the cells ``steps`` from the track's, in each half, as the track's from now on."""
         reach = self.mean.shape[1] // 2
         cells = np.arange(-reach, reach + 1)
         for half, step in enumerate(steps):
             at = np.clip(cells + step, -reach, reach) + reach
             here = self.mean[half, step + reach], self.variance[half, step + reach]
             self.mean[half] = self.mean[half, at] - here[0]
-            # at most: the errors of both have a part in common
+            # an upper bound: the errors of both have a part in common
             self.variance[half] = self.variance[half, at] + here[1]
 
-    def lean(self, resolution_cells: float) -> float:
-        """How much more stands beyond the track's cells than before them, over their own power.
+    def asymmetry(self, resolution_cells: float) -> float:
+        """Power beyond the track's cells less that before them, as a share of their own.
 
-        About one resolution cell to either side, on average of both halves. A point leans to neither side, nor do the
-        lobes that a method leaves of it, since it weights the sweep by real factors. An extended return leans up.
+        About one resolution cell to either side, mean of both halves. A point return has none, nor have the lobes that
+        a method leaves of it, since it weights the sweep by real factors. An extended return has more power beyond.
         """
         reach = self.mean.shape[1] // 2
-        d = np.arange(round(_LEAN[0] * resolution_cells), round(_LEAN[1] * resolution_cells) + 1)
+        d = np.arange(round(_FLANKS[0] * resolution_cells), round(_FLANKS[1] * resolution_cells) + 1)
         excess = np.mean(self.mean[:, reach - d] - self.mean[:, reach + d])
         return float(excess / np.nanmedian(self.mean))
 
 
 @dataclass
 class Track:
-    """An altitude that is followed: a candidate until it is confirmed."""
+    """One altitude over time: a candidate until it is confirmed."""
 
     filter: Kalman
     evidence: Evidence
-    hits: int = 1  # consecutive
-    missed: int = 0  # consecutive
+    hits: int = 1  # consecutive blocks with a measurement
+    missed: int = 0  # consecutive blocks without one
+    vacant: int = 0  # consecutive blocks that show nothing at its place
     contradicted: int = 0  # consecutive blocks in which its altitudes contradicted its Doppler
     corrected_m: float = 0.0  # by which the latest measurement moved the predicted altitude
-    protection_m: float = np.inf  # bound of its altitude's error, once that is to be given
-    settled: bool = False  # whether every other pair of cells was ruled out once
+    protection_m: float = np.inf  # bound of its altitude's error, computed when the altitude is to be given
+    doppler_m_per_s: float = 0.0  # mean of the measured speeds over as many blocks as its evidence
+    deviation: float = 0.0  # of its peak from a point's shape, mean over as many blocks as its evidence
+    resolved: bool = False  # whether its evidence ruled out every other pair of cells once
     seen: bool = True  # something that is no side lobe stands where the track is expected
     measured_at: float = 0.0  # frame index of the middle of the last measurement
     latest: Measurement | None = field(default=None, repr=False)
@@ -187,20 +196,20 @@ class Track:
         default_factory=lambda: deque(maxlen=_FITTED), repr=False
     )  # (frame index, altitude)
 
-    def take(self, found: Measurement, middle: float) -> None:
-        """Remember a measurement."""
+    def append(self, found: Measurement, middle: float) -> None:
+        """Keep a measurement and the frame index of its middle."""
         self.latest, self.measured_at = found, middle
         self.history.append((middle, found.altitude_m))
 
     def move(self, found: Measurement) -> None:
-        """What was followed was a lobe, and this is the return: it stood as far from the lobe all along."""
+        """Move a track of a lobe to the return, which has stood at the same distance from the lobe all along."""
         rise = found.altitude_m - self.latest.altitude_m
         self.filter.mean[0] += rise
         self.history = deque(((t, a + rise) for t, a in self.history), maxlen=self.history.maxlen)
         self.latest = found
 
     def speed_by_altitudes(self, sweep_s: float, least_m2: float) -> tuple[float, float]:
-        """Slope of the latest altitudes and its standard deviation, infinite for less than three; no Doppler in it.
+        """Slope of the latest altitudes, without Doppler, and its standard deviation; infinite for less than three.
 
         Each altitude has a variance of ``least_m2`` at least, which its measurement claims: few residuals may be small
         by chance.

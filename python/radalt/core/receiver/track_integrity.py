@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtri
 
-from .integrator import Integrator
+from .gate import GATE_SIGMAS, SPARE_SIGMAS, Gate, noise_threshold
+from .scan import Scan
 from .summed_block import Block, Entry, Measurement
 from .track import Track
 from .tracker_settings import TrackerSettings
 
-__all__ = ["SPARE_SIGMAS", "Integrity", "noise_threshold"]
+__all__ = ["Integrity"]
 
-SPARE_SIGMAS = 2.0  # beyond the greatest speed there is; more would let a grating lobe's speed pass
-_GRATING = 2.0  # resolution cells: where the first grating lobe of what a method leaves of the sweep lies
-_LOBES = 6.0  # resolution cells: side and grating lobes lie within, and are left to the evidence
-# metres by which what a method leaves of a peak pulls it; 5 MHz NR behind tcae keeps up 0.95 m for seconds
+# Resolution cells within which the first grating lobe of what a method leaves of the sweep lies.
+_GRATING_CELLS = 2.0
+# Resolution cells within which side and grating lobes lie, and a second return is told from them by its one-sidedness.
+_LOBE_CELLS, _LOBE_SHARE = 6.0, 0.1  # or that share of the altitude, if more: ground off nadir
+# Metres by which what a method leaves of a peak pulls it; 5 MHz NR behind `tcae` keeps up 0.95 m for seconds.
 _SYSTEMATIC_M = 1.0
-# how far beyond the nearest ground its peak may be: resolution cells per root of the lean (measured over five kinds of
-# ground: up to 1.02), and of the altitude: the mean over a beam of 40 degrees on ground that scatters alike everywhere
+# How far beyond the nearest ground its peak may be: resolution cells per root of the asymmetry (up to 1.02 over five
+# kinds of ground), and share of the altitude: the mean over a beam of 40 degrees on ground that scatters alike
+# in all directions.
 _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
-_SPARE_EXTENT = 2.0  # times that extent, beyond which what leans is another return
-
-
-def noise_threshold(pfa: float, trials: float) -> float:
-    """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
-    return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
+# Part of the level for a second return within the peak: resolution cells per root of the deviation's energy, and at
+# most half a cell, which is the error by an equal one 18 m behind in phase (9 m). Echoes 5 to 16 m behind, 6 dB weaker,
+# err by up to 4.4 m; the nearest deviate least, and the level's other parts cover what they exceed this part by.
+_ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
+_SPARE_EXTENT = 2.0  # times that extent, beyond which an asymmetric peak is another return's
+# Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
+_MIRRORED = 0.5
+# Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
+# of some thousand entries of noise reaches that alone.
+_ANY_SPEED_SIGMAS = 3.0
 
 
 def _exceeds(other: Entry, found: Measurement, sigmas: float) -> bool:
-    """Whether a return is stronger than another, by votes and by power: a lobe may win the votes."""
+    """Whether a return exceeds another in strength and in power: a grating lobe may win by strength alone."""
     return other.strength > found.strength + sigmas and other.power > found.power
 
 
@@ -41,27 +47,29 @@ class Integrity:
 
     Parameters
     ----------
-    integrator : Integrator
-        The one whose blocks the track is measured in.
+    gate : Gate
+        Of the blocks in which tracks are measured.
     settings : TrackerSettings
-    sweep_s : float
-        Duration of a frame.
 
     Notes
     -----
-    **Protection level.** The sum of a systematic part of 1 m, of the extent, and of two bounds, each at half the stated
+    **Protection level.** The sum of a systematic part of 1 m, of the extent or the part for a second return within the
+    peak, whichever is greater, and of two bounds, each at half the stated
     risk:
 
     - *noise*: ``k sigma`` of the filtered altitude, by errors that are independent or all of one sign, whichever is
-      greater (interference that goes on pulls every measurement alike), widened by the filter's innovations where they
+      greater (interference that lasts pulls every measurement alike), widened by the filter's innovations where they
       exceed what it expects (track consistency);
     - *ambiguity*: the farthest altitude that the evidence of the last blocks does not rule out, with ``k`` standard
       deviations of the frames' own differences. A rival's speed may differ from the track's as far as the altitudes of
       the track leave its speed open, since a grating lobe of one half sweep passes for a speed.
 
-    The *extent* covers what ground off nadir pulls the peak up by. A return of some depth leans: more power stands
-    beyond its peak than before it. The extent grows with the root of that lean, up to 4.5 % of the altitude, the mean
-    over a beam of 40 degrees.
+    The *extent* covers how far ground off nadir pulls the peak up. A return of some depth is asymmetric: more power
+    stands beyond its peak than before it. The extent grows with the root of that asymmetry, up to 4.5 % of the
+    altitude, the mean over a beam of 40 degrees.
+
+    A *second return within the peak* makes its shape deviate from a point's, in the frames as received. Its part is
+    60 m times the root of that deviation's energy (three resolution cells), up to half a resolution cell.
 
     It does not bound errors by returns that cannot be told from the ground. These are a false return on the ground's
     own cells, or one that was there before the ground was first seen and hides it. Another is a radar of the same sweep
@@ -69,11 +77,11 @@ class Integrity:
     a block shows in the next.
     """
 
-    def __init__(self, integrator: Integrator, settings: TrackerSettings, sweep_s: float) -> None:
-        t = self.integrator = integrator
-        self.settings, self.sweep_s = settings, sweep_s
+    def __init__(self, gate: Gate, settings: TrackerSettings) -> None:
+        t = self.tables = gate.tables
+        self.gate, self.settings, self.sweep_s = gate, settings, t.waveform.sweep_s
         self.search_threshold = noise_threshold(settings.search_pfa, t.trials)
-        # a base station's pattern that recurs within the block has half the looks, and stays for a whole flight
+        # a base station's pattern recurs within the block, which halves the independent frames, for a whole flight
         self._received_threshold = np.sqrt(2.0) * self.search_threshold
         self._shares = tuple(10.0 ** (-db / 10.0) for db in (settings.rival_db, settings.nearer_rival_db))
         self._noise_sigmas = float(-ndtri(settings.risk / 4.0))  # half the risk, both sides
@@ -81,56 +89,67 @@ class Integrity:
 
     # -- rivals ---------------------------------------------------------------------------------------------------
 
-    def undisputed(
-        self,
-        block: Block,
-        found: Measurement,
-        here_m: float,
-        same_speed: np.ndarray,
-        *,
-        received: Callable[[], Block] | None,
-    ) -> bool:
-        """Whether nothing else in a block could as well be the ground as what was measured of a track.
+    def undisputed(self, track: Track, scan: Scan, found: Measurement) -> bool:
+        """Whether a track's measurement is the altitude: nothing else in the block could as well be the ground.
 
-        Parameters
-        ----------
-        block, found
-            The block, and the track's measurement in it.
-        here_m : float
-            Altitude at which the block shows it, the residual delay not subtracted.
-        same_speed : (rows, 1) bool
-            Rows of the block's table whose speed the track may have.
-        received : callable, optional
-            The block of the same frames before mitigation, made only if it is asked for.
+        Sets the track's protection level.
         """
-        t = self.integrator
+        if track.hits < self.settings.confirm_outputs and found.strength < self.search_threshold:
+            return False  # back from coasting: few weak returns in a row may be noise
+        track.protection_m = self.protection_m(track)
+        if track.corrected_m > track.protection_m:
+            return False  # prediction and measurement contradict each other: one may be a grating lobe
+        if self._mirrored(track):
+            return False
+        moved_m, sigma_m = scan.block.moved_since(found)
+        rest_m, _ = track.filter.innovation(found, scan.lead_s)
+        # a step of the ground leaves the peak of the whole block where it was, or a track that has coasted behind it
+        if max(abs(moved_m), abs(rest_m + moved_m)) > max(track.protection_m, GATE_SIGMAS * sigma_m):
+            return False
+        return not self._has_rival(track, scan, found)
+
+    def _mirrored(self, track: Track) -> bool:
+        """Whether a track's altitudes contradict the sign of its Doppler, as of a receiver with I and Q exchanged.
+
+        The sum of both speeds is then nearer to zero than their difference, and that beyond its error.
+        """
+        if not self.tables.doppler:
+            return False
+        slope, sigma = track.speed_by_altitudes(self.sweep_s, track.latest.altitude_variance_m2)
+        apart, both = abs(track.doppler_m_per_s - slope), abs(track.doppler_m_per_s + slope)
+        deviation = np.sqrt(sigma**2 + track.latest.speed_variance_m2_per_s2)
+        return bool(apart > GATE_SIGMAS * deviation and both < _MIRRORED * apart)
+
+    def _has_rival(self, track: Track, scan: Scan, found: Measurement) -> bool:
+        t, block = self.tables, scan.block
         away = block.away_from(found)
-        rival = block.strongest(away & same_speed)
+        rival = block.strongest(away & self.gate.speeds(track)[:, None])
         any_speed = block.strongest(away)
         outdone = rival is not None and _exceeds(rival, found, 0.0)
-        outdone |= any_speed is not None and _exceeds(any_speed, found, 3.0)
+        outdone |= any_speed is not None and _exceeds(any_speed, found, _ANY_SPEED_SIGMAS)
         if outdone or block.lobe_from_beyond(found) or block.contradicted(found):
-            return False
-        near_m = max(_LOBES * t.waveform.range_resolution_m, 0.1 * found.altitude_m)
+            return True
+        here_m = found.altitude_m + scan.residual_m
+        near_m = max(_LOBE_CELLS * t.waveform.range_resolution_m, _LOBE_SHARE * found.altitude_m)
         if self._second(block, found, near_m):
-            return False
+            return True
         if self._rival(block, found.power, here_m, near_m, self.search_threshold):
-            return False
-        return received is None or not self._received_rival(received(), found, here_m, near_m)
+            return True
+        return scan.sum_received is not None and self._received_rival(scan.received, found, here_m, near_m)
 
     def _second(self, block: Block, found: Measurement, near_m: float) -> bool:
         """Whether another return stands within ``near_m`` of one, and not its own extent."""
-        t = self.integrator
+        t = self.tables
         extent_m = _SPARE_EXTENT * _EXTENT_SHARE * max(0.0, found.altitude_m)
-        lean = (extent_m / (_EXTENT_CELLS * t.waveform.range_resolution_m)) ** 2
-        return block.second_return(found, round(near_m / t.cell_m), *self._shares, lean)
+        asymmetry = (extent_m / (_EXTENT_CELLS * t.waveform.range_resolution_m)) ** 2
+        return block.second_return(found, round(near_m / t.cell_m), *self._shares, asymmetry)
 
     def _received_rival(self, before: Block, found: Measurement, here_m: float, near_m: float) -> bool:
         """Whether the received frames show a rival, near by or far, that a method may have taken away.
 
         Where interference hides the return in them, a line of its own near by has to be one that noise does not give.
         """
-        t = self.integrator
+        t = self.tables
         found = replace(found, power=before.power_at(found))
         beside = before.strongest(before.away_from(found) & (np.abs(t.altitude_m - here_m) <= near_m))
         if beside is not None and beside.strength >= self._received_threshold:
@@ -140,7 +159,7 @@ class Integrity:
 
     def _rival(self, block: Block, power: float, here_m: float, near_m: float, least: float) -> bool:
         """Whether a return beyond ``near_m`` of one of some power could be the ground; ``least`` strength."""
-        apart = self.integrator.altitude_m - here_m
+        apart = self.tables.altitude_m - here_m
         for mask, share in zip((apart > near_m, apart < -near_m), self._shares, strict=True):
             rival = block.strongest(mask)
             if rival is not None and rival.strength >= least and rival.power >= power * share:
@@ -154,7 +173,7 @@ class Integrity:
 
         They stand for the speeds that the track's altitudes leave open; an empty range where its own is not among them.
         """
-        t, s = self.integrator, self.settings
+        t, s = self.tables, self.settings
         if not t.doppler:
             return -1, 1
         found = found or track.latest
@@ -172,7 +191,7 @@ class Integrity:
 
     def farthest(self, track: Track) -> tuple[float, float]:
         """`Evidence.farthest` over the altitudes and speeds that a track may have."""
-        t = self.integrator
+        t = self.tables
         span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
         return track.evidence.farthest(
             self._rival_sigmas, self.open_cells(track), t.resolution_cells, tuple(span)
@@ -180,8 +199,8 @@ class Integrity:
 
     def alone(self, track: Track) -> bool:
         """Whether every other pair of cells, of any speed, as far as the grating lobes is ruled out."""
-        t = self.integrator
-        reach = round(_GRATING * t.resolution_cells)
+        t = self.tables
+        reach = round(_GRATING_CELLS * t.resolution_cells)
         span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
         farthest, _ = track.evidence.farthest(
             self._rival_sigmas, (-reach, reach), t.resolution_cells, tuple(span)
@@ -190,19 +209,20 @@ class Integrity:
 
     def better_pair(self, track: Track) -> tuple[int, int] | None:
         """`Evidence.better_pair` as far as the grating lobes beside a return, over the speeds that are open."""
-        t = self.integrator
+        t = self.tables
         span = (t.altitude_span_m - track.latest.altitude_m) / t.cell_m
-        reach = round(_GRATING * t.resolution_cells)
+        reach = round(_GRATING_CELLS * t.resolution_cells)
         return track.evidence.better_pair(reach, self.open_cells(track), t.resolution_cells, tuple(span))
 
     def protection_m(self, track: Track) -> float:
         """See the class: noise and ambiguity, each at half the risk, and the extent."""
-        t = self.integrator
+        t = self.tables
         variance = max(track.filter.covariance[0, 0], track.filter.pulled[0] ** 2)
         variance *= max(1.0, track.filter.nis)
         noise = self._noise_sigmas * float(np.sqrt(variance))
         cells, _ = self.farthest(track)
-        lean = max(0.0, track.evidence.lean(t.resolution_cells))
-        extent = _EXTENT_CELLS * float(np.sqrt(lean)) * t.waveform.range_resolution_m
+        asymmetry = max(0.0, track.evidence.asymmetry(t.resolution_cells))
+        extent = _EXTENT_CELLS * float(np.sqrt(asymmetry)) * t.waveform.range_resolution_m
         extent = min(extent, _EXTENT_SHARE * max(0.0, float(track.filter.mean[0])))
-        return _SYSTEMATIC_M + noise + extent + cells * t.cell_m
+        echo = min(_ECHO_CELLS * np.sqrt(track.deviation), _MOST_ECHO_CELLS) * t.waveform.range_resolution_m
+        return _SYSTEMATIC_M + noise + max(extent, float(echo)) + cells * t.cell_m

@@ -1,10 +1,10 @@
 """Altitude tracker: beat spectra in, 25 altitudes per second out, each with a status and a bound of its error.
 
-These are its parts, in the order of processing. The *integrator* sums frames to a block (`integrator.py`). The
-*initiator* takes the best return of the whole span. The *gate* says which returns may continue a track. The *Kalman
-filter* updates altitude and vertical speed. *Evidence* remembers how well every rival altitude is ruled out. The
-*deleter* ends a track. *Integrity* says whether something else could be the ground, and bounds the error
-(`track_integrity.py`). A track's life: search, confirm, track, coast, lost.
+Its parts, in the order of processing: the *integrator* sums frames to a block (`integrator.py`, `summed_block.py`). The
+*gate* says which returns may continue a track, and the *updater* measures the track, updates its Kalman filter and its
+evidence against rival altitudes. The *deleter* ends tracks. The *initiator* starts candidates from the strongest return
+of the whole span and confirms them. *Integrity* says whether something else could be the ground, and bounds the error
+(`track_integrity.py`). The states of a track are search, confirm, track, coast, lost.
 
 A wrong altitude that is called NORMAL is the hazard, a missing one an inconvenience. So a block without a measurement
 gives no altitude, and neither does one with a rival that could as well be the ground.
@@ -12,29 +12,33 @@ gives no altitude, and neither does one with a rival that could as well be the g
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..waveform import delay_to_altitude_m
 from .altimeter import Altimeter, Spectra
+from .deleter import Deleter
+from .gate import Gate
+from .initiator import Initiator
 from .integrator import Integrator
 from .leakage import REACH_M
+from .repeated_frames import RepeatedFrames
+from .scan import Scan
 from .summed_block import Block, Measurement
-from .track import Evidence, Kalman, Track
-from .track_integrity import SPARE_SIGMAS, Integrity, noise_threshold
+from .track import Track
+from .track_integrity import Integrity
 from .tracker_settings import OUTPUT_DTYPE, State, Status, TrackerSettings
+from .updater import Updater
 
 __all__ = ["OUTPUT_DTYPE", "AltitudeTracker", "State", "Status", "TrackerSettings"]
 
-_GATE_SIGMAS = 4.0
-# least error of one measurement; interference keeps it up from block to block, so that a mean is no better
-_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
-_INCONSISTENT = 8.0  # innovation squared over its variance, mean of ten blocks, that ends a track
-_LONGEST_GAP_S = 10.0  # missing frames that are answered by outputs; after more the tracker starts anew
-_SAME_TIMING_S = 2e-9  # 0.3 m: frames of one block share their timing
-_CANDIDATES = 2  # beside the track: a grating lobe's may hold one place for as long as it lasts
-_LOBE_BLOCKS = 2  # in a row in which altitudes contradict the Doppler: what stands there is a grating lobe
+# Seconds of missing frames that are answered by outputs. After more the tracker starts anew: an aircraft that climbs by
+# 150 m/s has left the span of altitudes by then.
+_LONGEST_GAP_S = 10.0
+# Largest difference in seconds of the residual timing offsets within one block: 0.3 m of altitude, a third of the
+# protection level's systematic part.
+_SAME_TIMING_S = 2e-9
+# Cells of each half sweep by which frames are told apart: eight values of noise agree by chance in none of 1e20.
+_MARKED_CELLS = 4
 
 
 class AltitudeTracker:
@@ -43,8 +47,11 @@ class AltitudeTracker:
     Parameters
     ----------
     altimeter : Altimeter
-        The one that makes the spectra; its span of altitudes and its limit of vertical speed hold here, too.
+        Makes the spectra; its span of altitudes and its limit of vertical speed hold here, too.
     settings : TrackerSettings
+    noise : bool
+        Whether the frames carry noise. Those that repeat one of the last second bit for bit are then a frozen
+        receiver's, and count as missing. A simulation without noise repeats frames rightly.
 
     Raises
     ------
@@ -53,7 +60,7 @@ class AltitudeTracker:
 
     Notes
     -----
-    What the protection level is made of, and what it does not bound, stands at `track_integrity.Integrity`.
+    `track_integrity.Integrity` says what the protection level is made of, and what it does not bound.
 
     Examples
     --------
@@ -69,7 +76,13 @@ class AltitudeTracker:
     (5, True, True)
     """
 
-    def __init__(self, altimeter: Altimeter, settings: TrackerSettings = TrackerSettings()) -> None:  # noqa: B008
+    def __init__(
+        self,
+        altimeter: Altimeter,
+        settings: TrackerSettings = TrackerSettings(),  # noqa: B008 - frozen
+        *,
+        noise: bool = True,
+    ) -> None:
         self.settings = settings
         self.sweep_s, self._doppler_lead_s = altimeter.waveform.sweep_s, altimeter.waveform.doppler_lead_s
         self.frames = round(settings.output_s / self.sweep_s)
@@ -79,16 +92,27 @@ class AltitudeTracker:
             doppler=settings.doppler is not False and altimeter.waveform.separates_doppler,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
-        t = self.integrator
-        leakage_m = REACH_M if settings.leakage_m is None and t.doppler else settings.leakage_m or -np.inf
-        self._lowest_start_m = leakage_m
+        lowest_start_m = (
+            REACH_M
+            if settings.leakage_m is None and self.integrator.doppler
+            else settings.leakage_m or -np.inf
+        )
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
+<<<<<<< HEAD
         # a narrow cell is crossed within an output
         self._widest_m = max(2.0 * altimeter.waveform.range_resolution_m, t.max_speed * settings.output_s)
         self._reach = t.last - t.first
         # a speed lies that far from its row's at most
         self._slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
         self._integrity = Integrity(t, settings, self.sweep_s)
+=======
+        gate = Gate(self.integrator, settings.gate_pfa)
+        self._integrity = Integrity(gate, settings)
+        self._repeated = RepeatedFrames(self.sweep_s) if noise else None
+        self._updater = Updater(gate, self._integrity)
+        self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
+        self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
+>>>>>>> main
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
@@ -97,12 +121,27 @@ class AltitudeTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the track and the frames that wait."""
+        """Forget the track and the frames that wait for a whole block."""
         self._track: Track | None = None
-        self._candidates: list[Track] = []
+        self._initiator.reset()
+        self._deleter.reset()
+        if self._repeated is not None:
+            self._repeated.reset()
         self._block: int | None = None  # number of the block that is being filled
         self._next_index = 0
         self._beside = False  # whether the received frames come beside the cleaned ones
+
+    @property
+    def false_alarms_per_output(self) -> float:
+        """Upper bound of the share of outputs that are NORMAL in white noise alone.
+
+        One block has to start a candidate, and each of the next ones to confirm it within its gate. While such a track
+        coasts, as many blocks in a row within the gate make it NORMAL again.
+        """
+        s = self.settings
+        confirmed = s.search_pfa * s.gate_pfa ** (s.confirm_outputs - 1)
+        coasted = (s.coast_s / s.output_s + 1.0) * s.gate_pfa**s.confirm_outputs
+        return confirmed * (1.0 + coasted) / (1.0 - s.gate_pfa)
 
     # -- frames to blocks -----------------------------------------------------------------------------------------
 
@@ -123,7 +162,7 @@ class AltitudeTracker:
         Parameters
         ----------
         spectra : Spectra
-            Of n frames of the altimeter given.
+            Of n frames, by this tracker's altimeter.
         frame_index : (n,) int, optional
             Rising; default counts on from the last call.
         timing_offset_s : (n,) or scalar
@@ -146,6 +185,9 @@ class AltitudeTracker:
             raw = ratio if received is None else self.integrator.normalise(received)
             self._beside = received is not None
             index = np.asarray(index)
+            frozen = self._frozen(spectra if received is None else received)
+            if frozen.any():
+                ratio = np.where(frozen[:, None, None], np.float32(np.nan), ratio)
             cuts = np.nonzero((np.diff(index) <= 0) | (np.diff(index // self.frames) != 0))[0] + 1
             for first, last in zip([0, *cuts], [*cuts, n], strict=True):
                 part = slice(first, last)
@@ -153,10 +195,18 @@ class AltitudeTracker:
             self._next_index = int(index[-1]) + 1
         return np.array(out, dtype=OUTPUT_DTYPE)
 
+    def _frozen(self, spectra: Spectra) -> np.ndarray:
+        """(n,) bool: frames with a signal that repeat an earlier one, by eight cells of their spectra."""
+        heard = (spectra.scale > 0) & np.isfinite(spectra.scale)
+        again = np.zeros(len(heard), dtype=bool)
+        if self._repeated is not None:
+            again[heard] = self._repeated.check(spectra.power[heard, :, :_MARKED_CELLS])
+        return again
+
     def _take(
         self, ratio: np.ndarray, raw: np.ndarray, index: np.ndarray, offset: np.ndarray, out: list[tuple]
     ) -> None:
-        """Frames of one block, index rising."""
+        """Store frames of one block, index rising."""
         number = int(index[0]) // self.frames
         if self._block is not None and (number != self._block or index[0] < self._next_in_block):
             gap = number - self._block
@@ -191,19 +241,21 @@ class AltitudeTracker:
     # -- one block ------------------------------------------------------------------------------------------------
 
     def _judge(self, last: int) -> tuple:
+        """Output of the block whose last frame is ``last``."""
         s = self.settings
-        for track in (self._track, *self._candidates):
+        for track in (self._track, self._deleter.predecessor, *self._initiator.candidates):
             if track is not None:
                 track.filter.predict(s.output_s, s.acceleration_m_per_s2)
         at = np.nonzero(self._here == 1)[0]
         if at.size:
             at = at[np.abs(self._offset_s[at] - self._offset_s[at[-1]]) <= _SAME_TIMING_S]
         if 2 * at.size < self.frames:
-            self._candidates = []
+            self._initiator.reset()
             state = self._missed()
             failed = 2 * np.sum(self._here == 1) < self.frames - self._started_at
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
+<<<<<<< HEAD
         block = self.integrator.integrate(self._ratio[at], at.astype(float))
         self._at, self._before = at, None
         self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
@@ -215,30 +267,71 @@ class AltitudeTracker:
     def _follow(self, block: Block, last: int, middle: float) -> tuple:
         """Continue the track, look for a better one, and say what is known."""
         strongest = block.strongest()
+=======
+        scan = self._scan(at, last)
+        status, state = self._update(scan)
+        strongest = scan.block.strongest()
+>>>>>>> main
         strength = 0.0 if strongest is None else strongest.strength
+        return self._output(last, status, state, strength, scan.block.count)
+
+    def _scan(self, at: np.ndarray, last: int) -> Scan:
+        """The frames at these places of the block that ends with frame ``last``."""
+        block = Block(self.integrator, self._ratio[at], at.astype(float))
+        return Scan(
+            block,
+            middle=last - self.frames + 1 + block.middle,
+            lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s,
+            residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
+            sum_received=(lambda: Block(self.integrator, self._received[at], at.astype(float)))
+            if self._beside
+            else None,
+        )
+
+    def _update(self, scan: Scan) -> tuple[int, int]:
+        """Continue the track, search for a better one; status and state."""
+        found: Measurement | None = None
+        state = State.SEARCH
         normal = False
         if self._track is not None:
-            found = self._continue(self._track, block, middle)
-            kept = found or self._kept(self._track, middle)
-            state = State.TRACK if kept else self._missed()
-            if kept and self._track.filter.nis > _INCONSISTENT:
-                found, state, self._track = None, State.LOST, None
-            normal = found is not None and self._undisputed(self._track, block, found)
-        else:
-            state = State.SEARCH
-        self._try_others(block, middle)
-        if self._track is None and self._candidates:
+            found = self._updater.update(self._track, scan)
+            measured = found or self._updater.keep(self._track, scan)
+            state = State.TRACK if measured else self._missed()
+            if measured and self._deleter.inconsistent(self._track):
+                found, state = None, State.LOST
+                self._end()
+            normal = found is not None and self._integrity.undisputed(self._track, scan, found)
+        measured_tracks = [self._track] if self._track is not None and self._track.missed == 0 else []
+        self._initiator.update(scan, measured_tracks)
+        self._deleter.watch(self._track, scan)
+        if self._track is not None and self._deleter.replaced(self._track, self._initiator.candidates):
+            self._end()
+        self._initiator.search(scan, measured_tracks)
+        if self._track is None and self._initiator.candidates:
             state = State.CONFIRM if state == State.SEARCH else state
-            confirmed = [c for c in self._candidates if c.hits >= self.settings.confirm_outputs]
-            if confirmed:
-                self._track = max(confirmed, key=lambda c: c.latest.power)
-                self._candidates = [c for c in self._candidates if c is not self._track]
+            self._track = self._initiator.confirmed()
+            if self._track is not None:
                 state = State.TRACK
-                normal = self._undisputed(self._track, block, self._track.latest)
-        status = Status.NORMAL if normal else Status.NO_COMPUTED_DATA
-        return self._output(last, status, state, strength, block.count)
+                normal = self._integrity.undisputed(self._track, scan, self._track.latest)
+        normal = normal and self._deleter.predecessor is None
+        return (Status.NORMAL if normal else Status.NO_COMPUTED_DATA), state
+
+    def _missed(self) -> int:
+        """State after a block without a measurement of the track, if there is one."""
+        if self._track is None:
+            return State.SEARCH
+        if self._deleter.missed(self._track):
+            self._end()
+            return State.LOST
+        return State.COAST
+
+    def _end(self) -> None:
+        """End the track."""
+        self._deleter.end(self._track)
+        self._track = None
 
     def _output(self, last: int, status: int, state: int, strength: float, frames: int) -> tuple:
+        """One record of `OUTPUT_DTYPE`; an altitude beyond the span or the highest protection level is not given."""
         altitude = speed = level = age = np.nan
         if self._track is not None:
             age = (last + 0.5 - self._track.measured_at) * self.sweep_s
@@ -250,214 +343,3 @@ class AltitudeTracker:
                 if nowhere or not level <= self.settings.max_protection_m:
                     status, altitude, speed, level = Status.NO_COMPUTED_DATA, np.nan, np.nan, np.nan
         return last, status, state, altitude, speed, level, age, strength, frames
-
-    # -- gate and update ------------------------------------------------------------------------------------------
-
-    def _gate(self, track: Track) -> np.ndarray:
-        """Mask of the table's entries that may continue a track; a return lies half a cell from its entry at most."""
-        t, f = self.integrator, track.filter
-        row = np.array([1.0, -self._lead_s])
-        sigma = np.sqrt(row @ f.covariance @ row + track.latest.altitude_variance_m2)
-        expected = row @ f.mean + self._shift_m
-        mask = np.abs(t.altitude_m - expected) <= min(_GATE_SIGMAS * sigma, self._widest_m) + 0.51 * t.cell_m
-        return mask & (self._speeds(track) & self._same_pair(track))[:, None]
-
-    def _speeds(self, track: Track) -> np.ndarray:
-        """Rows of the table whose speed a track may have."""
-        t, f = self.integrator, track.filter
-        return np.abs(t.row_speed - f.mean[1]) <= _GATE_SIGMAS * np.sqrt(f.covariance[1, 1]) + self._slack
-
-    def _same_pair(self, track: Track) -> np.ndarray:
-        """Rows of the table of the track's latest Doppler: peak and lobes move alike, so a pair keeps its own."""
-        t, last = self.integrator, track.latest
-        spread = _GATE_SIGMAS * np.sqrt(last.speed_variance_m2_per_s2) + self._slack if t.doppler else np.inf
-        return np.abs(t.row_speed - last.speed_m_per_s) <= spread
-
-    def _inside(self, track: Track, found: Measurement) -> bool:
-        """Whether a measurement lies within a track's gate."""
-        rest, variance = track.filter.innovation(found, self._lead_s)
-        near = abs(rest) <= min(_GATE_SIGMAS * np.sqrt(variance), self._widest_m)
-        return near and (self._possible(found) or self._pulled(track))
-
-    def _pulled(self, track: Track) -> bool:
-        """Whether interference that pulls one half may explain a Doppler that cannot be: once, and of nothing else."""
-        return track.settled and track.contradicted == 0 and self._integrity.alone(track)
-
-    def _possible(self, found: Measurement) -> bool:
-        """Whether a measurement's speed is one that is allowed, as far as it is known."""
-        t = self.integrator
-        spare = SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
-        return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare
-
-    def _kept(self, track: Track, middle: float) -> Measurement | None:
-        """The received frames' measurement of a track that a method has taken away: it goes on, without an altitude."""
-        if not self._beside:
-            return None
-        seen = track.seen
-        found = self._continue(track, self._received_block(), middle, cleaned=False)
-        track.seen |= seen
-        return found
-
-    def _continue(
-        self, track: Track, block: Block, middle: float, *, cleaned: bool = True
-    ) -> Measurement | None:
-        """The block's measurement of a track, which is updated by it; None where the return is not there."""
-        mask = self._gate(track)
-        found = block.best(block.prominent(block.at_peaks(mask)))  # a grating lobe may win the votes
-        track.seen = False
-        if found is None:
-            return None
-        t = self.integrator
-        found = self._calibrated(found)
-        if cleaned:  # evidence is about what gives the altitude
-            track.evidence.add(*block.differences(found, self._reach))
-        threshold = noise_threshold(self.settings.gate_pfa, mask.sum() / t.resolution_cells**2)
-        track.seen = found.strength >= threshold and not self._is_side_lobe(block, found)
-        if not (track.seen and self._inside(track, found)):
-            return None
-        before = track.latest, track.measured_at
-        track.take(found, middle)
-        lowest, highest = self._integrity.open_cells(track)
-        foreign = lowest > highest  # its Doppler is none that its altitudes allow
-        pulled = foreign and self._pulled(track)
-        track.contradicted = track.contradicted + 1 if foreign else 0
-        if foreign and not pulled:  # a lobe's
-            track.seen = track.contradicted < _LOBE_BLOCKS
-            track.latest, track.measured_at = before
-            return None
-        open_m, open_speed = self._integrity.farthest(track)
-        predicted_m = track.filter.mean[0]
-        with_speed = t.doppler and open_speed < 1.5 and not foreign
-        track.filter.update(found, self._lead_s, with_speed=with_speed)
-        track.filter.mean[1] = np.clip(track.filter.mean[1], -t.max_speed, t.max_speed)  # rate limit
-        track.corrected_m = float(abs(track.filter.mean[0] - predicted_m))
-        track.hits, track.missed = track.hits + 1, 0
-        track.settled |= open_m == 0.0
-        return found if track.settled or not cleaned else self._settled(track, block, found)
-
-    def _settled(self, track: Track, block: Block, found: Measurement) -> Measurement:
-        """The track's measurement, or that of the pair beside it that all its blocks together show with more power.
-
-        One block takes a grating lobe for the return more easily than ten do. A track whose altitude was certain once
-        does not move any more: what outdoes it then is another return.
-        """
-        t, steps = self.integrator, self._integrity.better_pair(track)
-        if steps is None:
-            return found
-        at = np.round(found.cells).astype(int) + steps
-        near = (np.abs(t._up - at[0]) <= 1) & (np.abs(t._down - at[1]) <= 1)
-        other = block.best(block.at_peaks(near))
-        if other is None or not self._possible(other):
-            return found
-        other = self._calibrated(other)
-        lowest, highest = self._integrity.open_cells(track, other)
-        if lowest > highest:  # the track's altitudes do not move like that, so this is the lobe
-            return found
-        track.move(other)
-        track.evidence.recentre(steps)
-        return other
-
-    def _calibrated(self, found: Measurement) -> Measurement:
-        """The measurement less the residual delay, its variances raised by what every measurement has at least."""
-        return replace(
-            found,
-            altitude_m=found.altitude_m - self._shift_m,
-            altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
-            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2,
-        )
-
-    def _is_side_lobe(self, block: Block, found: Measurement, *, ghosts: bool = False) -> bool:
-        """Whether a stronger return explains this one: side lobes of an unweighted sweep, with 6 dB to spare.
-
-        With ``ghosts`` also what shares a half with it, if it has more power too: a lobe may win the votes alone.
-        """
-        t = self.integrator
-        other = block.strongest(block.away_from(found))
-        if other is None or other.strength <= found.strength:
-            return False
-        near, far = np.sort(np.abs(np.array(other.cells) - found.cells)) / t.resolution_cells
-        if near < 1.0 <= far:  # one half of the stronger return with the other half's side lobe
-            return ghosts and other.power > found.power
-        return bool(near >= 1.0 and found.power < other.power * 4.0 / (np.pi * near) ** 2)
-
-    # -- initiator and deleter ------------------------------------------------------------------------------------
-
-    def _try_others(self, block: Block, middle: float) -> None:
-        """Carry the candidates on, and start one from the strongest return that is not the track's or theirs."""
-        track, enough = self._track, self.settings.confirm_outputs
-        here = [track] if track is not None and track.missed == 0 else []
-        kept: list[Track] = []
-        for candidate in sorted(self._candidates, key=lambda c: -c.hits):
-            found = self._continue(candidate, block, middle)
-            fits = found is not None and candidate.filter.nis <= _INCONSISTENT
-            if fits and not self._is_followed(found, here + kept):
-                kept.append(candidate)
-        if track is not None and not track.seen and any(c.hits >= enough for c in kept):
-            self._track = None  # the ground has stepped: the old altitude is no longer there
-        if len(kept) < _CANDIDATES:
-            allowed = block.away_from(track.latest) if here else np.ones(block.table.shape, dtype=bool)
-            found = block.best(block.prominent(allowed))
-            strong = found is not None and found.strength >= self._integrity.search_threshold
-            strong = strong and self._possible(found) and not self._is_followed(found, kept)
-            # leakage stands still as hovering ground does, and nobody knows it apart without a calibration
-            strong = strong and found.altitude_m - self._shift_m >= self._lowest_start_m
-            if strong and not self._is_side_lobe(block, found, ghosts=True):
-                kept.append(self._start(block, self._calibrated(found), middle))
-        self._candidates = kept
-
-    def _is_followed(self, found: Measurement, tracks: list[Track]) -> bool:
-        """Whether one of these tracks is that of the return that was measured."""
-        cells = self.integrator.resolution_cells
-        return any(np.max(np.abs(found.cells - c.latest.cells)) <= cells for c in tracks)
-
-    def _start(self, block: Block, found: Measurement, middle: float) -> Track:
-        t = self.integrator
-        spread = max(t.max_speed / 2.0, 1.0)
-        covariance = np.diag([found.altitude_variance_m2 + (spread * self._lead_s) ** 2, spread**2])
-        # a first Doppler may be a grating lobe's: the speed starts from what is allowed
-        mean = np.array([found.altitude_m, 0.0])
-        pulled = np.array([np.sqrt(found.altitude_variance_m2), 0.0])
-        track = Track(Kalman(mean, covariance, pulled=pulled), Evidence(self.settings.memory_outputs))
-        track.evidence.add(*block.differences(found, self._reach))
-        track.take(found, middle)
-        return track
-
-    def _missed(self) -> int:
-        """A block without measurement: coast, and delete the track when that has lasted too long."""
-        track, s = self._track, self.settings
-        if track is None:
-            return State.SEARCH
-        track.missed += 1
-        # one poor block leaves a certain track what it is, but not one that is just back from coasting
-        if track.missed > 1 or not track.settled or track.hits < s.confirm_outputs:
-            track.hits = 0
-        if track.missed * s.output_s > s.coast_s:
-            self._track = None
-            return State.LOST
-        return State.COAST
-
-    # -- what is known --------------------------------------------------------------------------------------------
-
-    def _undisputed(self, track: Track, block: Block, found: Measurement) -> bool:
-        """Whether a measured track is the altitude: nothing else in the block could as well be the ground."""
-        if track.hits < self.settings.confirm_outputs and found.strength < self._integrity.search_threshold:
-            return False  # back from coasting: few weak returns in a row may be noise
-        track.protection_m = self._integrity.protection_m(track)
-        if track.corrected_m > track.protection_m:
-            return False  # what was predicted and what was measured contradict each other: one may be a grating lobe
-        moved_m, sigma_m = block.moved_since(found)
-        rest_m, _ = track.filter.innovation(found, self._lead_s)
-        # a step of the ground leaves the peak of the whole block where it was, or a track that has coasted behind it
-        if max(abs(moved_m), abs(rest_m + moved_m)) > max(track.protection_m, _GATE_SIGMAS * sigma_m):
-            return False
-        here_m = found.altitude_m + self._shift_m
-        received = self._received_block if self._beside else None
-        return self._integrity.undisputed(
-            block, found, here_m, self._speeds(track)[:, None], received=received
-        )
-
-    def _received_block(self) -> Block:
-        """The block's frames as they were received, summed once and only if asked for."""
-        if self._before is None:
-            self._before = self.integrator.integrate(self._received[self._at], self._at.astype(float))
-        return self._before

@@ -62,7 +62,7 @@ class TrackerSettings:
         Whether a range rate shows as Doppler. That of a synthetic altitude does not. None takes what a scene plays
         (`Scene.tracker_settings`), else true.
     max_vertical_speed_m_per_s : float
-        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's own limit holds where it is lower.
+        Rate limit of a track, 0..1000; with ``doppler`` the altimeter's holds where that names a lower one.
     acceleration_m_per_s2 : float
         Standard deviation of the change of range rate, terrain slopes included (white in time, one value per output).
     search_pfa, gate_pfa : float

@@ -60,4 +60,5 @@ def segmenter_of(scene: Scene, *, follow_programme: bool = True) -> FrameSegment
         true_delay=scene.altitude.mode == "true_delay",
         point_target=scene.return_model == "point",
         leakage=leakage_canceller(scene.segmenter.leakage_calibration, scene.waveform),
+        noise=scene.has_noise,
     )

@@ -194,6 +194,11 @@ class Scene:
         )
 
     @property
+    def has_noise(self) -> bool:
+        """Whether received frames carry noise: equal ones are then a frozen receiver's."""
+        return self.channel.snr_db is not None
+
+    @property
     def has_jammer(self) -> bool:
         """Whether a jammer chain (and a second B210) is needed at all."""
         return any(i.overlap > 0 for i in self.interference)

@@ -7,6 +7,7 @@ mouse is over it.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -138,7 +139,7 @@ def draw_pd(
             of = _sorted(mine, name, against)
             pd, low, high = (np.array([_number(r[c]) for r in of]) for c in ("pd", "pd_low", "pd_high"))
             error = np.clip([pd - low, high - pd], 0, None)
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, pd, error, k, style)
             _say(axis, x, pd, style, of, against, _pd_words)
@@ -179,7 +180,7 @@ def draw_error(
             error = np.array([_number(r["rmse_forced_m"]) for r in of])
             ends = [[_number(r.get(c)) for r in of] for c in ("rmse_low_m", "rmse_high_m")]
             bars = np.nan_to_num(np.clip([error - ends[0], ends[1] - error], 0, None))
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, error, bars, k, style)
             _say(axis, x, error, style, of, against, _error_words)
@@ -258,7 +259,7 @@ def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, agains
             of = _sorted(mine, name, against)
             rate = np.array([(r["detections"] - r["correct"]) / max(r["trials"], 1) for r in of])
             above = np.array([_number(r["wrong_bound"]) for r in of]) - rate
-            x = _values(of, against) + _dodge(mine, against, k, len(series))
+            x = _across(of, mine, against, k, len(series))
             style = series_style(name, series)
             _plot(axis, x, rate, np.stack([np.zeros_like(rate), np.clip(above, 0, None)]), k, style)
             _say(axis, x, rate, style, of, against, _wrong_words)
@@ -311,6 +312,14 @@ def _values(rows: Sequence[dict[str, Any]], column: str) -> np.ndarray:
 
 def _number(value: float | None) -> float:
     return np.nan if value is None else value
+
+
+def _across(
+    of: Sequence[dict[str, Any]], mine: Sequence[dict[str, Any]], against: str, k: int, count: int
+) -> np.ndarray:
+    """Where the points of series ``k`` stand: side by side with the others', and within what the axis can be."""
+    x = _values(of, against) + _dodge(mine, against, k, count)
+    return np.clip(x, 0.0, 1.0) if against == "overlap" else x
 
 
 def _dodge(rows: Sequence[dict[str, Any]], against: str, k: int, count: int) -> float:
@@ -370,7 +379,8 @@ def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, yla
         frameon=False,
         handlelength=3.4,
     )
-    figure.suptitle(title, fontsize=9)
+    wide = int(13 * figure.get_figwidth())  # characters of this size in a line
+    figure.suptitle("\n".join(textwrap.fill(line, wide) for line in title.splitlines()), fontsize=9)
     if path is not None:
         save_figure(figure, path)
     return figure

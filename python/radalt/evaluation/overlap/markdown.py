@@ -86,7 +86,7 @@ def every_row(rows: Sequence[dict[str, Any]]) -> str:
             number(r["wrong_bound"], 4),
             *(metres(r[name]) for name in ("rmse_detected_m", "rmse_forced_m", "bias_m")),
             number(r["peak_to_sidelobe_db"], 1),
-            number(r["ms_per_frame_median"], 3),
+            number(r.get("ms_per_frame_median"), 3),
         ]
         for r in rows
     ]

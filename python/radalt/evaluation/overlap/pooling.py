@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from ...core.parsing import LARGEST, shown
-from ..results.folder import SCHEMA, RunFolder, flatten, read_report
-from ..results.page import render
+from ..results.folder import SCHEMA, RunFolder, flatten, read_report, versions
+from ..results.page import render, write_page
 from ..results.score import pool
 from ..results.table import table
 from .figures import draw_pd
-from .markdown import pd_tables
+from .markdown import every_row, glance, pd_tables
 from .rows import COLUMNS
 
 __all__ = ["POOLED_COLUMNS", "PoolError", "Run", "collect", "pool_runs", "read_run"]
@@ -342,7 +342,7 @@ def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
     unique = {Path(folder).resolve(): folder for folder in reversed(folders)}
     runs = [read_run(folder) for folder in reversed(unique.values())]
     rows, notes = pool_runs(runs)
-    head = {"study": "collected", "runs": [run.folder for run in runs]}
+    head = {"study": "collected", "runs": [run.folder for run in runs], "versions": versions(False)}
     target = RunFolder(out, head, replace=True)
     try:
         return _write(target, runs, rows, notes), notes
@@ -367,7 +367,7 @@ def _write(folder: RunFolder, runs: Sequence[Run], rows: list[dict[str, Any]], n
     }
     draw_pd(rows, folder.path / "pd_vs_overlap.png", title=f"{title} ({len(runs)} runs)")
     folder.write_text("rows.csv", POOLED_COLUMNS.csv(rows))
-    page = folder.write_text("report.md", _markdown(report))
+    page = write_page(folder, _markdown(report), {}, more=every_row(rows))
     folder.write_report(report)
     return page
 
@@ -391,4 +391,5 @@ def _markdown(report: dict[str, Any]) -> str:
     header = ["folder", "source", "seed", "trials per point", "created", "versions"]
     placeholder = any(m.get("placeholder") for run in report["runs"] for m in run["methods"].values())
     tables = {"pd_tables": "\n\n".join(pd_tables(report["rows"])), "run_table": table(header, lines)}
+    tables["hazard_table"] = table(*glance(report["rows"]))
     return render(Path(__file__).with_name("collected.md.j2"), **report, **tables, placeholder=placeholder)

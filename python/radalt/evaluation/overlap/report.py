@@ -79,14 +79,15 @@ def write_report(
 
 
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
-    """Draw against overlap, and against SIR where there are at least three; returns (file, caption)."""
+    """Draw against overlap, against SIR where there are at least three; returns (file, caption).
+
+    No axis has a single value where the other has several, and what was swept comes first.
+    """
     rows, title = report["rows"], report["title"]
     ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
-    for against, name in (("overlap", "overlap"), ("sir_db", "sir")):
-        if against == "sir_db" and not report["break_points"]:
-            continue
+    for against, name in _axes(rows, bool(report["break_points"])):
         figures += [
             (f"pd_vs_{name}.png", f"Probability of correct altitude against {_NAMES[against]}"),
             (
@@ -102,6 +103,17 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
         draw_error(rows, path / figures[-2][0], title=title, bounds_m=bounds, against=against)
         draw_wrong(rows, path / figures[-1][0], title=title, against=against)
     return figures
+
+
+def _axes(rows: Sequence[dict[str, Any]], broken: bool) -> list[tuple[str, str]]:
+    """(column, word in file names) of the axes to draw against."""
+    overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0}
+    by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
+    if len(overlaps) < 2 and len(sirs) > 1:
+        return [by_sir]
+    if len(overlaps - {0.0}) < 2 and broken:
+        return [by_sir, by_overlap] if len(overlaps) > 1 else [by_sir]
+    return [by_overlap, by_sir] if broken else [by_overlap]
 
 
 def _draw_altitudes(title: str, altitudes: Sequence[dict[str, Any]], path: Path) -> list[tuple[str, str]]:

@@ -18,6 +18,7 @@ from ...core.interference.stream import JammerStream
 from ...core.mitigation import Mitigation
 from ...core.receiver.altimeter import Spectra, shared_altimeter
 from ...core.receiver.integrator import Integrator
+from ...core.receiver.summed_block import Block
 from ...core.receiver.tracker import AltitudeTracker, TrackerSettings
 from ...core.returns.point import point_return
 from ...evaluation.results.chain import Chain
@@ -148,7 +149,7 @@ def _best_is_right(integrator: Integrator, spectra: Spectra, altitude_m: np.ndar
     at = np.nonzero(~np.isnan(ratio[:, 0, 0]))[0]
     if 2 * at.size < len(ratio):
         return False
-    block = integrator.integrate(ratio[at], at.astype(float))
+    block = Block(integrator, ratio[at], at.astype(float))
     found = block.best(block.prominent(np.ones(block.table.shape, dtype=bool)))
     return found is not None and abs(found.altitude_m - altitude_m.mean()) <= 5.0
 

@@ -59,7 +59,7 @@ def alone_seconds(prepared: Prepared, scene: Scene, *, batch: int, frames: int =
             spent.clear()
             counted.clear()
         for k in range(_AT_ONCE):
-            sent[k] = timed("chirp_source", 1, lambda at=first + k: top.chirp_source._table(at))
+            sent[k] = timed("chirp_source", 1, lambda at=first + k: top.chirp_source._sweeps.sweep(at))
         for row in jammed if jammer is not None else ():
             timed("jammer_source", 1, lambda at=row: jammer.stream.next_frame(at))
         other = jammed.ravel() if jammer is not None else None

@@ -1,0 +1,108 @@
+"""Ground beyond the span of altitudes: a method must not make a low altitude of it.
+
+A method that knows the span (a network, a short filter) folds a return from beyond it into it: the filterbank of the
+shipped network has one column in 30 samples, so 2,600 m show as 103 m. The received frame shows where the ground is:
+dechirped, a return is one line in each half sweep, at any height up to Nyquist. Where the strongest pair of lines lies
+beyond the span, the frame has to pass as it came, and the altimeter then finds nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from ..receiver.altimeter_settings import FASTEST_M_PER_S
+from ..receiver.sweep_pairing import running_maxima
+from ..waveform import Waveform
+
+__all__ = ["BeyondSpan"]
+
+# Resolution cells beyond the highest altitude at which the altimeter itself no longer declares a return
+_MARGIN_CELLS = 2
+# Probability per frame of noise that its strongest pair is taken for a return
+_PFA = 1e-5
+# Least significance of either half sweep's line (-log of its probability in noise), as of the altimeter's pairs
+_FLOOR = 3.0
+# Cells on either side of a line that its noise level is the mean of, and those next to it that are left out
+_TRAIN, _GUARD = 64, 2
+
+
+class BeyondSpan:
+    """Which frames show a return beyond the span, stronger than everything within it.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    max_altitude_m : float
+        Highest altitude that the altimeter searches.
+
+    Notes
+    -----
+    Costs two transforms of a half sweep per frame.
+
+    Examples
+    --------
+    >>> from radalt.core.returns.point import point_return
+    >>> w = Waveform()
+    >>> BeyondSpan(w, 1500.0)(point_return(w, np.array([300.0, 2600.0]))).tolist()
+    [False, True]
+    """
+
+    def __init__(self, waveform: Waveform, max_altitude_m: float) -> None:
+        self._half = half = waveform.samples_per_half
+        cell_hz = 1.0 / waveform.half_sweep_s
+        # up and down cell of one return differ by twice its Doppler
+        doppler_hz = float(waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S))
+        self._reach = reach = min(int(np.ceil(2.0 * doppler_hz / cell_hz)), half // 8)
+        self._below = reach + _MARGIN_CELLS  # cells of negative beats: a return at 0 m and its Doppler
+        top = float(waveform.altitude_to_beat_hz(max_altitude_m)) / cell_hz
+        self._first = self._below + top + _MARGIN_CELLS  # of the mean of a pair's cells
+        self._count = min(self._below + half // 2 + reach + 1, half)  # cells up to Nyquist, and a Doppler
+        # both halves turned so that a return has a positive beat, the lowest cell first
+        turn = np.exp(2j * np.pi * self._below * np.arange(half) / half)
+        reference = waveform.reference.astype(np.complex128).reshape(2, half)
+        self._table = (np.stack([reference[0], reference[1].conj()]) * turn).astype(np.complex64)
+        trials = self._count * (2 * reach + 1.0)
+        level = 2.0
+        while trials * (1.0 + level) * np.exp(-level) > _PFA:
+            level += 0.01
+        self._threshold = level  # on the sum of two exponentials
+
+    def __call__(self, frames: np.ndarray) -> np.ndarray:
+        """(n,) bool of (n, N) complex64 frames; False where a frame is not finite."""
+        out = np.zeros(len(frames), dtype=bool)
+        if self._first >= self._count - self._reach:  # the span reaches up to Nyquist
+            return out
+        for k, frame in enumerate(
+            frames.reshape(-1, 2, self._half)
+        ):  # frame by frame: planes stay in the cache
+            out[k] = self._shows(frame)
+        return out
+
+    def _shows(self, halves: np.ndarray) -> bool:
+        beats = np.empty_like(halves)
+        np.conjugate(halves[0], out=beats[0])
+        beats[1] = halves[1]
+        with np.errstate(invalid="ignore", over="ignore"):
+            beats *= self._table
+            spectrum = fft.fft(beats, axis=-1, overwrite_x=True)[:, : self._count]
+            power = spectrum.real**2
+            power += spectrum.imag**2
+            reach = self._reach
+            padded = np.zeros((1, self._count + 2 * reach), dtype=np.float32)
+            padded[0, reach : reach + self._count] = power[1]
+            up = int((power[0] + running_maxima(padded, 2 * reach + 1)[0]).argmax())
+            low = max(up - reach, 0)
+            down = low + int(power[1, low : up + reach + 1].argmax())
+            if up + down < 2.0 * self._first:
+                return False
+            each = [self._significance(row, cell) for row, cell in zip(power, (up, down), strict=True)]
+            return sum(each) > self._threshold and min(each) >= _FLOOR
+
+    def _significance(self, power: np.ndarray, cell: int) -> float:
+        """-log of the probability that noise as that around a cell reaches its power."""
+        around = np.concatenate(
+            [power[max(cell - _GUARD - _TRAIN, 0) : cell - _GUARD], power[cell + _GUARD + 1 :][:_TRAIN]]
+        )
+        level = float(around.sum(dtype=np.float64))
+        return around.size * float(np.log1p(float(power[cell]) / level)) if level > 0 else 0.0

@@ -1,0 +1,106 @@
+"""Deleter: when a track ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from .integrator import Integrator
+from .scan import Scan
+from .summed_block import Measurement
+from .track import Track
+from .tracker_settings import TrackerSettings
+
+__all__ = ["Deleter"]
+
+# Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
+# consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
+_INCONSISTENT = 8.0
+
+
+# Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
+# in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
+# that interference covers.
+# Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
+# output more, and no pull-off was found in which that made a difference (docs/tracker.md).
+_VACANT_BLOCKS = 2
+_PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
+
+
+class Deleter:
+    """Ends tracks: after a time without measurements, where they contradict themselves, where the ground has stepped.
+
+    A track that was certain is remembered after its end, until its place is vacant in two blocks in a row. Before that
+    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no limit of time:
+    whoever pulls off can wait.
+
+    Parameters
+    ----------
+    tables : Integrator
+    settings : TrackerSettings
+    threshold : float
+        Strength from which a return can be held against a track's place.
+
+    Attributes
+    ----------
+    predecessor : Track or None
+        The certain track that ended last and whose place is not vacant yet.
+    """
+
+    def __init__(self, tables: Integrator, settings: TrackerSettings, threshold: float) -> None:
+        self.tables, self.settings, self.threshold = tables, settings, threshold
+        self.predecessor: Track | None = None
+
+    def reset(self) -> None:
+        """Forget the predecessor."""
+        self.predecessor = None
+
+    def missed(self, track: Track) -> bool:
+        """Count a block without a measurement of a track; whether the track has coasted for too long."""
+        s = self.settings
+        track.missed += 1
+        # one poor block leaves a certain track what it is, but not one that is just back from coasting
+        if track.missed > 1 or not track.resolved or track.hits < s.confirm_outputs:
+            track.hits = 0
+        return track.missed * s.output_s > s.coast_s
+
+    def inconsistent(self, track: Track) -> bool:
+        """Whether a track's innovations exceed what its filter expects by far."""
+        return track.filter.nis > _INCONSISTENT
+
+    def replaced(self, track: Track, candidates: Iterable[Track]) -> bool:
+        """Whether the ground has stepped: nothing is left at the track's place, and a candidate is confirmed."""
+        return not track.seen and any(c.hits >= self.settings.confirm_outputs for c in candidates)
+
+    def end(self, track: Track) -> None:
+        """Remember a track that has ended, if it was certain and its place is not vacant."""
+        if track.resolved and self.predecessor is None and track.vacant < _VACANT_BLOCKS:
+            self.predecessor = track
+
+    def watch(self, track: Track | None, scan: Scan) -> None:
+        """Count the blocks that show nothing at the place of the predecessor, or of a track that this block misses."""
+        watched = self.predecessor
+        if watched is None and track is not None and track.missed and track.resolved:
+            watched = track
+        if watched is None:
+            return
+        block = scan.block
+        found = block.best(block.prominent(np.ones(block.table.shape, dtype=bool)))
+        if found is None or found.strength < self.threshold:
+            watched.vacant = 0
+            return
+        watched.vacant = 0 if self._occupied(watched, scan, scan.corrected(found)) else watched.vacant + 1
+        if watched is self.predecessor and watched.vacant >= _VACANT_BLOCKS:
+            self.predecessor = None
+
+    def _occupied(self, track: Track, scan: Scan, found: Measurement) -> bool:
+        """Whether something stands where a track is expected that the lobes of the strongest return do not explain."""
+        t = self.tables
+        row = np.array([1.0, -scan.lead_s])
+        apart_m = float(row @ track.filter.mean) - found.altitude_m
+        sigma_m = float(np.sqrt(row @ track.filter.covariance @ row))
+        cell_m = t.waveform.range_resolution_m
+        width_m = min(max(_PLACE_SIGMAS * sigma_m, _LEAST_PLACE_CELLS * cell_m), _MOST_PLACE_CELLS * cell_m)
+        blocks = (scan.block,) if scan.sum_received is None else (scan.block, scan.received)
+        return any(b.stands_beside(found, apart_m / t.cell_m, width_m / t.cell_m) for b in blocks)

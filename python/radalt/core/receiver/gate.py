@@ -1,0 +1,84 @@
+"""Gate: which returns of a block may continue a track."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtri
+
+from .integrator import Integrator
+from .scan import Scan
+from .summed_block import Measurement
+from .track import Track
+
+__all__ = ["GATE_SIGMAS", "SPARE_SIGMAS", "Gate", "noise_threshold"]
+
+# Standard deviations of a measured speed that may lie beyond the greatest speed allowed. More would let the speed pass
+# that a grating lobe of one half sweep stands for.
+SPARE_SIGMAS = 2.0
+GATE_SIGMAS = 4.0  # half width in standard deviations: a right measurement misses it in 6 of 100,000 blocks
+# Half width in resolution cells at most: main lobe and first grating lobes of one return lie within.
+_WIDEST_CELLS = 2.0
+# Cells from a return to the nearest entry of the table at most: half a cell, and the grid's rounding.
+_GRID_CELLS = 0.51
+
+
+def noise_threshold(pfa: float, trials: float) -> float:
+    """Standard deviations that noise exceeds with probability ``pfa`` in one of ``trials`` cells."""
+    return float(-ndtri(min(0.5, pfa / max(1.0, trials))))
+
+
+class Gate:
+    """Validation gate in altitude and vertical speed.
+
+    Parameters
+    ----------
+    tables : Integrator
+        Of the blocks that tracks are measured in.
+    pfa : float
+        Probability that noise alone gives a detection within the gate, per block.
+    """
+
+    def __init__(self, tables: Integrator, pfa: float) -> None:
+        self.tables, self.pfa = tables, pfa
+        self._widest_m = _WIDEST_CELLS * tables.waveform.range_resolution_m
+        # a speed lies that far from its row's at most: a row per cell (and rounding), or a row per speed under test
+        self._row_m_per_s = (
+            1.01 * tables.speed_per_cell if tables.doppler else np.diff(tables.speeds).max(initial=0.0)
+        )
+
+    def mask(self, track: Track, scan: Scan) -> np.ndarray:
+        """Mask of the table's entries that may continue a track."""
+        t, f = self.tables, track.filter
+        row = np.array([1.0, -scan.lead_s])
+        sigma = np.sqrt(row @ f.covariance @ row + track.latest.altitude_variance_m2)
+        expected = row @ f.mean + scan.residual_m
+        width = min(GATE_SIGMAS * sigma, self._widest_m) + _GRID_CELLS * t.cell_m
+        near = np.abs(t.altitude_m - expected) <= width
+        return near & (self.speeds(track) & self._same_pair(track))[:, None]
+
+    def threshold(self, mask: np.ndarray) -> float:
+        """Strength that noise alone exceeds within a mask with the gate's probability of false alarm."""
+        return noise_threshold(self.pfa, mask.sum() / self.tables.resolution_cells**2)
+
+    def speeds(self, track: Track) -> np.ndarray:
+        """(rows,) bool: rows of the table whose speed a track may have."""
+        f = track.filter
+        spread = GATE_SIGMAS * np.sqrt(f.covariance[1, 1]) + self._row_m_per_s
+        return np.abs(self.tables.row_speed - f.mean[1]) <= spread
+
+    def _same_pair(self, track: Track) -> np.ndarray:
+        """(rows,) bool: rows near the track's latest Doppler. Peak and lobes move alike: a pair keeps its own."""
+        t, last = self.tables, track.latest
+        spread = GATE_SIGMAS * np.sqrt(last.speed_variance_m2_per_s2) + self._row_m_per_s
+        return np.abs(t.row_speed - last.speed_m_per_s) <= (spread if t.doppler else np.inf)
+
+    def near(self, track: Track, found: Measurement, lead_s: float) -> bool:
+        """Whether a measurement's altitude lies within a track's gate."""
+        innovation, variance = track.filter.innovation(found, lead_s)
+        return bool(abs(innovation) <= min(GATE_SIGMAS * np.sqrt(variance), self._widest_m))
+
+    def allowed_speed(self, found: Measurement) -> bool:
+        """Whether a measurement's speed is one that is allowed, as far as it is known."""
+        t = self.tables
+        spare = SPARE_SIGMAS * np.sqrt(found.speed_variance_m2_per_s2)
+        return not t.doppler or abs(found.speed_m_per_s) <= t.max_speed + spare

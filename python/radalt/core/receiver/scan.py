@@ -1,0 +1,55 @@
+"""One block as the tracker's parts see it: its sums, its place in time, and the errors that every measurement has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from .summed_block import Block, Measurement
+
+__all__ = ["Scan"]
+
+# Least standard deviations of one measurement. Interference that lasts keeps both up from block to block, so a mean
+# over blocks is no better: measured behind `tcae` below 5 MHz NR (docs/tracker.md, protection level).
+_ALTITUDE_FLOOR_M, _SPEED_FLOOR_M_PER_S = 0.25, 1.5
+
+
+@dataclass
+class Scan:
+    """One block of frames.
+
+    Attributes
+    ----------
+    block : Block
+        Sums of its usable frames.
+    middle : float
+        Frame index of their middle.
+    lead_s : float
+        Seconds from there to the end of the block's last frame, for which the altitude is given.
+    residual_m : float
+        Altitude that the frames' residual timing offset adds.
+    sum_received : callable or None
+        Makes the block of the same frames before mitigation; called at most once, and only if it is needed. None where
+        there are no such frames.
+    """
+
+    block: Block
+    middle: float
+    lead_s: float
+    residual_m: float = 0.0
+    sum_received: Callable[[], Block] | None = None
+
+    @cached_property
+    def received(self) -> Block:
+        """The block of the same frames before mitigation; without such frames the block itself."""
+        return self.block if self.sum_received is None else self.sum_received()
+
+    def corrected(self, found: Measurement) -> Measurement:
+        """A measurement less the residual delay, its variances raised by what every measurement has at least."""
+        return replace(
+            found,
+            altitude_m=found.altitude_m - self.residual_m,
+            altitude_variance_m2=found.altitude_variance_m2 + _ALTITUDE_FLOOR_M**2,
+            speed_variance_m2_per_s2=found.speed_variance_m2_per_s2 + _SPEED_FLOOR_M_PER_S**2,
+        )

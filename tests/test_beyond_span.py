@@ -1,0 +1,127 @@
+"""Ground beyond the span of altitudes: no method makes a low altitude of it, whatever its height, speed and SNR."""
+
+import numpy as np
+import pytest
+
+from radalt.core.interference import Interferer, QpskEmitter, interference_frames
+from radalt.core.mitigation import Mitigation, create
+from radalt.core.mitigation.beyond_span import BeyondSpan
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
+from radalt.core.receiver.tracker import AltitudeTracker, Status
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
+
+W = Waveform()
+ALTIMETER = Altimeter(W)
+FAST = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=150.0))
+
+
+def flown(rng: np.random.Generator, count: int, low_m: float, high_m: float, snr_db: float | None):
+    """Altitudes (n,) in metres, frames (n, N) of noise and, with an SNR, a return at up to 150 m/s either way."""
+    altitudes = rng.uniform(low_m, high_m, count)
+    frames = rng.standard_normal((count, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
+    frames *= np.float32(np.sqrt(0.5))
+    if snr_db is not None:
+        speeds = rng.uniform(-150, 150, count)
+        returns = point_return(W, altitudes, vertical_speed_m_per_s=speeds, phase_cycles=rng.random(count))
+        frames += np.float32(10 ** (snr_db / 20)) * returns
+    return altitudes, frames
+
+
+class Folds(Mitigation):
+    """A network's filterbank at its worst: one sample in thirty of the dechirped frame, held."""
+
+    name = "folds"
+
+    def _clean(self, batch: np.ndarray) -> np.ndarray:
+        beats = (batch * W.reference.conj())[:, ::30]
+        return np.repeat(beats, 30, axis=1) * W.reference
+
+
+@pytest.mark.parametrize("snr_db", [30.0, 10.0, 0.0, -10.0])
+def test_it_is_seen_at_any_height_and_speed_and_ground_within_the_span_is_not_taken_for_it(snr_db):
+    rng = np.random.default_rng([1, int(snr_db + 100)])
+    beyond = BeyondSpan(W, 1500.0)
+    top_m = W.max_unambiguous_altitude_m
+    for low_m, high_m in ((1545.0, 4000.0), (4000.0, top_m)):
+        assert beyond(flown(rng, 60, low_m, high_m, snr_db)[1]).all()
+    assert not beyond(flown(rng, 100, 0.0, 1500.0, snr_db)[1]).any()
+
+
+@pytest.mark.parametrize("name", ["tcae", "whitening", "blanking", "folds"])
+def test_no_method_makes_an_altitude_of_it(name):
+    """At 2,600 to 3,100 m the shipped network shows 103 to 603 m; declared at most as often as noise alone is."""
+    method = create(name, W) if name != "folds" else Folds(W)
+    if name == "folds":
+        alone = FAST.process(method.process(flown(np.random.default_rng(2), 40, 2600, 3100, 30.0)[1]))
+        assert alone["valid"].mean() > 0.5
+        method.beyond_span = BeyondSpan(
+            W, 1500.0
+        )  # as `create` gives it to every method, a user's own included
+    rng = np.random.default_rng(3)
+    declared = total = 0
+    for snr_db in (30.0, 10.0, 0.0, -10.0):
+        for low_m, high_m in ((1500.0 + 12.0, 3200.0), (3200.0, W.max_unambiguous_altitude_m)):
+            _, frames = flown(rng, 30, low_m, high_m, snr_db)
+            declared += int(FAST.process(method.process(frames))["valid"].sum())
+            total += 30
+    assert declared <= total * FAST.false_alarms_per_frame + 2
+
+
+def test_the_users_own_method_and_a_process_of_its_own_have_the_test_too(tmp_path):
+    path = tmp_path / "folds.py"
+    path.write_text(
+        "import numpy as np\n"
+        "def mitigate(frames, waveform):\n"
+        "    beats = (frames * waveform.reference.conj())[:, ::30]\n"
+        "    return np.repeat(beats, 30, axis=1) * waveform.reference\n"
+    )
+    _, frames = flown(np.random.default_rng(4), 12, 2600.0, 3100.0, 10.0)
+    for options in ({}, {"own_process": True}):
+        method = create("custom", W, file=str(path), **options)
+        np.testing.assert_array_equal(method.process(frames), frames)
+        out = np.empty_like(frames)
+        method.process_into(frames, out)
+        np.testing.assert_array_equal(out, frames)
+        assert method.status()["beyond_frames"] == 24 == method.status()["frames"]
+
+
+def test_the_span_is_the_altimeters_and_frames_between_keep_their_order():
+    _, frames = flown(np.random.default_rng(5), 6, 2000.0, 2100.0, 10.0)
+    near = flown(np.random.default_rng(6), 6, 100.0, 1400.0, 10.0)[1]
+    mixed = np.stack([frames, near], axis=1).reshape(12, -1)
+    cleaned = create("whitening", W).process(mixed)
+    np.testing.assert_array_equal(cleaned[::2], frames)
+    np.testing.assert_array_equal(cleaned[1::2], create("whitening", W).process(near))
+    wide = create("whitening", W, max_altitude_m=2500.0)
+    assert wide.status()["beyond_frames"] == 0 and (wide.process(frames) != frames).any(axis=1).all()
+
+
+def test_right_frames_under_interference_are_not_refused():
+    """Interference shows lines nowhere; one frame in a hundred may look like it."""
+    rng = np.random.default_rng(7)
+    beyond, taken = BeyondSpan(W, 1500.0), 0
+    for overlap in (0.1, 0.6, 1.0):
+        for sir_db in (-10.0, -30.0):
+            _, frames = flown(rng, 60, 3.0, 1400.0, 10.0)
+            parts = [Interferer(QpskEmitter(), sir_db, overlap)]
+            frames += interference_frames(parts, 60, W.samples_per_frame, W.rate_hz, rng)
+            taken += int(beyond(frames).sum())
+    assert taken <= 4
+
+
+@pytest.mark.parametrize("altitude_m", [2600.0, 2800.0])
+def test_the_tracker_gives_no_altitude_of_it(altitude_m):
+    rng = np.random.default_rng(8)
+    method, tracker = create("tcae", W), AltitudeTracker(ALTIMETER)
+    statuses = []
+    for first in range(0, 400, 40):
+        frames = point_return(
+            W, altitude_m - 5e-3 * np.arange(first, first + 40), vertical_speed_m_per_s=-5.0
+        )
+        noise = rng.standard_normal((40, 2 * W.samples_per_frame), dtype=np.float32).view(np.complex64)
+        frames = frames + np.float32(np.sqrt(0.05)) * noise
+        received = ALTIMETER.spectra(frames)
+        outputs = tracker.process(ALTIMETER.spectra(method.process(frames)), received=received)
+        statuses.extend(outputs["status"].tolist())
+    assert len(statuses) == 10 and Status.NORMAL not in statuses
