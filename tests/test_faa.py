@@ -95,7 +95,11 @@ def test_loop_loss_by_hand():
     sigma0 = 10 ** ((-5.0 + 5 * np.log10(0.43)) / 10)  # constant gamma at 4.3 GHz
     share = 10.0**4 * (C_M_PER_S / 4.3e9) ** 2 * sigma0 * area / ((4 * np.pi) ** 3 * height_m**4)
     loss = diffuse_loop_loss_db(
-        height_m, antenna=GaussianAntenna(beam_deg, 20.0), ground=ConstantGamma(), carrier_hz=4.3e9, losses_db=6.0
+        height_m,
+        antenna=GaussianAntenna(beam_deg, 20.0),
+        ground=ConstantGamma(),
+        carrier_hz=4.3e9,
+        losses_db=6.0,
     )
     assert loss == pytest.approx(6.0 - 10 * np.log10(share), abs=0.02)
 

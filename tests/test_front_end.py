@@ -62,7 +62,8 @@ def test_a_blocker_beside_the_band_needs_its_envelope_alone(power_dbm):
     beside = AMPLIFIER.beside(power_dbm, constant_envelope=False)
     assert 20 * np.log10(beside.weak) == pytest.approx(brute_db, abs=0.05)  # this realisation's envelope
     assert beside.modulation == pytest.approx(
-        np.var(AMPLIFIER.weak_gain(np.abs(blocker))) / np.mean(AMPLIFIER.weak_gain(np.abs(blocker))) ** 2, rel=0.05
+        np.var(AMPLIFIER.weak_gain(np.abs(blocker))) / np.mean(AMPLIFIER.weak_gain(np.abs(blocker))) ** 2,
+        rel=0.05,
     )
 
 

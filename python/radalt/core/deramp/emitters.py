@@ -45,7 +45,10 @@ def interference_if(waveform: IfWaveform, emitter: Emitter, count: int, first: i
 
 
 def _crossing(
-    waveform: IfWaveform, time_s: np.ndarray, frequency_hz: np.ndarray | float, cycles: Callable[[np.ndarray], np.ndarray]
+    waveform: IfWaveform,
+    time_s: np.ndarray,
+    frequency_hz: np.ndarray | float,
+    cycles: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
     """A wave of slowly varying frequency, made only where its beat lies within reach of the simulated band.
 
@@ -238,7 +241,9 @@ class Qpsk:
         near = np.abs(self.offset_hz - waveform.frequency_hz(t)) < self.symbol_hz + waveform.stop_hz
         out = np.zeros(t.size, dtype=np.complex64)
         for part in _runs(near):
-            cycles = np.mod(self.offset_hz * t[part], 1.0) - waveform.phase_cycles(np.mod(t[part], waveform.sweep_s))
+            cycles = np.mod(self.offset_hz * t[part], 1.0) - waveform.phase_cycles(
+                np.mod(t[part], waveform.sweep_s)
+            )
             out[part] = self.wave(t[part]) * exp_cycles(cycles, np.complex128)
         return out
 

@@ -39,7 +39,9 @@ class DiffuseGround:
     edge_deg: float = 50.0
     forward_m_per_s: float = 0.0
 
-    def frame(self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator) -> np.ndarray:
+    def frame(
+        self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator
+    ) -> np.ndarray:
         """(N,) complex64 IF frame of mean power ``power_mw``."""
         edge = height_m * np.tan(np.radians(self.edge_deg))
         off = edge * np.sqrt((np.arange(_FACETS) + rng.random(_FACETS)) / _FACETS)  # equal areas
@@ -81,7 +83,9 @@ def facet_frame(
         # the rounded beat agrees in the middle of the half
         start = start + (beat - bins * w.rate_hz / size) * 0.5 * w.half_sweep_s
         weights = amplitude * exp_cycles(start, np.complex128)
-        grid = np.bincount(bins % size, weights.real, size) + 1j * np.bincount(bins % size, weights.imag, size)
+        grid = np.bincount(bins % size, weights.real, size) + 1j * np.bincount(
+            bins % size, weights.imag, size
+        )
         out[k * half : (k + 1) * half] = (fft.ifft(grid.astype(np.complex64)) * np.float32(size))[:half]
         out[k * half : k * half + blind] = 0
     return out

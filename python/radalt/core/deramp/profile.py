@@ -256,7 +256,9 @@ class Profile:
             settings = AltimeterSettings(
                 max_altitude_m=top_m, max_vertical_speed_m_per_s=speed, strategy=self.strategy
             )
-            return _Tracked(Altimeter(w, settings), TrackerSettings(self.output_s, max_vertical_speed_m_per_s=speed))
+            return _Tracked(
+                Altimeter(w, settings), TrackerSettings(self.output_s, max_vertical_speed_m_per_s=speed)
+            )
         return SummedDetector(
             w,
             self.sweeps_per_output,
@@ -307,7 +309,9 @@ def load_profile(name: str | Path) -> Profile:
 def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
     """A file's keys over those of the file beside it that ``base`` names."""
     data = load_yaml(path, what="altimeter")
-    if not isinstance(data, dict) or not all(isinstance(data.get(k, {}), dict) for k in ("numbers", "sources")):
+    if not isinstance(data, dict) or not all(
+        isinstance(data.get(k, {}), dict) for k in ("numbers", "sources")
+    ):
         raise ValueError("expected a mapping with the mappings numbers and sources")
     base = data.pop("base", None)
     if base is None:
@@ -338,7 +342,9 @@ def _built(data: dict[str, Any]) -> Profile:
     needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
     absent = sorted(needed - set(numbers))
     if absent:
-        raise ValueError(f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]")
+        raise ValueError(
+            f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]"
+        )
     if "standing" in values:
         raise ValueError("unknown key 'standing'; it stands beside each number")
     return build(Profile, values | {"standing": standing}, "")

@@ -16,7 +16,9 @@ __all__ = ["CounterDetector", "SummedDetector"]
 
 _PADDING = 2  # spectral cells per resolution cell
 _OFFSETS = np.linspace(-0.7, 0.7, 57)
-_LINE = np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2  # powers left of, at and right of a line's peak
+_LINE = (
+    np.sinc((_OFFSETS + np.array([[1], [0], [-1]])) / _PADDING) ** 2
+)  # powers left of, at and right of a line's peak
 # slope over curvature of three powers, and the line's offset in cells; a noise floor leaves it alone
 _PEAK = ((_LINE[2] - _LINE[0]) / (2 * _LINE[1] - _LINE[0] - _LINE[2]), _OFFSETS)
 _EDGE = 0.25  # of the peak's power: the -6 dB point of the rise, as `AltimeterSettings.strategy` has it
@@ -81,7 +83,9 @@ class SummedDetector:
         for half, slope in enumerate(w.half_slopes):
             if slope > 0:
                 np.conjugate(halves[:, half], out=halves[:, half])
-        spectrum = np.take(fft.fft(halves, self._size, axis=-1, overwrite_x=True), self.cells, axis=-1, mode="wrap")
+        spectrum = np.take(
+            fft.fft(halves, self._size, axis=-1, overwrite_x=True), self.cells, axis=-1, mode="wrap"
+        )
         return spectrum.real**2 + spectrum.imag**2
 
     def sums(self, frames: np.ndarray) -> np.ndarray:

@@ -98,21 +98,12 @@ class AltitudeTracker:
             else settings.leakage_m or -np.inf
         )
         self._possible_m = altimeter.settings.min_altitude_m, altimeter.settings.max_altitude_m
-<<<<<<< HEAD
-        # a narrow cell is crossed within an output
-        self._widest_m = max(2.0 * altimeter.waveform.range_resolution_m, t.max_speed * settings.output_s)
-        self._reach = t.last - t.first
-        # a speed lies that far from its row's at most
-        self._slack = 1.01 * t.speed_per_cell if t.doppler else np.diff(t.speeds).max(initial=0.0)
-        self._integrity = Integrity(t, settings, self.sweep_s)
-=======
         gate = Gate(self.integrator, settings.gate_pfa)
         self._integrity = Integrity(gate, settings)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         self._updater = Updater(gate, self._integrity)
         self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
->>>>>>> main
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)
         self._received = np.empty_like(self._ratio)
@@ -255,23 +246,9 @@ class AltitudeTracker:
             failed = 2 * np.sum(self._here == 1) < self.frames - self._started_at
             status = Status.FAILURE if failed else Status.NO_COMPUTED_DATA
             return self._output(last, status, state, 0.0, at.size)
-<<<<<<< HEAD
-        block = self.integrator.integrate(self._ratio[at], at.astype(float))
-        self._at, self._before = at, None
-        self._shift_m = float(delay_to_altitude_m(self._offset_s[at[-1]]))
-        # from the instant that was measured to the block's end; a sawtooth measures an instant ahead (or behind)
-        self._lead_s = (self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s
-        middle = last - self.frames + 1 + block.middle
-        return self._follow(block, last, middle)
-
-    def _follow(self, block: Block, last: int, middle: float) -> tuple:
-        """Continue the track, look for a better one, and say what is known."""
-        strongest = block.strongest()
-=======
         scan = self._scan(at, last)
         status, state = self._update(scan)
         strongest = scan.block.strongest()
->>>>>>> main
         strength = 0.0 if strongest is None else strongest.strength
         return self._output(last, status, state, strength, scan.block.count)
 
@@ -281,7 +258,8 @@ class AltitudeTracker:
         return Scan(
             block,
             middle=last - self.frames + 1 + block.middle,
-            lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s,
+            # a sawtooth measures the altitude of an instant ahead of the block's middle, or behind it
+            lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             sum_received=(lambda: Block(self.integrator, self._received[at], at.astype(float)))
             if self._beside
