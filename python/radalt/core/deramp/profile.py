@@ -58,6 +58,7 @@ _LIMITS = {
     "p1db_dbm": (-80.0, 30.0),
     "iip3_dbm": (-70.0, 60.0),
     "isolation_db": (20.0, 150.0),
+    "lo_noise_dbc_per_hz": (-200.0, -60.0),
     "converter_bits": (4, 24),
     "headroom_db": (0.0, 60.0),
     "sweeps_per_output": (1, 1000),
@@ -98,6 +99,9 @@ class Profile:
     p1db_dbm, iip3_dbm, isolation_db : float
         `Amplifier`; from the transmitter's output to the port. The steady leakage is taken to be removed by the IF's
         high-pass; what a strong envelope modulates onto it is not.
+    lo_noise_dbc_per_hz : float
+        Broadband phase noise of the transmitter, which is the local oscillator: it mixes whatever is within the sweep's
+        band into the IF.
     converter_bits, headroom_db : float
         `Converter`.
     sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
@@ -128,6 +132,7 @@ class Profile:
     p1db_dbm: float
     iip3_dbm: float
     isolation_db: float
+    lo_noise_dbc_per_hz: float
     converter_bits: int
     headroom_db: float
     sweeps_per_output: int

@@ -16,6 +16,10 @@ __all__ = ["INTERFERERS", "Interferer", "others_mw"]
 
 LOCKED_M = 450.0  # altitude at which an equal, locked sweep shows
 _DRIFT = 1e-5  # of the period: two crystals of 5 ppm
+# Broadband noise of an emitter, beside what it sends on purpose: an oscillator's (assumed), and for NR an adjacent
+# channel leakage of 45 dB, as base stations are commonly held to, taken for the whole sweep.
+_OSCILLATOR_DBC_PER_HZ = -130.0
+_LEAKAGE_DBC_PER_HZ = -45.0 - 69.7  # over 9.36 MHz
 _BLOCKER_HZ, _BLOCKER_BANDWIDTH_HZ = 3.93e9, 98e6  # a 5G carrier of 100 MHz below 3.98 GHz
 
 
@@ -70,6 +74,8 @@ class Interferer:
         Share of the time that it transmits.
     center_hz : float or None
         None is the altimeter's own band.
+    floor_dbc_per_hz : float
+        Its broadband noise, white over the sweep. Without it blanking would have no limit.
     others : bool
         Whether the aircraft's other altimeters transmit as well, at their own level.
     """
@@ -80,6 +86,7 @@ class Interferer:
     bandwidth_hz: float | None = None
     duty: float = 1.0
     center_hz: float | None = None
+    floor_dbc_per_hz: float = _OSCILLATOR_DBC_PER_HZ
     others: bool = False
 
     @property
@@ -89,7 +96,9 @@ class Interferer:
 
     def at_amplifier_dbm(self, profile: Profile, level_dbm: float) -> float:
         """Behind the preselector."""
-        return level_dbm - (profile.preselector_loss_db(self.center_hz) if self.center_hz is not None else 0.0)
+        return level_dbm - (
+            profile.preselector_loss_db(self.center_hz) if self.center_hz is not None else 0.0
+        )
 
     def density_dbm_per_mhz(self, profile: Profile, level_dbm: float) -> float:
         """Mean power density at the port: over its own band if it is noise or a blocker, else over the sweep."""
@@ -109,10 +118,12 @@ class Interferer:
 INTERFERERS = {
     "white_noise": Interferer("white noise"),
     "tone": Interferer("tone", _tone, constant_envelope=True, bandwidth_hz=1.0),
-    "nr10": Interferer("10 MHz NR", _nr, bandwidth_hz=9.36e6),
+    "nr10": Interferer("10 MHz NR", _nr, bandwidth_hz=9.36e6, floor_dbc_per_hz=_LEAKAGE_DBC_PER_HZ),
     "altimeter": Interferer("another altimeter", _other, constant_envelope=True, bandwidth_hz=1.0),
     "equal_locked": Interferer("equal sweep, locked", _locked, constant_envelope=True, bandwidth_hz=1.0),
-    "equal_drifting": Interferer("equal sweep, drifting", _drifting, constant_envelope=True, bandwidth_hz=1.0),
+    "equal_drifting": Interferer(
+        "equal sweep, drifting", _drifting, constant_envelope=True, bandwidth_hz=1.0
+    ),
     "white_noise_others": Interferer("white noise, own altimeters on", others=True),
     "pulses": Interferer("pulsed radar", _pulses, constant_envelope=True, bandwidth_hz=1.0, duty=4e-3),
     "blocker": Interferer(

@@ -114,6 +114,11 @@ class Trial:
             # what the strong envelope modulates onto the leakage, white over the strong signal's band
             leakage_mw = 10 ** ((p.transmit_dbm - p.isolation_db) / 10) * gain.weak**2
             skirt = leakage_mw * gain.modulation / (self.kind.bandwidth_hz or p.noise_bandwidth_hz)
+            if (
+                not self.kind.blocker
+            ):  # its own broadband noise, and what the local oscillator's mixes into the IF
+                floor = 10 ** (self.kind.floor_dbc_per_hz / 10) + 10 ** (p.lo_noise_dbc_per_hz / 10)
+                skirt += gain.own**2 * 10 ** (strong_dbm / 10) * self.kind.duty * floor
             y = self.noise[part] * np.float32(np.sqrt(1 + skirt / p.noise_mw_per_hz))
             y += np.float32(gain.weak) * back
             if self.bank is not None:
@@ -217,8 +222,8 @@ class ToleranceStudy(Study):
         frames = (self.outputs + RUN_IN) * _profile(self.profile).sweeps_per_output
         return [
             TolerancePoint(f"{i}, {m}, seed {s}", frames, interferer=i, method=m, seed=s)
-            for i in self.interferers
             for m in self.methods
+            for i in self.interferers
             for s in range(1, self.seeds + 1)
         ]
 
