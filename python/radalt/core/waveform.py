@@ -81,8 +81,8 @@ class Waveform:
         True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``; a
         triangle only).
     shape : str
-        ``"triangle"``, ``"sawtooth_up"`` or ``"sawtooth_down"``. A sawtooth has one slope, so range and Doppler are one:
-        it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed.
+        ``"triangle"``, ``"sawtooth_up"`` or ``"sawtooth_down"``. A sawtooth has one slope, so range and Doppler are
+        one: it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed.
 
     Raises
     ------

@@ -92,7 +92,7 @@ class Amplifier:
         return (1 + 2 * s * square / third + (square / limit) ** s) ** (-1 / (2 * s))
 
     def weak_gain(self, amplitude: np.ndarray) -> np.ndarray:
-        """Gain of a weak signal elsewhere in the band: half of the radial and the tangential one, ``(G' + G / A) / 2``."""
+        """Gain of a weak signal elsewhere: half of the radial and the tangential one, ``(G' + G / A) / 2``."""
         square = np.square(amplitude)
         third, limit = self._scales
         s = _SHARPNESS

@@ -79,7 +79,7 @@ class IfWaveform(Waveform):
 
     @cached_property
     def lead(self) -> int:
-        """Samples at the simulation rate that the IF filter needs before and after a frame; a multiple of the factor."""
+        """Samples at the simulation rate that the IF filter needs on either side of a frame; whole IF samples."""
         return SIMULATION_FACTOR * -(-(self._taps.size // 2) // SIMULATION_FACTOR)
 
     @cached_property

@@ -107,7 +107,7 @@ class Profile:
     sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
         Frames (two ramps each) per output, false alarms per output in noise, span, fastest climb.
     sigma0_db : float
-        Reflectivity of diffuse ground at nadir, for the loop loss; it falls with incidence as `Morchin`'s built-up land.
+        Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up land.
     other_altimeters, other_coupling_db : float
         Further altimeters of this kind on the aircraft, and the loss from their transmitters to the port.
     standing : dict of name -> (standing, source)

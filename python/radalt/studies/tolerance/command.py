@@ -1,7 +1,7 @@
-"""The interference power, in dBm at the port, at which an altimeter stops being usable, and the margin to 14 CFR 91.220.
+"""The interference power in dBm at which an altimeter stops being usable, and the margin to 14 CFR 91.220.
 
 .venv/bin/python flowgraphs/tolerance_eval.py  # the default grid, into results/tolerance_eval
-.venv/bin/python flowgraphs/tolerance_eval.py --interferers nr10 --altitudes-ft 200 --outputs 40 --seeds 1 --out results/a
+.venv/bin/python flowgraphs/tolerance_eval.py --interferers nr10 --altitudes-ft 200 --outputs 40 --seeds 1
 .venv/bin/python flowgraphs/tolerance_eval.py --profile counter --altitudes-ft 200,1000 --method none --out results/old
 """
 

@@ -208,7 +208,7 @@ class ToleranceStudy(Study):
         for name in self.methods:
             if name not in METHODS:
                 raise ValueError(
-                    f"--methods: {name!r} works on samples before the mixer, which a deramping altimeter does not have; "
+                    f"--methods: {name!r} works on samples before the mixer, which a deramping altimeter has not; "
                     f"after its IF filter work {', '.join(METHODS)}"
                 )
         for feet in self.altitudes_ft:

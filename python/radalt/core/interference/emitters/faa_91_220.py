@@ -5,8 +5,8 @@ withstand from 0 to 500 ft. A receiving antenna of gain G collects
 
     PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi) - cable        [dBW/MHz]
 
-at the receiver's input (`core/returns/link_budget.py`), which its selectivity weighs. Every band of the table is taken as filled at once, the hardest
-reading.
+at the receiver's input (`core/returns/link_budget.py`), which its selectivity weighs. Every band of the
+table is taken as filled at once, the hardest reading.
 """
 
 from __future__ import annotations
