@@ -82,7 +82,8 @@ class Waveform:
         triangle only).
     shape : str
         ``"triangle"``, ``"sawtooth_up"`` or ``"sawtooth_down"``. A sawtooth has one slope, so range and Doppler are
-        one: it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed.
+        one: it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed. A
+        scene plays a triangle.
 
     Raises
     ------
