@@ -66,16 +66,15 @@ def test_no_import_points_up():
 
 
 def test_only_the_methods_that_judge_their_own_output_know_an_altimeter():
-    """`lms`, `shift_check` and the test for ground beyond the span; a canceller knows the default span, and no more."""
+    """`lms` and `shift_check`; a canceller and the test for ground beyond the span know its settings, and no more."""
     asking = {(e.source, e.target) for e in IMPORTS if e.source.startswith("core.mitigation")}
     asking = {(source, target) for source, target in asking if target.startswith("core.receiver")}
     altimeter, settings = "core.receiver.altimeter", "core.receiver.altimeter_settings"
     assert {source for source, target in asking if target != settings} == {
-        "core.mitigation.beyond_span",
         "core.mitigation.lms",
         "core.mitigation.shift_check",
     }
-    assert {target for _, target in asking} <= {altimeter, settings, "core.receiver.sweep_pairing"}
+    assert {target for _, target in asking} <= {altimeter, settings}
 
 
 def test_no_import_goes_round_when_modules_are_loaded():

@@ -414,7 +414,9 @@ def test_a_second_without_a_sweep_is_one_line(capfd):
 
 def test_a_tag_of_another_program_is_one_line_and_counted(capfd):
     """rx_time, radalt_altitude and radalt_frame of other shapes: the frames are those of the stream without them."""
-    scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": 10})
+    scene = scene_of(
+        interference=None, altitude={"programme_m": [300.0], "frames": 10}, channel={"snr_db": None}
+    )
     radar, _ = transmitted(scene, scene.altitude.programme.total_frames)
     foreign = (
         pmt.intern("soon"),
@@ -505,7 +507,9 @@ class Slow(gr.sync_block):
 @pytest.mark.parametrize(("drop", "frames"), [(True, 400), (True, 1000), (False, 600)])
 def test_half_a_second_waits_for_a_slow_method_then_whole_frames_are_dropped_and_counted(drop, frames):
     """All comes at once, as after a hold-up: 400 frames lose nothing. In simulation the source waits."""
-    scene = scene_of(interference=None, altitude={"programme_m": [300.0], "frames": frames})
+    scene = scene_of(
+        interference=None, altitude={"programme_m": [300.0], "frames": frames}, channel={"snr_db": None}
+    )
     first = transmitted(scene, 20)[0]
     rest = scene.altitude.programme.total_frames - 22
     radar = np.concatenate([first, np.tile(first[-N:], rest)])
@@ -589,7 +593,8 @@ def test_mitigation_can_be_swapped_and_configured():
 def test_tcae_block_is_the_model_and_is_the_same_in_any_chunks():
     scene = scene_of()
     frames, tags, _ = frames_with_tags(8)
-    expected = create("tcae", scene.waveform).process(frames[:1])
+    span_m = scene.altimeter_settings.max_altitude_m
+    expected = create("tcae", scene.waveform, max_altitude_m=span_m).process(frames[:1])
     outputs = []
     for seed in (None, 1):
         sink = Collect(N)
@@ -674,13 +679,13 @@ def test_results_are_published_over_zmq_as_json():
     frames[4] = 0
     context = zmq.Context()
     block = radalt.altimeter_sink(scene, method="none", endpoint="tcp://127.0.0.1:*", messages=False)
-    endpoint = block._socket.getsockopt_string(zmq.LAST_ENDPOINT)  # the port the system chose
+    endpoint = block._socket.listener.address  # with the port the system chose
     subscriber = context.socket(zmq.SUB)
     subscriber.setsockopt(zmq.SUBSCRIBE, b"")
     subscriber.setsockopt(zmq.RCVTIMEO, 20_000)
     subscriber.connect(endpoint)
-    block._socket.send_string("{}")  # a subscription takes time: repeat until it stands
-    wait_for(lambda: subscriber.poll(20) or block._socket.send_string("{}"), "the subscription")
+    block._socket.socket.send_string("{}")  # a subscription takes time: repeat until it stands
+    wait_for(lambda: subscriber.poll(20) or block._socket.socket.send_string("{}"), "the subscription")
     run(Ragged(frames, 1, tags), block)
     received = []
     while len(received) < 20:

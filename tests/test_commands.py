@@ -92,6 +92,7 @@ def desk(tmp_path_factory):
     landing = ROOT / "flowgraphs/landing"
     for name, like in {
         "my.onnx": ROOT / "models/tcae.onnx",
+        "mynet.onnx": ROOT / "models/tcae.onnx",
         "flight.csv": landing / "approach_kord_10c.csv",
         "n41.dt1": landing / "hilly_n41w088.dt0",
         "n42.dt1": landing / "hilly_n41w089.dt0",

@@ -90,7 +90,7 @@ def test_every_link_leads_to_a_file_and_a_heading(root):
 
 @pytest.mark.parametrize(
     ("page", "program"),
-    [("first-flowgraph", "examples/first_flowgraph.py"), ("own-method", "flowgraphs/own_method.py")],
+    [("flowgraphs", "examples/first_flowgraph.py"), ("your-own", "flowgraphs/own_method.py")],
 )
 def test_a_program_that_a_page_shows_is_the_one_that_runs(root, page, program):
     """Written out, since the page is read on the disk and on the web, too, where nothing puts a file into it."""

@@ -104,25 +104,16 @@ def test_a_frame_whose_return_stands_out_is_not_searched():
 
 def test_an_emitter_that_appears_later_is_found():
     _, before = stream([ToneEmitter(3)], -30.0, 60, 6)
-    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 60, 7)
+    altitude_m, after = stream([QpskReceivedEmitter()], -45.0, 120, 7)
     method = create("hybrid", W)
     method.process(before)
     cleaned = method.process(after)
-    assert right(cleaned[-10:], altitude_m[-10:]) >= 0.9 and method.cancelled > 10
+    assert right(cleaned, altitude_m) > 0.5 and method.cancelled > 60
 
 
-def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps(monkeypatch):
+def test_the_network_gains_on_the_error_vectors_that_a_cancelled_frame_keeps():
     """Error vectors of 17.5 %, as TS 38.104 allows QPSK, are 15 dB below it, and as narrow."""
-    from radalt.core.interference.emitters import qpsk_received
-
-    ideal = qpsk_received.qpsk_symbols
-
-    def with_error_vectors(count, rng):
-        error = np.sqrt(0.5) * rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
-        return ideal(count, rng) + 0.175 * error
-
-    monkeypatch.setattr(qpsk_received, "qpsk_symbols", with_error_vectors)
-    altitude_m, frames = independent([QpskReceivedEmitter()], -43.0, 20, 8)
+    altitude_m, frames = independent([QpskReceivedEmitter(evm=0.175)], -43.0, 20, 8)
     pd = {
         name: right(create(name, W).process(frames), altitude_m) for name in ("tcae", "qpsk_cancel", "hybrid")
     }

@@ -161,7 +161,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     shown = run(radalt, "collect", "--help", cwd=tmp_path, env=kept)
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
-    for word, answer in (("nonsense", "there are collect"), ("gallery", "tools/gallery.py")):
+    for word, answer in (("nonsense", ", collect, control, eval, "), ("gallery", "tools/gallery.py")):
         done = subprocess.run(
             [radalt, word], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
         )

@@ -296,7 +296,7 @@ def test_no_altitude_near_the_ground_is_taken_for_a_loss(level_db):
         leakage + t * point_return(W, a) + noise(rng, 1, 10.0)[0] for a, t in zip(flown, trial, strict=True)
     ]
     segmenter = FrameSegmenter(W, programme, true_delay=True, leakage=canceller)
-    segmenter.push(np.concatenate([np.zeros(4 * N, np.complex64), *frames]).astype(np.complex64))
+    segmenter.push(np.concatenate(frames).astype(np.complex64))
     assert segmenter.counters["lock_losses"] == 0 and segmenter.counters["frames"] >= 28
 
 

@@ -45,7 +45,7 @@ def test_a_landing_over_terrain_is_not_tracked_and_says_why():
 
 def test_the_page_replays_a_recording_by_the_name_that_it_gets(root):
     point = OverlapPoint.at(0.5, -10.0, 10.0, 150)
-    page = (root / "docs/recordings.md").read_text(encoding="utf-8")
+    page = (root / "docs/results.md").read_text(encoding="utf-8")
     assert f"--replay results/mine/captures/{capture_name(point)}.sigmf-meta " in page
 
 

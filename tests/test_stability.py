@@ -143,7 +143,7 @@ def test_a_block_that_fails_in_the_flowgraph_is_a_row_that_says_why(monkeypatch,
     def fail(self, *args, **kwargs):
         raise FloatingPointError("as it was")
 
-    monkeypatch.setattr("radalt.core.mitigation.whitening.Whitening.process", fail)
+    monkeypatch.setattr("radalt.core.mitigation.whitening.Whitening.process_into", fail)
     monkeypatch.setattr(checks, "create", lambda name, waveform: create("none", waveform))
     row = checks.flowgraph_row("whitening")
     assert (row["value"], row["verdict"]) == (None, "FAIL as it was")

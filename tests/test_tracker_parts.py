@@ -30,7 +30,8 @@ def parts_of(settings: TrackerSettings = TrackerSettings()) -> SimpleNamespace: 
     tables = Integrator(FAST, 40, doppler=True, max_speed_m_per_s=settings.max_vertical_speed_m_per_s)
     gate = Gate(tables, settings.gate_pfa)
     integrity = Integrity(gate, settings)
-    updater, deleter = Updater(gate, integrity), Deleter(settings)
+    updater = Updater(gate, integrity)
+    deleter = Deleter(tables, settings, integrity.search_threshold)
     return SimpleNamespace(
         tables=tables,
         gate=gate,
@@ -133,10 +134,11 @@ def scan_of(parts: SimpleNamespace, ratio: np.ndarray, middle: float = 19.5) -> 
 def showing(
     parts: SimpleNamespace, up: int, down: int, seed: int, middle: float = 19.5, power: float = 12.0
 ) -> Scan:
-    """A block that shows a pair of cells, each with its neighbours."""
-    ratio = exponential(seed)
+    """A block that shows a point's peak at a pair of cells."""
+    ratio, around = exponential(seed), np.arange(-4, 5)
     for half, cell in enumerate((up, down)):
-        ratio[:, half, cell - 1 : cell + 2] += power * np.array([0.5, 1.0, 0.5], dtype=np.float32)
+        shape = np.interp(around, *parts.tables.point_shape).astype(np.float32)
+        ratio[:, half, cell + around] += power * shape
     return scan_of(parts, ratio, middle)
 
 
@@ -268,7 +270,7 @@ def test_one_poor_block_takes_an_altitude_away_for_that_block_alone(missed, reso
     track.resolved = resolved
     for _ in range(missed):
         assert not parts.deleter.missed(track)
-    scan = showing(parts, 150, 150, 91, 499.5, power=0.4)
+    scan = showing(parts, 150, 150, 91, 499.5, power=0.35)
     found = parts.updater.update(track, scan)
     track.resolved = resolved
     assert found.strength < parts.integrity.search_threshold
@@ -356,6 +358,23 @@ def test_a_deleter_ends_a_track_after_its_time_and_where_the_ground_has_stepped(
     for nis, ends in ((7.0, False), (9.0, True)):
         track.filter.nis = nis
         assert parts.deleter.inconsistent(track) is ends
+
+
+@pytest.mark.parametrize("left", [12.0, 0.0])
+def test_a_certain_track_that_has_ended_is_remembered_until_its_place_is_vacant_twice(left):
+    """The successor's return is four times as strong and 150 m above; its own lobes lie on both sides alike."""
+    parts = parts_of()
+    track, young = started(parts, 150, 150, 42), started(parts, 150, 150, 42)
+    parts.deleter.end(young)
+    assert parts.deleter.predecessor is None  # it was never certain
+    track.resolved = True
+    parts.deleter.end(track)
+    for seed, vacant in ((51, False), (52, not left)):
+        ratio = exponential(seed)
+        for cell, power in ((180, 48.0), (150, left)):
+            ratio[:, :, cell - 1 : cell + 2] += power * np.array([0.5, 1.0, 0.5], dtype=np.float32)
+        parts.deleter.watch(None, scan_of(parts, ratio))
+        assert (parts.deleter.predecessor is None) is vacant
 
 
 def test_a_gate_is_centred_on_the_prediction_at_the_middle_of_the_block():

@@ -3,6 +3,12 @@
 # requirements.lock (Python 3.10 and later) and requirements-test.lock (3.11 and later). Run it after a change of
 # requirements.txt or requirements-test.txt; tests/test_setup.py compares them. Network.
 set -eu
+case ${1:-} in
+    -h | --help)
+        echo "usage: tools/lock.sh  # writes requirements.lock and requirements-test.lock anew (network)"
+        exit 0
+        ;;
+esac
 cd "$(dirname "$0")/.."
 uv=$(mktemp -d)
 trap 'rm -rf "$uv"' EXIT

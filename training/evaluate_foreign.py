@@ -40,7 +40,7 @@ def scored(
     for k, sir_db in enumerate(SIRS_DB):
         received = scenes.with_interference([emitter], overlap, sir_db, seed)
         for name, rates in out.items():
-            results, _ = Chain.live(name).results(received, scenes.waveform)
+            results, _ = Chain(name, name).results(received, scenes.waveform)
             score = score_frames(results, scenes.altitude_m)
             rates[:, k] = score.pd, score.wrong / score.trials
     return out

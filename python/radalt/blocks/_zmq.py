@@ -1,12 +1,24 @@
-"""A ZMQ socket behind a `BoundedListener`, with a context of its own: what fills one socket slows no other."""
+"""A ZMQ socket behind a `BoundedListener`. Control and telemetry have a context each: neither slows the other."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 from ..core.radio.endpoint import BoundedListener
 
 __all__ = ["BoundSocket"]
+
+
+_LINGER_MS = 200  # for the last results on their way to the listener, on this machine
+
+
+@lru_cache(maxsize=2)
+def _context(kind: str) -> Any:
+    """Context of all sockets of a kind. It is never destroyed: that would wait for every socket."""
+    import zmq  # only who asks for an endpoint needs it
+
+    return zmq.Context()
 
 
 class BoundSocket:
@@ -30,12 +42,11 @@ class BoundSocket:
     """
 
     def __init__(self, kind: str, name: str, endpoint: str, *, limit_bytes: int, queued: int = 1000) -> None:
-        import zmq  # only who asks for an endpoint needs it
+        import zmq
 
         self.listener = BoundedListener(name, endpoint, limit_bytes=limit_bytes, answered=kind == "REP")
         inproc = endpoint.startswith("inproc://")  # such names belong to one context
-        self._context: Any = None if inproc else zmq.Context()
-        self.socket = (self._context or zmq.Context.instance()).socket(getattr(zmq, kind))
+        self.socket = (zmq.Context.instance() if inproc else _context(kind)).socket(getattr(zmq, kind))
         for option, value in ((zmq.LINGER, 0), (zmq.SNDHWM, queued), (zmq.MAXMSGSIZE, limit_bytes)):
             self.socket.setsockopt(option, value)
         try:
@@ -46,7 +57,5 @@ class BoundSocket:
 
     def close(self) -> None:
         """Free the endpoint."""
+        self.socket.close(linger=_LINGER_MS)
         self.listener.close()
-        self.socket.close()
-        if self._context is not None:
-            self._context.term()

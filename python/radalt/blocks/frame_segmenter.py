@@ -339,11 +339,12 @@ class frame_segmenter(gr.basic_block):
         )
         if now != self._reported:
             lost = seg.state == LOST and self._reported[0] != LOST
+            faulty = seg.fault and seg.fault != self._reported[1]
             self._reported = now
             self.message_port_pub(self._status_port, pmt.to_pmt(self.status()))
             if lost:
                 self.logger.warn(self._why_lost())
-            if seg.fault:
+            if faulty:
                 self.logger.warn(_FAULTS[seg.fault])
         self._watch()
 

@@ -107,11 +107,12 @@ def name_method(name: str, kind: str) -> None:
     base = Tcae if kind == Tcae.name else Custom
     if name in _NAMED and issubclass(_NAMED[name], base):
         return
-    if not _NAME.fullmatch(name) or name in METHODS or name == CUSTOM:
+    if not _NAME.fullmatch(name) or (name in METHODS and name not in _NAMED) or name == CUSTOM:
         raise MitigationError(
             f"a method of your own cannot be called {name!r}; take a new name of lower-case letters, digits and _"
         )
     style = _OWN_STYLES[len(_NAMED) % len(_OWN_STYLES)]
+    METHODS.pop(name, None)  # a name may stand for another kind from now on
     _NAMED[name] = register(type(base.__name__, (base,), {"name": name, "style": style}))
 
 

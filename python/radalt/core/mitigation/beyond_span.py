@@ -9,10 +9,9 @@ beyond the span, the frame has to pass as it came, and the altimeter then finds 
 from __future__ import annotations
 
 import numpy as np
-from scipy import fft
+from scipy import fft, ndimage
 
 from ..receiver.altimeter_settings import FASTEST_M_PER_S
-from ..receiver.sweep_pairing import running_maxima
 from ..waveform import Waveform
 
 __all__ = ["BeyondSpan"]
@@ -89,9 +88,8 @@ class BeyondSpan:
             power = spectrum.real**2
             power += spectrum.imag**2
             reach = self._reach
-            padded = np.zeros((1, self._count + 2 * reach), dtype=np.float32)
-            padded[0, reach : reach + self._count] = power[1]
-            up = int((power[0] + running_maxima(padded, 2 * reach + 1)[0]).argmax())
+            partner = ndimage.maximum_filter1d(power[1], 2 * reach + 1, mode="constant")
+            up = int((power[0] + partner).argmax())
             low = max(up - reach, 0)
             down = low + int(power[1, low : up + reach + 1].argmax())
             if up + down < 2.0 * self._first:

@@ -18,7 +18,7 @@ __all__ = ["Hybrid"]
 
 _OTHERS = ("tcae", "whitening")
 # Cost that searches may have per frame, in FFTs of 7,500 points at 7.5 MS/s: a quarter of real time where such an FFT
-# takes 40 us (docs/real-time.md); 0.37 of it at 59 us, the slowest machine measured
+# takes 40 us (docs/real-time.md), of which tracking, the network and the flowgraph need the rest
 _SEARCH_FFTS = 6.25
 _RATE_HZ = 7.5e6  # of that figure; a frame of another rate leaves less or more time
 # Weight of a burst in what a canceller leaves, below which its part of the frame is lost: error vectors are 30 dB above
@@ -38,8 +38,8 @@ class Hybrid(Mitigation):
     which altitude looks better.
 
     Searches have a budget: each frame adds a quarter of the time that it lasts, a search spends its cost in FFTs, and
-    none begins while the balance is negative. So searches take at most a quarter of real time, whatever is received,
-    and what cannot be tracked is searched once in some ten to a hundred frames. The balance starts full: the first
+    none begins while the balance is negative. So searches take a quarter of real time, whatever is received, and
+    what cannot be tracked is searched once in some 10 to 100 frames. The balance starts full: the first
     frame after `reset` is always searched, which is how a study treats frames that are drawn independently of each
     other.
 
@@ -101,25 +101,30 @@ class Hybrid(Mitigation):
     def _clean(self, batch: np.ndarray) -> np.ndarray:
         out, disturbed = batch.copy(), np.zeros(len(batch), dtype=bool)
         for row, frame in enumerate(batch):
-            cancelled = self._cancel(frame)
+            self._credit = min(self._credit + self._income, _MAX_CREDIT)
+            cancelled = self._tracked(frame)
+            if cancelled is None and self._detector.present(frame[None])[0]:
+                cancelled = self._searched(frame)
+                disturbed[row] = cancelled is None
             if cancelled is not None:
-                out[row] = cancelled
                 self.cancelled += 1
-            disturbed[row] = self._is_disturbed(frame, cancelled)
+                out[row] = cancelled
+                disturbed[row] = _has_burst(frame) or self._is_coloured(cancelled)
         if disturbed.any():
             out[disturbed] = self._other.process(out[disturbed])
         return out
 
-    def _cancel(self, frame: np.ndarray) -> np.ndarray | None:
-        """(N,) frame without its OFDM or QPSK; None where neither is there, or can be cancelled in time."""
-        self._credit = min(self._credit + self._income, _MAX_CREDIT)
+    def _tracked(self, frame: np.ndarray) -> np.ndarray | None:
+        """(N,) frame without the emitter of the frame before; None if there was none, or it is lost."""
         for method in self._cancellers:
             out = method.cancel(frame, search=False) if method.tracking else None
             if out is not None:
                 return out
-        if self._credit < 0 or not self._detector.present(frame[None])[0]:
-            return None
-        if self._detector.return_stands_out(frame[None])[0]:
+        return None
+
+    def _searched(self, frame: np.ndarray) -> np.ndarray | None:
+        """(N,) frame without its OFDM or QPSK; None where neither is there, or needed, or can be searched in time."""
+        if self._credit < 0 or self._detector.return_stands_out(frame[None])[0]:
             return None
         self.searched += 1
         for method in self._cancellers:
@@ -129,18 +134,9 @@ class Hybrid(Mitigation):
                 return out if getattr(method, "burst_weight", 1.0) >= _MIN_WEIGHT else None
         return None
 
-    def _is_disturbed(self, frame: np.ndarray, cancelled: np.ndarray | None) -> bool:
-        """Whether an (N,) frame holds interference that the network, or whitening, may take away, or, if that is not
-        None, its ``cancelled`` form does. Of a burst some is always left; where else the return does not stand out of
-        what is left, that may be white noise, and then nothing can.
-        """
-        if cancelled is None:
-            return bool(self._detector.present(frame[None])[0])
-        if _has_burst(frame):
-            return True
-        return bool(
-            self._detector.present(cancelled[None])[0] and not self._detector.white(cancelled[None])[0]
-        )
+    def _is_coloured(self, left: np.ndarray) -> bool:
+        """Whether what is left of a frame that was cancelled, (N,), hides the return and is no white noise."""
+        return not (self._detector.return_stands_out(left[None])[0] or self._detector.white(left[None])[0])
 
 
 def _has_burst(frame: np.ndarray) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..receiver.altimeter import Altimeter, AltimeterSettings, shared_altimeter
-from ..receiver.altimeter_settings import FASTEST_M_PER_S
 from ..waveform import Waveform, delay_to_altitude_m
 from .base import Mitigation, MitigationError, PlotStyle
 
@@ -94,9 +93,7 @@ class BlockLms(Mitigation):
         reach = float(delay_to_altitude_m(self.length / waveform.rate_hz))
         span = span_m or AltimeterSettings().resolved(waveform).max_altitude_m
         top = min(max(min(reach, span), 2 * waveform.range_resolution_m), waveform.max_unambiguous_altitude_m)
-        return shared_altimeter(
-            waveform, AltimeterSettings(max_altitude_m=top, max_vertical_speed_m_per_s=FASTEST_M_PER_S)
-        )
+        return shared_altimeter(waveform, AltimeterSettings(max_altitude_m=top))
 
     def reset(self) -> None:
         """See `Mitigation.reset`: weights and delay line start at zero."""

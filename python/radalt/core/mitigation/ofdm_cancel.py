@@ -46,7 +46,11 @@ _DOUBTFUL = 0.1  # mean error of a symbol in cells from which the channel is not
 _UNSURE = 0.15  # error of the best symbol at first, from which QPSK and noise may explain the frame, too
 _AS_GOOD = 0.4  # of what nearest points explain, for QPSK and noise to do so with far fewer of them
 _HOPELESS = 0.35  # error of the best symbol at first: noise leaves 0.45 and more, a moving channel 0.22
-_SEARCH_FFTS, _TRACKING_FFTS = 300.0, 15.0  # FFTs of 7,500 points that a frame costs in the median
+_SEARCH_FFTS, _TRACKING_FFTS, _PREFIX_FFTS = (
+    300.0,
+    15.0,
+    5.0,
+)  # FFTs of 7,500 points that a frame costs in the median
 _PATIENCE = 8  # looks in vain, one after the other, at a prefix whose symbols cannot be read
 _PAUSE = 8  # from then on one frame in eight is looked at
 _STRAYED = 0.25  # mean error of what is sent: another emitter, whose symbols fit no alphabet there, has 0.5
@@ -193,7 +197,9 @@ class OfdmCancel(Mitigation):
         if out is None and search:
             out = self._searched(frame)
             state = "passed" if out is None else "acquired"
-            self.outcome = Outcome(state, ffts=_SEARCH_FFTS)
+            self.outcome = Outcome(
+                state, ffts=_SEARCH_FFTS if self._vain or out is not None else _PREFIX_FFTS
+            )
         return out
 
     def _searched(self, frame: np.ndarray) -> np.ndarray | None:

@@ -20,10 +20,9 @@ from .qpsk.zero_order_hold import cancel_zero_order_hold
 __all__ = ["QpskCancel"]
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
-_MEDIAN_STRIDE = 25  # samples between those whose median is taken
 # FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one look at the frame
-# and three trials of symbol timing: 18 + 3 * 82 FFTs, whatever the frame holds
-_TRACKING, _LOOK, _DEMODULATION, _PULSE = 20.0, 18.0, 32.0, 50.0
+# and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
+_TRACKING, _TONES, _LOOK, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +144,7 @@ class QpskCancel(Mitigation):
         self._ffts += _LOOK
         rest = without_tones(frame)
         tones = rest is not None
+        self._ffts += _TONES * tones
         frame = rest if tones else frame
         scale = np.float32(np.sqrt(np.vdot(frame, frame).real / frame.size))
         if not 0 < scale < np.inf:
@@ -187,7 +187,8 @@ class QpskCancel(Mitigation):
         left = float(level[on].sum())
         if not (on.any() and np.vdot(made, made).real >= self._s.min_suppression * left):
             return None
-        median, beside = _median(level[on]), np.inf if on.all() else _median(level[~on])
+        most = self._s.training_symbols
+        median, beside = _median(level[on], most), np.inf if on.all() else _median(level[~on], most)
         self.burst_weight = min(1.0, beside / max(median, 1e-30))
         weight = np.where(on, np.float32(self.burst_weight), np.float32(1))
         weight[level > self._s.outlier_power * np.where(on, median, beside)] = 0
@@ -206,6 +207,6 @@ class QpskCancel(Mitigation):
         return out
 
 
-def _median(values: np.ndarray) -> float:
-    """Median of some of (n,) ``values``."""
-    return float(np.median(values[::_MEDIAN_STRIDE]))
+def _median(values: np.ndarray, most: int) -> float:
+    """Median of some ``most`` of (n,) ``values``, evenly spaced."""
+    return float(np.median(values[:: max(1, values.size // most)]))

@@ -111,7 +111,7 @@ def convert(hint: Any, value: Any, where: str) -> Any:
         if value is None and type(None) in options:
             return None
         return convert(_fitting([o for o in options if o is not type(None)], value), value, where)
-    if dataclasses.is_dataclass(hint):
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         return build(hint, {} if value is None else value, where)
     if origin is tuple:
         if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
@@ -227,7 +227,7 @@ def _hints(owner: Any) -> dict[str, Any]:
     """Annotations of a class or function; what exists for type checkers alone is left out, and converts nothing."""
     with contextlib.suppress(Exception):  # somebody else's annotations: anything can come
         return typing.get_type_hints(owner)
-    found = {}
+    found: dict[str, Any] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else [owner]:
         names = getattr(part, "__globals__", None) or vars(sys.modules[part.__module__])
         for key, hint in inspect.get_annotations(part).items():

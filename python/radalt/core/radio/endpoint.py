@@ -26,6 +26,7 @@ __all__ = ["BoundedListener", "check_endpoint"]
 
 CONNECTIONS = 16  # at once, four descriptors each; one more drops the one that has been silent for longest
 CHUNK_BYTES = 65_536
+_DELIVERY_S = 0.5  # for what was sent before the end, to a peer that takes it
 _ENDPOINT = re.compile(r"ipc://(?P<path>.+)|inproc://.+|tcp://(?P<host>[^\s/]+):(?P<port>\d{1,5}|\*)")
 _LOOPBACK = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
 _PONG_BYTES = 32  # ZMTP answers a heartbeat with at most 25 bytes (RFC 37), which is no reply
@@ -122,11 +123,11 @@ class BoundedListener:
         return self._loop is None or self._thread.is_alive()
 
     def close(self) -> None:
-        """End all connections and free the endpoint."""
+        """End all connections once what the ZMQ socket has left is delivered, and free the endpoint."""
         if self._loop is None:
             return
         with contextlib.suppress(RuntimeError):  # the loop may have ended
-            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._end()))
         self._thread.join()
         if self._path:
             Path(self._path).unlink(missing_ok=True)
@@ -201,6 +202,12 @@ class BoundedListener:
             self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
             self._loop.close()
 
+    async def _end(self) -> None:
+        if self._open:
+            await asyncio.wait(set(self._open), timeout=_DELIVERY_S)
+        await asyncio.sleep(0)  # what is closing is written out
+        self._loop.stop()
+
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """One peer, to its end."""
         task = asyncio.current_task()
@@ -229,6 +236,8 @@ class BoundedListener:
             self._open.pop(task, None)
             for end in filter(None, (writer, inner)):
                 end.close()
+            with contextlib.suppress(OSError, asyncio.TimeoutError):
+                await asyncio.wait_for(writer.wait_closed(), _DELIVERY_S)
 
     async def _inward(
         self, reader: asyncio.StreamReader, inner: asyncio.StreamWriter, pending: list[int], task: Any

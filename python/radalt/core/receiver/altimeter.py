@@ -288,7 +288,8 @@ class Altimeter(BeatSpectra):
         """
         spectra = self.spectra(cleaned)
         after = self.significance(spectra)
-        found = self._search(spectra.power, after)
+        limit = self.speed_limit_m_per_s  # of calls that name a speed, too
+        found = self._search_within((-limit, limit))(spectra.power, after)
         declared = np.isin(found.reason, (Reason.OK, Reason.AMBIGUOUS))
         nothing = found.reason == Reason.NO_DETECTION
         if pfa < 1.0:

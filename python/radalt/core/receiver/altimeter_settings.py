@@ -138,6 +138,7 @@ def pfa_is_per_frame(pfa: float, waveform: Waveform, settings: AltimeterSettings
     settings = settings.resolved(waveform)
     named = settings.max_vertical_speed_m_per_s
     doppler_hz = waveform.vertical_speed_to_doppler_hz(FASTEST_M_PER_S if named is None else named)
+    assert settings.max_altitude_m is not None  # resolved
     span_hz = (
         waveform.altitude_to_beat_hz(settings.max_altitude_m - settings.min_altitude_m) + 2.0 * doppler_hz
     )

@@ -31,7 +31,7 @@ _EXTENT_CELLS, _EXTENT_SHARE = 1.1, 0.045
 _ECHO_CELLS, _MOST_ECHO_CELLS = 3.0, 0.5
 _SPARE_EXTENT = 2.0  # times that extent, beyond which an asymmetric peak is another return's
 # Share of the difference of Doppler and the altitudes' slope, below which their sum shows a mirrored Doppler.
-_MIRRORED = 0.5
+_MIRRORED = 0.25
 # Standard deviations by which the strongest entry of any speed has to exceed a track's to be a rival: the greatest
 # of some thousand entries of noise reaches that alone.
 _ANY_SPEED_SIGMAS = 3.0

@@ -21,15 +21,25 @@ def by_hand(scene: Scene) -> Scene:
 
     Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
     preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
-    length, lost samples and the jammer's clock drift, is off.
+    length, lost samples and the jammer's clock drift, is off. So is leakage, which a beat shift would move with the
+    return.
     """
     altitude = dataclasses.replace(
         scene.altitude, mode="synthetic", vertical_speed_m_per_s=0.0, sync_every_frames=0, hold_last=True
     )
-    channel = dataclasses.replace(scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0)
+    channel = dataclasses.replace(
+        scene.channel, drops=DropSettings(), jammer_clock_ppm=0.0, leakage_db=None, gear_db=None
+    )
+    segmenter = dataclasses.replace(scene.segmenter, leakage_calibration="")
     altimeter = scene.altimeter.resolved(scene.waveform, vertical_speed_m_per_s=0.0)
     return dataclasses.replace(
-        scene, altitude=altitude, channel=channel, altimeter=altimeter, return_model="point", landing=None
+        scene,
+        altitude=altitude,
+        channel=channel,
+        segmenter=segmenter,
+        altimeter=altimeter,
+        return_model="point",
+        landing=None,
     )
 
 

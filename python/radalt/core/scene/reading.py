@@ -118,8 +118,9 @@ def _interferer(item: Any, where: str) -> Interferer:
     placement = {k: convert(hints[k], v, f"{path}.{k}") for k, v in params.items() if k in _PLACEMENT}
     own = {k: v for k, v in params.items() if k not in (*_PLACEMENT, "multipath", *EFFECTS)}
     emitter = impaired(build(emitter_class(kind), own, path), params, path)
-    if "sir_db" not in placement and emitter.stated_sir_db is not None:
-        placement["sir_db"] = emitter.stated_sir_db
+    stated_db = typing.cast(NamedEmitter, emitter).stated_sir_db
+    if "sir_db" not in placement and stated_db is not None:
+        placement["sir_db"] = stated_db
     try:
         return Interferer(emitter, **placement)
     except ValueError as error:

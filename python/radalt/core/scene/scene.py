@@ -188,7 +188,7 @@ class Scene:
             "",
             UNCALIBRATED,
         )
-        taken = {"doppler": plays, "leakage_m": 0.0 if known else None}
+        taken: dict[str, Any] = {"doppler": plays, "leakage_m": 0.0 if known else None}
         return dataclasses.replace(
             self.tracker, **{name: taken[name] for name, value in given.items() if value is None}
         )

@@ -44,7 +44,7 @@ def to_html(text: str, figure: Callable[[str], str]) -> str:
 
 def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:
     """(kind, lines) of each block; an indented line goes on with the item of a list before it."""
-    kind, lines = "", []
+    kind, lines = "", list[str]()
     for line in text.splitlines():
         new = next((name for name, start in _KINDS.items() if start.match(line)), "p" if line.strip() else "")
         if new == "p" and kind in ("p", "ul", "ol"):
@@ -67,6 +67,7 @@ def _block(kind: str, lines: list[str], figure: Callable[[str], str]) -> str:
         return _table(lines)
     if kind == "figure":
         found = _KINDS["figure"].match(lines[0])
+        assert found is not None  # what made it a figure
         caption = _spans(found["caption"])
         return f"<figure>{figure(found['file'])}<figcaption>{caption}</figcaption></figure>"
     if kind in ("ul", "ol"):

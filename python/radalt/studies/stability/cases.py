@@ -209,7 +209,7 @@ def _speed_cases() -> Iterator[Case]:
         rng = _rng(name)
         truth = _altitudes(rng)
         frames = noisy(point_return(w, truth, vertical_speed_m_per_s=speed), 20.0, rng)
-        settings = AltimeterSettings(max_altitude_m=1500.0)
+        settings = AltimeterSettings(max_altitude_m=1500.0, max_vertical_speed_m_per_s=150.0)
         yield _case(
             "scene", name, frames, truth, settings=settings, detects=abs(speed) <= 150, noise_limited=True
         )

@@ -45,7 +45,8 @@ def decide(
     over blocks of ``block`` symbols, makes it exact. A quarter turn more per symbol gives other points of the same
     constellation, which are as good. ``cycles`` per symbol is the carrier where that is known.
     """
-    fourth = outputs / np.maximum(np.abs(outputs), np.float32(1e-30)) if cycles is None else outputs.copy()
+    size = np.abs(outputs) if cycles is None else np.sqrt(np.vdot(outputs, outputs).real / outputs.size)
+    fourth = outputs / np.maximum(size, np.float32(1e-30))
     fourth *= fourth
     fourth *= -fourth  # the points stand on the diagonals
     fourth *= active

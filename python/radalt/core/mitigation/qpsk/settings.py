@@ -39,7 +39,7 @@ class QpskSettings:
     taps_per_symbol: float = 2.2
     # diagonal loading of its equations, of the mean power: float32 resolves 1e-6
     tap_loading: float = 1e-5
-    # symbols that its weights are fitted to, at most: 25 per tap
+    # symbols that its weights are fitted to, at most: 25 per tap; and samples that a median is taken of: 4 % of it
     training_symbols: int = 800
     # iterations of the constant-modulus start, at most
     cma_iterations: int = 24
@@ -74,10 +74,6 @@ class QpskSettings:
     # -- tracking
     # symbols per frame of an emitter that is tracked
     min_symbols: int = 200
-    # EVM squared over that of the frame in which it was acquired, beyond which it is lost
-    evm_ratio: float = 2.0
-    # EVM squared that never loses it
-    evm_floor: float = 0.005
     # drift of the pulse over half a frame, of its power, above which timing or carrier are wrong
     max_drift: float = 0.02
     # part of the residual that a correction of the pulse has to explain: less is noise, and waits for the next frame

@@ -71,7 +71,6 @@ class Tracker:
         self._carrier = _cycles_per_symbol(symbols.values * symbols.decisions.conj())
         self._pulse = pulses[0].astype(np.complex64)
         self.evm_squared = symbols.evm_squared
-        self._max_evm_squared = min(s.max_evm_squared, max(s.evm_ratio * symbols.evm_squared, s.evm_floor))
         self._least = float(np.mean(np.square(np.abs(residual[train.known]))))
         self._power = self._least
         self._rest = self._unchanged = 0  # frames that go uncorrected, and have gone so
@@ -128,7 +127,7 @@ class Tracker:
             return None
         error = straight / np.float32(amplitude) - decisions
         self.evm_squared = float(np.vdot(error, error).real) / times.size
-        if not self.evm_squared < self._max_evm_squared or largest_correlation(decisions) > s.max_correlation:
+        if not self.evm_squared < s.max_evm_squared or largest_correlation(decisions) > s.max_correlation:
             return None
         self._carrier = _cycles_per_symbol(carrier)
         return times, decisions * carrier
