@@ -9,6 +9,7 @@ from scipy import fft
 from radalt.core.deramp.emitters import Ofdm, OtherAltimeter, Pulses, Qpsk, Tone, interference_if
 from radalt.core.deramp.if_waveform import SIMULATION_FACTOR, IfWaveform, white_noise
 from radalt.core.fir import kaiser_lowpass
+from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 
@@ -96,6 +97,15 @@ def test_return_is_that_of_the_full_rate(shape):
     ratio_db, error_db = agreement(direct, full_rate_if(sweep, received))
     assert abs(ratio_db) < 0.05
     assert error_db < -20.0  # the instants in which the return is on the ramp before
+
+
+@pytest.mark.parametrize("altitude_m", [30.0, 123.4, 700.0])
+def test_the_same_altimeter_reads_the_same_altitude(altitude_m):
+    fast = Waveform(bandwidth_hz=20e6, sweep_s=2e-3, rate_hz=38.4e6)
+    settings = AltimeterSettings(max_altitude_m=1000.0)
+    full = Altimeter(fast, settings).process(point_return(fast, np.array([altitude_m])))
+    direct = Altimeter(SWEEP, settings).process(point_return(SWEEP, np.array([altitude_m])))
+    assert direct["altitude_m"][0] == pytest.approx(full["altitude_m"][0], abs=2e-3)
 
 
 def test_white_noise_has_its_density_in_every_beat_cell():

@@ -197,6 +197,22 @@ def test_a_blocker_acts_through_the_amplifier_alone():
     )
 
 
+@pytest.mark.parametrize(
+    ("isolation_db", "at_dbm"), [(150.0, -23.0), (90.0, -28.0), (75.0, -33.0), (60.0, -40.0)]
+)
+def test_a_blockers_modulation_reaches_the_leakage_before_the_gain_falls(isolation_db, at_dbm):
+    """Power at the amplifier at which noise over the return has risen by 1 dB (I/N of -6 dB), by isolation."""
+    profile = replace(load_profile("fmcw_150mhz"), isolation_db=isolation_db)
+    kind, loss_db = INTERFERERS["blocker"], profile.preselector_loss_db(3.93e9)
+
+    def risen(strong_dbm):
+        gain, added = kind.in_receiver(profile, strong_dbm + loss_db)
+        return 10 * np.log10((1 + added / profile.noise_mw_per_hz) / gain.weak**2) > 1.0
+
+    assert not risen(at_dbm - 1.0)
+    assert risen(at_dbm + 1.0)
+
+
 def test_the_tracker_takes_the_same_frames():
     study = ToleranceStudy("bench", ("white_noise",), ("none",), (1000.0,), 20, 1)
     row = study.measure(study.points()[0])[0]

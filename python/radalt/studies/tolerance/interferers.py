@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.deramp.emitters import Emitter, Ofdm, OtherAltimeter, Pulses, Tone, interference_if
+from ...core.deramp.front_end import EnvelopeGain
 from ...core.deramp.if_waveform import IfWaveform, white_noise
 from ...core.deramp.profile import Profile
 from ...core.waveform import altitude_to_delay_s
@@ -99,6 +100,21 @@ class Interferer:
         return level_dbm - (
             profile.preselector_loss_db(self.center_hz) if self.center_hz is not None else 0.0
         )
+
+    def in_receiver(self, profile: Profile, level_dbm: float) -> tuple[EnvelopeGain, float]:
+        """What the amplifier does beside it, and the density in mW/Hz of the noise that it adds to the IF.
+
+        The amplifier's strong envelope modulates the leakage, white over its own band. In the sweep's band come its
+        own broadband noise and what the local oscillator's mixes into the IF.
+        """
+        p, strong_dbm = profile, self.at_amplifier_dbm(profile, level_dbm)
+        gain = p.amplifier.beside(strong_dbm, constant_envelope=self.constant_envelope)
+        leakage_mw = 10 ** ((p.transmit_dbm - p.isolation_db) / 10) * gain.weak**2
+        added = leakage_mw * gain.modulation / (self.bandwidth_hz or p.noise_bandwidth_hz)
+        if not self.blocker:
+            floor = 10 ** (self.floor_dbc_per_hz / 10) + 10 ** (p.lo_noise_dbc_per_hz / 10)
+            added += gain.own**2 * 10 ** (strong_dbm / 10) * self.duty * floor
+        return gain, added
 
     def density_dbm_per_mhz(self, profile: Profile, level_dbm: float) -> float:
         """Mean power density at the port: over its own band if it is noise or a blocker, else over the sweep."""
