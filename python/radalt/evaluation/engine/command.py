@@ -70,11 +70,10 @@ def main(
     ],
     after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
-    """Run a study, or check and run the one that a callable makes; returns the exit status.
+    """Check and run a study, or the result of a callable; returns the exit status.
 
-    0, 2 after one line about what does not fit, 130 when interrupted, 143 when terminated.
-
-    ``after`` gets the result folder, prints what the terminal should show, and may return another status.
+    The status is 0, 2 after one line about an error, 130 when interrupted, 143 when terminated. ``after`` is called
+    with the result folder, prints a summary, and may return another status.
     """
     begin = time.monotonic()
     bar = Bar(describe)
@@ -142,7 +141,7 @@ def _kept(options: Options, last: Progress | None) -> str:
 
 
 def _resuming(options: Options) -> str:
-    """The command that goes on with this run, as it was typed."""
+    """The command that resumes this run, as typed."""
     called, *arguments = sys.argv
     words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
     if Path(called).resolve().parent.name == "training":  # these programs find the package by PYTHONPATH
