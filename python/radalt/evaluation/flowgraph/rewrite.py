@@ -112,7 +112,7 @@ def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
     if "reacquire" in blocks:
         return
     receiver = blocks["frame_segmenter"]["states"]["coordinate"]
-    receiver[1] = top + 8  # its input beside the channel's output
+    receiver[1] = top + 8  # aligns its input with the channel's output
     if {"note_receive", "note_transmit"} <= blocks.keys():
         line = blocks["note_transmit"]["states"]["coordinate"][1]
         blocks["note_receive"]["states"]["coordinate"] = [receiver[0] - 64, line]

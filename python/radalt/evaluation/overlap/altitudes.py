@@ -115,7 +115,7 @@ def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:
     square = row["rmse_forced_m"] ** 2
     if square == 0:
         return 0.0, 0.0
-    # standard error of the logarithm of the root: half of that of the mean square
+    # the standard error of the root's logarithm is half the mean square's
     spread = _Z * 0.5 * math.sqrt(max(fourth - square**2, 0.0) / n) / square
     return row["rmse_forced_m"] * math.exp(-spread), row["rmse_forced_m"] * math.exp(spread)
 

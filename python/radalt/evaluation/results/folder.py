@@ -31,7 +31,7 @@ __all__ = [
     "write_json",
 ]
 
-SCHEMA = 2
+SCHEMA = 2  # of report.json
 _JOURNAL_VERSION = 2  # part of the digest: lines of another format are rejected
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
 TEMPORARY = ".tmp"  # suffix of files that are being written

@@ -34,7 +34,7 @@ __all__ = [
 
 CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
 FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
-_FT_M = 0.3048
+_FT_M = 0.3048  # international foot
 
 
 def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:

@@ -36,9 +36,9 @@ TABLE_1 = (
     (4450.0, 4460.0, 6.5),
     (4460.0, 5600.0, 9.5),
 )
-BAND_HZ = (4.2e9, 4.4e9)
-MAX_ALTITUDE_FT = 500.0
-REFERENCE_TEMPERATURE_K = 290.0
+BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
+MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
+REFERENCE_TEMPERATURE_K = 290.0  # of noise figures, IEEE Std 145
 
 
 def check_altitude_ft(altitude_ft: float) -> None:
