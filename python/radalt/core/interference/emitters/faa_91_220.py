@@ -5,8 +5,8 @@ withstand from 0 to 500 ft. A receiving antenna of gain G collects
 
     PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi) - cable        [dBW/MHz]
 
-at the receiver's input (`core/returns/link_budget.py`), weighted by the receiver's selectivity. All bands of the table are
-taken as occupied at once, the worst case.
+at the receiver's input (`core/returns/link_budget.py`), weighted by the receiver's selectivity. All bands of the
+table are taken as occupied at once, the worst case.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ TABLE_1 = (
     (4450.0, 4460.0, 6.5),
     (4460.0, 5600.0, 9.5),
 )
-BAND_HZ = (4.2e9, 4.4e9)
-MAX_ALTITUDE_FT = 500.0
-REFERENCE_TEMPERATURE_K = 290.0
+BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
+MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
+REFERENCE_TEMPERATURE_K = 290.0  # of noise figures, IEEE Std 145
 
 
 def check_altitude_ft(altitude_ft: float) -> None:
