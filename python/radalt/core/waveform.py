@@ -145,7 +145,7 @@ class Waveform:
 
     @property
     def separates_doppler(self) -> bool:
-        """Whether the two halves have opposite slopes, so that one frame tells altitude and Doppler apart."""
+        """Whether the two halves have opposite slopes, so that one frame gives altitude and Doppler."""
         return self.half_slopes[0] != self.half_slopes[1]
 
     @property

@@ -1,4 +1,4 @@
-"""The one link budget: what the ground returns to the receiver, and what a field strength is at its input.
+"""Link budget: power of the ground return at the receiver's input, and power density of a field strength there.
 
 All powers and densities hold at the receiver's input, behind the receive cable; a *loop loss* counts from the
 transmitter's output to there, as altimeter test sets state it.
@@ -14,7 +14,7 @@ from .terrain.ground import Reflectivity
 
 __all__ = ["diffuse_loop_loss_db", "port_density_dbm_per_mhz"]
 
-_STEPS = 2000  # of the midpoint rule over incidence; 0.001 dB for beams from 10 degrees on
+_STEPS = 2000  # steps of the midpoint rule over incidence: 0.001 dB for beams from 10 degrees on
 
 
 def diffuse_loop_loss_db(
@@ -29,13 +29,13 @@ def diffuse_loop_loss_db(
     Parameters
     ----------
     height_m : float
-        Of both antennas above the ground, > 0.
+        Height of both antennas above the ground, > 0.
     antenna : Antenna
         One pattern for both directions, pointing down.
     ground : Reflectivity
     carrier_hz : float
     losses_db : float
-        Cables and whatever else but spreading, both ways together.
+        Cable and other losses except spreading, both ways together.
     """
     step = 0.5 * np.pi / _STEPS
     theta = (np.arange(_STEPS) + 0.5) * step
@@ -55,11 +55,11 @@ def port_density_dbm_per_mhz(
     ----------
     flux_dbw_per_m2_mhz : float
     frequency_hz : float
-        Of the band: the aperture falls with its square.
+        Frequency of the band: the aperture falls with its square.
     gain_dbi : float
-        Of the antenna in the emitter's direction.
+        Antenna gain in the emitter's direction.
     cable_db : float
-        From antenna to port.
+        Loss from antenna to port.
     """
     aperture_db = 10.0 * np.log10((speed_of_light / frequency_hz) ** 2 / (4 * np.pi))
     return float(flux_dbw_per_m2_mhz + 30.0 + gain_dbi + aperture_db - cable_db)

@@ -19,9 +19,9 @@ _FLOOR_DB = -200.0  # value shown for zero power, dB
 def by_hand(scene: Scene) -> Scene:
     """The scene for a flowgraph without end whose altitude a person sets.
 
-    Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
-    preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
-    length, lost samples and the jammer's clock drift, is off. So is leakage, which a beat shift would move with the
+    Altitudes are synthetic point returns up to the altimeter's largest altitude (1500 m unless the scene gives one).
+    There is one preamble (altitude zero, jammer silent). Lost samples and the jammer's clock drift are off, since the
+    simulated channel needs the length of the run for them. Leakage is off, since a beat shift would move it with the
     return.
     """
     altitude = dataclasses.replace(

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene", "burst_db"]
 
-_MOST_SAMPLES = 1 << 20  # of a frame in a flowgraph
-_FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
+_MOST_SAMPLES = 1 << 20  # longest frame in a flowgraph, samples: 8 MB, 140 default frames
+_FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Scene:
             )
 
     def _check_frames(self) -> None:
-        """What a flowgraph can play: frames that its buffers hold, of a triangle, which alone has a beat shift."""
+        """Check that a flowgraph's buffers hold the frames, and that the sweep is a triangle (it has a beat shift)."""
         w = self.waveform
         if w.samples_per_frame > _MOST_SAMPLES:
             raise ValueError(

@@ -45,15 +45,15 @@ CABLING = r"""
 """
 _SIMULATED_LATENCY = 150.3  # samples, fraction included as on a bench
 _RECORDER = "radalt first-light"
-_SETTLE_S = 0.02  # of a receiver's first samples, in which UHD's DC correction settles
-_LISTEN_LIMIT_S = 30.0
+_SETTLE_S = 0.02  # time before a receiver's samples are used, s: UHD's DC correction settles
+_LISTEN_LIMIT_S = 30.0  # longest reception with the transmitters off, s
 
 
 @dataclass(frozen=True)
 class Check:
     """One measured value and its limits; without a value it was skipped, and ``cause`` says why.
 
-    ``cause`` is what a value beyond the limits most likely comes from.
+    ``cause`` is the most likely cause of a value beyond the limits.
     """
 
     step: str
@@ -87,13 +87,13 @@ class Check:
 
 
 def skipped(step: str, what: str, why: str) -> Check:
-    """A check that was not made."""
+    """A skipped check."""
     return Check(step, what, None, cause=why)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A programme that was flown.
+    """One run of a programme.
 
     Attributes
     ----------
@@ -118,18 +118,18 @@ class Flight:
 
 @dataclass
 class Bench:
-    """Two radios and what is between them, or their simulation.
+    """Two radios with the cabling between them, or their simulation.
 
     Attributes
     ----------
     scene : Scene
         Waveform, interference and ``radio``.
     folder : Path
-        Captures go below it.
+        Folder of the captures.
     frames, starts, minutes : number
         Trials at each altitude, starts whose latencies are compared, length of the last step.
     known : dict
-        What earlier steps found out: ``noise`` and ``level`` (powers, 1 is full scale), ``latency``.
+        Results of earlier steps: ``noise`` and ``level`` (powers, 1 is full scale), ``latency``.
     """
 
     scene: Scene
@@ -189,7 +189,7 @@ class Bench:
         silent: Collection[str] = (),
         time_limit_s: float = 300.0,
     ) -> Flight:
-        """Fly a programme once. ``capture`` names the recording that is kept; ``silent`` gates send zeros."""
+        """Run a programme once. ``capture`` names the recording to keep; ``silent`` gates pass zeros."""
         data = self.folder / "captures" / f"{capture}.sigmf-data"
         data.parent.mkdir(parents=True, exist_ok=True)
         if self.simulated:
@@ -224,7 +224,7 @@ class Bench:
         return Flight(scene, result, samples / np.float32(self.full_scale), latency)
 
     def _kept(self, data: Path, scene: Scene, latency: float) -> np.ndarray:
-        """Samples of a recording up to its programme's end; what a radio received after it is cut off the file."""
+        """Samples of a recording up to its programme's end; the rest is removed from the file."""
         n = scene.waveform.samples_per_frame
         end = (scene.altitude.programme.total_frames + TAIL_FRAMES) * n
         held = open_capture(data)
@@ -263,7 +263,7 @@ class Bench:
 
 
 def _simulated_latency(scene: Scene) -> float:
-    """Latency at which the segmenter finds the sweep; NaN where it does not."""
+    """Latency of the sweep by the segmenter; NaN without a lock."""
     frame = next((frames[0] for frames in segmented(scene, segmenter_of(scene)) if frames), None)
     if frame is None:
         return math.nan
@@ -314,7 +314,7 @@ class Step:
     ----------
     name, title : str
     connect : str
-        What has to be connected before it.
+        Cabling for the step.
     measure : callable
         ``(bench) -> iterator of Check``.
     needs : tuple of str
@@ -329,7 +329,7 @@ class Step:
 
 
 def perform(bench: Bench, steps: Sequence[Step], show: Callable[[Check], None]) -> list[Check]:
-    """Every step in order, to the end whatever fails; each check goes to ``show`` as it is made."""
+    """Perform every step in order, also after a failure; each check is passed to ``show``."""
     checks: list[Check] = []
 
     def add(check: Check) -> None:

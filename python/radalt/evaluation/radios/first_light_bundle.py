@@ -1,7 +1,7 @@
-"""What the first hour found, in one file that comes back: report, rows, captures, versions; and reading a stranger's.
+"""Bundle of the first hour's results: report, rows, captures and versions in one file; and reading of received bundles.
 
-A bundle is a zip of at most 50 MB. Reading takes nothing on trust: number, names, kinds and sizes of the files are
-checked before anything is unpacked, and bytes are counted while they are.
+A bundle is a zip of at most 50 MB. Its content is not trusted: number, names, kinds and sizes of the files are checked
+before anything is unpacked, and bytes are counted while unpacking.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ from .first_light import Bench, Check, Step
 
 __all__ = ["MOST_BYTES", "BundleError", "read_bundle", "verdict_of", "write_bundle"]
 
-MOST_BYTES = 50 << 20
+MOST_BYTES = 50 << 20  # largest bundle, bytes: within the limits of mail and issue trackers
+# limits of a bundle's content: files, bytes of all files and of one text; several times those of a regular bundle
 _MOST_FILES, _MOST_UNPACKED, _MOST_TEXT = 100, 200 << 20, 2 << 20
-_CAPTURE_BYTES = 44 << 20  # of recordings, which noise does not let shrink; the rest is report and rows
+_CAPTURE_BYTES = (
+    44 << 20
+)  # recordings in a bundle, bytes: noise is not compressible; the rest is for report and rows
 _NAME = re.compile(r"(captures/)?[A-Za-z0-9][\w.-]{0,80}\.(md|html|csv|json|yaml|svg|sigmf-meta|sigmf-data)")
 _COLUMNS = ("step", "what", "value", "unit", "low", "high", "verdict", "cause")
 _DATA = ".sigmf-data"
@@ -144,7 +147,7 @@ def _report(checks: Sequence[Check], steps: Sequence[Step], title: str, out: Seq
         mine = [c for c in checks if c.step == step.name]
         if not mine:
             continue
-        # a cause is that of a value beyond its limit
+        # the cause applies to values beyond their limits
         rows = [
             (c.what, c.shown, c.limit, c.verdict, "" if c.verdict == "pass" else c.cause.replace("|", "/"))
             for c in mine

@@ -1,4 +1,4 @@
-"""Steps of the first hour, in order: each yields what it measures, the limit, and the likely cause of a failure."""
+"""Steps of the first hour, in order: each yields measured values, their limits, and the likely cause of a failure."""
 
 from __future__ import annotations
 
@@ -21,28 +21,32 @@ from .first_light import Bench, Check, Flight, Step, skipped
 __all__ = ["STEPS"]
 
 # Limits. Powers in dBFS count a complex sample of magnitude 1 (a full-scale tone) as 0 dB.
-_QUIET_DBFS = (-110.0, -40.0)  # a 12-bit converter's own noise lies near -74; zeros are below, a signal above
+_QUIET_DBFS = (
+    -110.0,
+    -40.0,
+)  # noise without a signal: a 12-bit converter's is near -74; zeros are below, signals above
 _DC_DBFS = -40.0  # before UHD's correction of an AD9361 it may be -30
 _SPUR_DBFS = -60.0  # beat of a return 40 dB below a radar at -20 dBFS
-_LEVEL_DBFS = (-40.0, -3.0)
-_HEARD_DB, _ABOVE_NOISE_DB = (
-    3.0,
-    20.0,
-)  # something arrives at all; enough for timing to a hundredth of a sample
+_LEVEL_DBFS = (-40.0, -3.0)  # received radar: above the spurs by 20 dB, below full scale
+# least received power over noise: for any signal, and for timing to a hundredth of a sample
+_HEARD_DB, _ABOVE_NOISE_DB = 3.0, 20.0
 _RIPPLE_DB = 3.0  # over the inner 80 % of the band, outside of which the radios' half-band filters roll off
 _IMAGE_DBC = -25.0  # AD9361 data sheet: -50 dBc calibrated; -25 is that of a calibration that did not run
-_LEAKAGE_DBC = -20.0
+_LEAKAGE_DBC = -20.0  # largest power of a muted transmitter over the radar's: LO leakage
 _SPREAD_SAMPLES = 0.05  # 1 m of altitude
 _OFF_M = 1.0  # between bench and simulation, in the median
-_LEVEL_ERROR_DB, _OVERLAP_ERROR = 1.0, 0.05
+_LEVEL_ERROR_DB, _OVERLAP_ERROR = (
+    1.0,
+    0.05,
+)  # largest errors of a level, as of a radio's gain, and of an overlap
 _DRIFT_M = 0.5  # over the last step
-_INNER = 0.8
+_INNER = 0.8  # part of the band for flatness: the radios' half-band filters roll off outside
 _LISTENED, _PIECES, _SMOOTH = 40, 30, 75  # frames; pieces of a half sweep; samples of an envelope's mean
-_ALTITUDES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 1500.0)
-_OVERLAPS = (0.25, 0.5, 1.0)
+_ALTITUDES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 1500.0)  # over the default span, evenly in the logarithm
+_OVERLAPS = (0.25, 0.5, 1.0)  # of the comparison with the simulation
 _METHODS = ("none", "whitening", "tcae")
-_WIRE_BYTES = 4  # of a complex sample between host and radio
-_PROBE_S = 60.0
+_WIRE_BYTES = 4  # bytes per complex sample between host and radio
+_PROBE_S = 60.0  # longest run of uhd_usrp_probe, s
 
 
 def _db(power: float) -> float:
@@ -50,7 +54,7 @@ def _db(power: float) -> float:
 
 
 def _power(samples: np.ndarray) -> float:
-    """Mean power of the samples that are there."""
+    """Mean power of the finite samples."""
     there = samples[np.isfinite(samples)]
     return float(np.mean(np.abs(there) ** 2)) if there.size else 0.0
 
@@ -67,7 +71,7 @@ def _strongest_line(frames: np.ndarray) -> tuple[float, float, float]:
 
 
 def _link_bytes_per_s(serial: str) -> float | None:
-    """What the driver takes the radio's link for, bytes per second: 53.2e6 on USB 2; None where it does not say."""
+    """Rate of the radio's link by the driver, bytes per second: 53.2e6 on USB 2; None if not reported."""
     program = shutil.which("uhd_usrp_probe")
     if program is None:
         return None
@@ -186,7 +190,7 @@ def _radar(bench: Bench) -> Iterator[Check]:
 
 
 def _counters(step: str, *flights: Flight) -> Iterator[Check]:
-    """What the transmitters reported, what was lost on the way, and how much of what was recorded is clipped."""
+    """Events of the transmitters, lost samples, and the share of clipped samples in the recordings."""
 
     def total(name: str) -> int:
         return sum(int(f.result.segmenter.get(name, 0)) for f in flights)

@@ -1,4 +1,4 @@
-"""One point of a sweep on two B210s: the companion's flowgraph as it is, its radios set up by `radios`."""
+"""One point of a sweep on two B210s: the companion's flowgraph, its radios set up by `setup`."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
 
 __all__ = ["calibrate", "prepare_hardware", "run_hardware"]
 
-_START_S = 3.0  # from set_up to the first sample, at most
-_POLL_S = 0.02
+_START_S = 3.0  # longest time from `set_up` to the first sample, s
+_POLL_S = 0.02  # time between checks of the programme's end, s
 _USB_TYPE = "b200"  # UHD's type of the radios on USB (docs/hardware.md); its others are on a network
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
@@ -39,7 +39,7 @@ def _print(line: str) -> None:
 
 @functools.lru_cache(maxsize=8)
 def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.TemporaryDirectory, Path, str]:
-    """Folder, module and name of the flowgraph for the air; generated once a process, removed at its end."""
+    """Folder, module and name of the flowgraph for radios; generated once per process and removed at its end."""
     data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, jammer)
     name = f"ota_b210_{'jam' if jammer else 'clear'}"
     data["options"]["parameters"]["id"] = name
@@ -48,7 +48,7 @@ def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.Tempora
 
 
 def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
-    """Generate ``ota_b210.grc`` for the air: without the chains and without the second radio a scene does not need."""
+    """Generate ``ota_b210.grc`` for radios, without chains and a second radio that the scene does not need."""
     _, module, name = _generated(tuple(methods), scene.has_jammer)
     out = tuple(left_out(scene, methods, simulated=False))
     return Prepared(module, name, tuple(methods), out)
@@ -90,7 +90,7 @@ def run_hardware(
     log: Callable[[str], None] = _print,
     sleep: Callable[[float], None] = time.sleep,
 ) -> PointResult:
-    """Fly a scene's programme on the air once.
+    """Run a scene's programme once with radios.
 
     Parameters
     ----------
@@ -98,12 +98,12 @@ def run_hardware(
         At one point of its sweep; ``radio`` names devices, gains, enclosure.
     methods : sequence of str
     transmit : bool
-        What the command line says; the interlock wants it besides the enclosure.
+        The command line's ``--transmit``; the interlock needs it beside the enclosure.
     calibration : path, optional
         Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
         unless ``use_calibration`` is false.
     capture : path, optional
-        SigMF recording of what was received.
+        SigMF recording of the received samples.
     silent : sequence of str
         Transmit gates (``radar_gate``, ``jammer_gate``) that stay closed: their transmitters send zeros. Without the
         radar no timing is found, and the run ends with its last sample.
@@ -115,8 +115,8 @@ def run_hardware(
     Returns
     -------
     PointResult
-        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type,
-        serial) besides its own.
+        ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio``
+        (type, serial).
 
     Raises
     ------
