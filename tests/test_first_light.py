@@ -1,4 +1,4 @@
-"""The first hour on two radios, on the double of gr-uhd and in simulation: every fault has its verdict and its cause."""
+"""The first hour on two radios, on the double of gr-uhd and in simulation: each fault has its verdict and cause."""
 
 import csv
 import io

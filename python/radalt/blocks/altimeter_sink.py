@@ -19,7 +19,7 @@ from ._zmq import BoundSocket
 
 __all__ = ["altimeter_sink"]
 
-MESSAGE_VERSION = 1
+MESSAGE_VERSION = 1  # field ``version`` of the messages
 
 
 class altimeter_sink(gr.sync_block):

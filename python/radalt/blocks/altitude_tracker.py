@@ -13,7 +13,7 @@ from .altimeter_sink import altimeter_sink
 
 __all__ = ["altitude_tracker"]
 
-TRACKED_VERSION = 1
+TRACKED_VERSION = 1  # field ``version`` of the messages
 
 
 class altitude_tracker(altimeter_sink):

@@ -11,7 +11,7 @@ import os
 
 __all__ = ["allowed_cores", "join_home", "leave_home", "return_home"]
 
-_home = -1
+_home = -1  # the interpreter's core; -1 before one is chosen
 _beside = 0  # number of this program's method processes
 
 

@@ -28,8 +28,8 @@ RESOURCE_BLOCKS = {
 }
 MIXED = "mixed"
 MODULATIONS = (*seq.BITS_PER_SYMBOL, MIXED)
-SYMBOLS_PER_SLOT = 14
-SSB_SUBCARRIERS = 240
+SYMBOLS_PER_SLOT = 14  # normal cyclic prefix, TS 38.211 Table 4.3.2-1
+SSB_SUBCARRIERS = 240  # TS 38.211 clause 7.4.3.1
 SSB_START_SYMBOLS = (2, 8)  # cases A (15 kHz) and C (30 kHz), TS 38.213 clause 4.1: {2, 8} + 14 n
 # Last column group of TS 38.211 Table 7.4.1.1.2-3, single-symbol DM-RS, PDSCH up to the end of the slot.
 DMRS_ADDITIONAL = {0: (), 1: (11,), 2: (7, 11), 3: (5, 8, 11)}
@@ -316,8 +316,8 @@ class ResourceGrid:
 
 
 def _random_symbols(modulation: str, count: int, rng: np.random.Generator) -> np.ndarray:
-    alphabet = seq.constellation(modulation)
-    return alphabet[rng.integers(0, alphabet.size, count)]
+    points = seq.constellation(modulation)
+    return points[rng.integers(0, points.size, count)]
 
 
 def ssb_block(cell_id: int, i_ssb: int, rng: np.random.Generator) -> ResourceGrid:

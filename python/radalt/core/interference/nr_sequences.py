@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 GOLD_ADVANCE = 1600  # N_C of clause 5.2.1
-GOLD_DEGREE = 31
-BITS_PER_SYMBOL = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
+GOLD_DEGREE = 31  # length of the shift registers, clause 5.2.1
+BITS_PER_SYMBOL = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}  # clauses 5.1.3 to 5.1.6
 
 
 def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.ndarray:

@@ -120,7 +120,7 @@ def store_latency_samples(
 
     if not key.serial:
         raise CalibrationError(
-            f"calibration: this {key.device_type} tells no serial number; set radio.radar_serial in the scene"
+            f"calibration: this {key.device_type} reports no serial number; set radio.radar_serial in the scene"
         )
     path = Path(path) if path else calibration_path()
     table = _read(path) | {str(key): round(float(latency_samples), 6)}

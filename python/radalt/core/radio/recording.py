@@ -34,6 +34,7 @@ _TIMED = (
 )
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
 _MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
+# valid values of `RADIO_KEYS`: as of a calibration, and beyond every converter's scale
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
 # for the replay of a radio's recording: the calibrated latency, where one was subtracted, and the full scale
 RADIO_KEYS = ("calibration_samples", "full_scale")

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene", "burst_db"]
 
+_MOST_SAMPLES = 1 << 20  # of a frame in a flowgraph
+_FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -65,6 +68,7 @@ class Scene:
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
+        self._check_frames()
         self._check_methods()
         self._check_leakage()
         top = self.altimeter_settings.max_altitude_m
@@ -89,6 +93,18 @@ class Scene:
                 f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m {top:g}; raise that limit "
                 "or lower the altitude"
             )
+
+    def _check_frames(self) -> None:
+        """What a flowgraph can play: frames that its buffers hold, of a triangle, which alone has a beat shift."""
+        w = self.waveform
+        if w.samples_per_frame > _MOST_SAMPLES:
+            raise ValueError(
+                f"waveform.sweep_s {w.sweep_s:g} at rate_hz {w.rate_hz:g} makes frames of {w.samples_per_frame:.4g} "
+                f"samples, {w.samples_per_frame * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most "
+                f"{_MOST_SAMPLES} samples"
+            )
+        if not w.separates_doppler:
+            raise ValueError(f"waveform.shape is {w.shape!r}; a scene plays a triangle")
 
     def _check_leakage(self) -> None:
         """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""

@@ -16,7 +16,7 @@ VOID_M = -32767
 
 LATITUDE_INTERVAL_S = {0: 30, 1: 3, 2: 1}  # Table I, seconds of arc between posts of a meridian
 ZONE_LIMITS_DEG = (50, 70, 75, 80, 90)  # Table I, zones I-V
-ZONE_FACTORS = (1, 2, 3, 4, 6)
+ZONE_FACTORS = (1, 2, 3, 4, 6)  # Table I, longitude interval over latitude interval by zone
 
 
 def intervals_s(level: int, latitude_deg: int) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """From scatterers to a complex frame: the sum of delayed, Doppler-shifted sweeps, by a shortcut and directly.
 
 Relative to the reference, each scatterer is a tone in either half sweep, except during the first ``tau``
-seconds of a half, when its echo still belongs to the half before. All tones of an extended ground lie within
+seconds of a half, when its echo belongs to the half before. All tones of an extended ground lie within
 a few tens of kilohertz, so their sum is summed at a few dozen instants and interpolated, and the two short
 transitions are summed over range bins. `synthesise` does that; `synthesise_directly` adds every sweep at
 every sample, and the tests hold one against the other.
@@ -97,8 +97,8 @@ def synthesise(
     for down in (False, True):
         start = half if down else 0
         relative[start : start + half] = _half_sweep(waveform, amplitude, tau, rate, down)
-        late = np.flatnonzero(waveform.sample_times_s[:half] < tau.max())
-        relative[start + late] = _transition(waveform, amplitude, tau, rate, down, late)
+        first = np.flatnonzero(waveform.sample_times_s[:half] < tau.max())
+        relative[start + first] = _transition(waveform, amplitude, tau, rate, down, first)
     reference = exp_cycles(waveform.phase_cycles(waveform.sample_times_s, frame_index), np.complex128)
     return reference * relative
 
@@ -167,9 +167,14 @@ def _interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray,
 
 
 def _transition(
-    waveform: Waveform, amplitude: np.ndarray, tau: np.ndarray, rate: np.ndarray, down: bool, late: np.ndarray
+    waveform: Waveform,
+    amplitude: np.ndarray,
+    tau: np.ndarray,
+    rate: np.ndarray,
+    down: bool,
+    first: np.ndarray,
 ) -> np.ndarray:
-    """Echo relative to the reference at samples ``late`` of a half, where some scatterers' echoes belong to the half
+    """Echo relative to the reference at samples ``first`` of a half, where some scatterers' echoes belong to the half
     before.
 
     There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin
@@ -179,7 +184,7 @@ def _transition(
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0
     edge_hz = f0 + waveform.bandwidth_hz if down else f0
     start_s = half_s if down else 0.0
-    time = waveform.sample_times_s[late] + start_s
+    time = waveform.sample_times_s[first] + start_s
     here = tau + rate * (time.mean() - half_s)  # the frame's middle is at T_h
     step = 2.0 * BIN_M / C_M_PER_S
     index = np.floor((here - here.min()) / step).astype(np.intp)

@@ -19,8 +19,8 @@ __all__ = ["AircraftState", "Trajectory"]
 
 _MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 
-STANDARD_GRAVITY = 9.80665
-FOOT_M = 0.3048
+STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
+FOOT_M = 0.3048  # international foot
 
 # column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
 COLUMNS = {
