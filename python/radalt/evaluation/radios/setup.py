@@ -291,10 +291,12 @@ def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
     Edges are known once it runs. Its radios start by the clock, at least a second later (`start_together`).
     """
 
+    wait = threading.Event().wait
+
     def watch() -> None:
         until = time.monotonic() + _STARTED_S
         while not top.edge_list() and time.monotonic() < until:
-            time.sleep(_POLL_S)
+            wait(_POLL_S)
         wrong = ungated_sinks(top) if top.edge_list() else []
         if wrong:
             for gate in gates_of(top):
