@@ -58,6 +58,11 @@ class iq_recorder(gr.sync_block):
         """Device time of the transmitter's first sample, as in `frame_segmenter.set_start_time`."""
         self._start_counter = round(seconds * self._rate)
 
+    @property
+    def sample_counter(self) -> int:
+        """Counter of the next sample since the transmitter's first."""
+        return self._counter
+
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
         """Queue samples for the writer; every time tag and every loss begins a new stretch."""

@@ -19,7 +19,7 @@ from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
 
-__all__ = ["TAIL_FRAMES", "PointResult", "received", "run_chain", "segmented"]
+__all__ = ["TAIL_FRAMES", "PointResult", "found_latency", "received", "run_chain", "segmented"]
 
 # Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame after the next one. The
 # flowgraph's variable `frames` uses this number, too.
@@ -54,16 +54,20 @@ class PointResult:
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tuple[int, np.ndarray]]:
+def received(
+    scene: Scene, frames: int, at_once: int = _AT_ONCE, *, radar_sends: bool = True
+) -> Iterator[tuple[int, np.ndarray]]:
     """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
-    A jump of the counter is a gap; the arrays are never overwritten.
+    A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
     for first in range(0, frames, at_once):
         count = min(at_once, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
+        if not radar_sends:
+            radar[:] = 0
         jam = None
         if jammer is not None:
             jam = np.concatenate([jammer.next_frame() for _ in range(count)])
@@ -81,6 +85,14 @@ def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
             frames = segmenter.jump(counter - segmenter.sample_counter)
         expected = counter + samples.size
         yield frames + segmenter.push(samples, lend=True)
+
+
+def found_latency(scene: Scene) -> float:
+    """Samples from the transmitter's sweep to the receiver's as the segmenter finds them; NaN where it does not."""
+    w = scene.waveform
+    for frame in (frames[0] for frames in segmented(scene, segmenter_of(scene)) if frames):
+        return frame.start_sample - frame.index * w.samples_per_frame + frame.offset_s * w.rate_hz
+    return float("nan")
 
 
 class _Path:

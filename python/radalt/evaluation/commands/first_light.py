@@ -57,9 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
 
-    from ..radios.first_light import CABLING, Bench, Check, perform
+    from ..radios.first_light import CABLING, STEPS, Bench, Check, perform
     from ..radios.first_light_bundle import open_folder, read_bundle, verdict_of, write_bundle
-    from ..radios.first_light_steps import STEPS
+    from ..radios.first_light_steps import MEASURES
 
     if args.read:
         print(read_bundle(args.read, args.out))
@@ -69,10 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from ...core.scene import load_scene
 
-    named = tuple(step.name for step in STEPS)
-    wanted = named if args.steps is None else names_of(parser, "--steps", args.steps, named)
-    needs_radar = any(s.needs and s.name in wanted for s in STEPS)
-    steps = tuple(s for s in STEPS if s.name in wanted or (needs_radar and s.name in ("receiver", "radar")))
+    wanted = tuple(MEASURES) if args.steps is None else names_of(parser, "--steps", args.steps, MEASURES)
+    if any("needs" in STEPS[name] for name in wanted):
+        wanted = ("receiver", "radar", *wanted)
+    steps = {name: measure for name, measure in MEASURES.items() if name in wanted}
     out = args.out or Path(time.strftime("first-light-%Y%m%d-%H%M%S"))
     minutes = args.minutes or (_SIMULATED_MINUTES if args.sim else 10.0)
     bench = Bench(
@@ -93,22 +93,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if not (args.sim or args.yes):
         input("Connect every cable of the drawing, then press Enter (Ctrl-C ends): ")
-    said: set[str] = set()
-
-    def show(check: Check) -> None:
-        if check.step not in said:
-            said.add(check.step)
-            print(f"\n{next(s.title for s in steps if s.name == check.step)}")
-        why = "" if check.verdict == "pass" else f": {check.cause}"
-        print(f"  {check.verdict:8}{check.what}: {check.shown} ({check.limit}){why}", flush=True)
-
+    checks: list[Check] = []
     try:
-        checks = perform(bench, steps, show)
-        serials = {radio.radar_serial, radio.jammer_serial} if args.no_serials else ()
-        source = "simulated channel" if args.sim else f"two {radio.limits.title}s"
-        title = f"{time.strftime('%Y-%m-%d')}, {source}"
-        bundle = write_bundle(folder, checks, steps, title=title, hidden=serials)
-    finally:
+        for check in perform(bench, steps):
+            if not any(check.step == c.step for c in checks):
+                print(f"\n{STEPS[check.step]['title']}")
+            checks.append(check)
+            why = "" if check.verdict == "pass" else f": {check.cause}"
+            print(f"  {check.verdict:8}{check.what}: {check.shown} ({check.limit}){why}", flush=True)
+    finally:  # an hour that is broken off leaves its bundle
+        serials = {radio.radar_serial, radio.jammer_serial, *bench.serials} if args.no_serials else ()
+        source = "simulated channel" if args.sim else radio.limits.title
+        bundle = write_bundle(folder, checks, f"{time.strftime('%Y-%m-%d')}, {source}", serials)
         folder.close()
-    print(f"\n{verdict_of(checks)}\n{bundle}")
+        print(f"\n{verdict_of(checks)}\n{bundle}")
     return int(any(check.verdict == "fail" for check in checks))

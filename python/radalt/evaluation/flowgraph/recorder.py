@@ -19,6 +19,11 @@ class Recorder:
     def __init__(self, top: Any, block: Any) -> None:
         self._top, self._block = top, block
 
+    @property
+    def sample_counter(self) -> int:
+        """Counter of the next sample, which may lie behind the segmenter's."""
+        return self._block.sample_counter
+
     def finish(self) -> Path | None:
         """Write the metadata; returns their path, or None where nothing was received."""
         from ...blocks._guard import raise_stored

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -11,6 +15,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...core.paths import share_dir
 from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
@@ -18,16 +24,20 @@ from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generate
 from ..flowgraph.plan import left_out
+from ..flowgraph.recorder import Recorder, attach_recorder
 from ..flowgraph.rewrite import RADAR_GATE, load_grc, prune
 from ..flowgraph.run import PointResult, make_top, result_of
 from ..flowgraph.watch import run_to_end
 from ..simulation import TAIL_FRAMES
-from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
+from .setup import FULL_SCALE, bring_up, programme_over, radio_blocks, set_up, start_together
 
-__all__ = ["calibrate", "prepare_hardware", "run_hardware"]
+__all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
 
 _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s
+_SETTLE_S = 0.02  # settling of UHD's DC correction at a receiver's start, s
+_LISTEN_LIMIT_S = 30.0  # longest capture of a receiver alone, set-up included, s
+_PROBE_S = 60.0  # longest wait for a B210 that has to be given its firmware first, s
 _USB_TYPE = "b200"  # UHD's type of the radios on USB (docs/hardware.md); its others are on a network
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
@@ -140,8 +150,6 @@ def run_hardware(
             getattr(top, gate).gate.close("transmit stopped: this run wants the transmitter silent")
     recorder = None
     if capture:
-        from ..flowgraph.recorder import attach_recorder
-
         source = top.radar_usrp_source
         radio = {"full_scale": FULL_SCALE}
         if ready.latency_samples is not None:
@@ -150,7 +158,7 @@ def run_hardware(
             top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
         )
     try:
-        elapsed = _fly(top, scene, time_limit_s, silent=RADAR_GATE in silent)
+        elapsed = _fly(top, scene, time_limit_s, recorder=recorder, silent=RADAR_GATE in silent)
     finally:
         if recorder is not None:
             recorder.finish()
@@ -166,15 +174,20 @@ def run_hardware(
     return result
 
 
-def _fly(top: Any, scene: Scene, time_limit_s: float, *, silent: bool = False) -> float:
-    """Run until the programme's last frame has come in; a receiver has no end of its own.
+def _fly(
+    top: Any, scene: Scene, time_limit_s: float, *, recorder: Recorder | None = None, silent: bool = False
+) -> float:
+    """Run until the programme's last frame has come in, and is recorded; a receiver has no end of its own.
 
     ``silent``: no frame is to be expected, only samples.
     """
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    last = (programme.total_frames + TAIL_FRAMES) * n
 
-    def all_heard() -> bool:
-        return top.frame_segmenter.segmenter.sample_counter >= (programme.total_frames + TAIL_FRAMES) * n
+    def over() -> bool:
+        if recorder is not None and recorder.sample_counter < last:
+            return False
+        return top.frame_segmenter.segmenter.sample_counter >= last if silent else programme_over(top, scene)
 
     def too_long(limit_s: float) -> str:
         counter = top.frame_segmenter.segmenter.sample_counter
@@ -192,10 +205,50 @@ def _fly(top: Any, scene: Scene, time_limit_s: float, *, silent: bool = False) -
     return run_to_end(
         top,
         time_limit_s=min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0),
-        over=lambda: all_heard() if silent else programme_over(top, scene),
+        over=over,
         poll_s=_POLL_S,
         too_long=too_long,
     )
+
+
+def receive_alone(
+    scene: Scene,
+    count: int,
+    *,
+    log: Callable[[str], None] = _print,
+    sleep: Callable[[float], None] = time.sleep,
+) -> np.ndarray:
+    """(count,) complex64 samples of the radar's receiver, whose radio is opened for that alone: nothing transmits.
+
+    Raises `FlowgraphError` as `bring_up`, or if they do not come within 30 s.
+    """
+    from gnuradio import blocks, gr, uhd
+
+    radio, skip = scene.radio, round(_SETTLE_S * scene.waveform.rate_hz)
+    address = f"serial={radio.radar_serial}," if radio.radar_serial else ""
+    stream = uhd.stream_args(cpu_format="fc32", args="", channels=[0])
+    top = gr.top_block()
+    top.radar_usrp_source = uhd.usrp_source(f"{address}master_clock_rate={radio.master_clock_hz:.0f}", stream)
+    for entry in bring_up(top, scene, uhd, sleep):
+        log(str(entry))
+    start_together(top, scene, uhd)
+    sink = blocks.vector_sink_c(1, skip + count)
+    top.connect(top.radar_usrp_source, blocks.head(gr.sizeof_gr_complex, skip + count), sink)
+    run_to_end(top, time_limit_s=_LISTEN_LIMIT_S)
+    return np.array(sink.data()[skip:], np.complex64)
+
+
+def link_bytes_per_s(serial: str) -> float | None:
+    """What the driver takes a radio's link for: 53.2e6 on USB 2; None where it does not say."""
+    program = shutil.which("uhd_usrp_probe")
+    if program is None:
+        return None
+    command = [program, f"--args=serial={serial}", "--double=/mboards/0/link_max_rate"]
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        out = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_S, check=True).stdout
+        found = re.findall(r"^\d+(?:\.\d*)?(?:e\+?\d+)?$", out, re.MULTILINE)
+        return float(found[-1]) if found else None
+    return None
 
 
 def calibrate(
