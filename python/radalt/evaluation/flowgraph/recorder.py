@@ -1,4 +1,4 @@
-"""A recorder block in a flowgraph: what the receiver hears, as SigMF."""
+"""A recorder block in a flowgraph: received samples as SigMF."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def attach_recorder(
     top : object
         Generated flowgraph.
     source : block
-        Whose output 0 is recorded.
+        Block whose output 0 is recorded.
     path : path
-        Recording without ending.
+        Path of the recording without ending.
     start_s : float
         Device time of the transmitter's first sample.
     drop_when_slow : bool
