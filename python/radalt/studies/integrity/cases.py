@@ -285,8 +285,12 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     """Draw the flight: a start from 5 to 1400 m, even in the logarithm, and a speed up to 10 m/s."""
     rng, sweep_s = _rng(case, seed, batch, 0), WAVEFORM.sweep_s
     index = np.arange(frames)
-    early = (frames // 8, frames // 6) if case.kind == "pull_off" else (2 * frames // 5, frames // 2)
-    fault = None if case.kind in _WHOLE else int(rng.integers(*early))
+    begin = (2 * frames // 5, frames // 2)
+    if (
+        case.kind == "pull_off"
+    ):  # from a track that has just begun on; what is left is for the copy to walk off
+        begin = 4 * BLOCK, max(5 * BLOCK, frames // 5)
+    fault = None if case.kind in _WHOLE else int(rng.integers(*begin))
     if not case.ground:
         nothing = np.full(frames, np.nan)
         return Flight(nothing, nothing, np.zeros(frames))
