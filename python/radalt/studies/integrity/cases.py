@@ -6,6 +6,7 @@ Everything is a function of (case, seed, batch).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -37,7 +38,7 @@ _ANEW = "fmcw"  # heard now and then: each frame's window is drawn to meet a pas
 _PERIODIC = "pulsed_radar"  # of 4 kHz: every frame the same
 _LOWEST_M, _HIGHEST_M, _FASTEST = 5.0, 1400.0, 10.0  # m, m, m/s
 _NR_FRAMES = BLOCK // 10  # of 10 ms in a window of an emitter
-_DRAWN, _NOISE = 60, 8  # cases that have nothing in common but their kind
+_DRAWN, _NOISE = 60, 4  # cases that have nothing in common but their kind
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing
 _DRIFT = 150.0  # m/s of range for each ppm between two clocks, c / 2 * 1e-6
 _SPAN_M = 1500.0  # the altimeter's highest altitude
@@ -221,7 +222,7 @@ def _returns() -> Iterator[Case]:
         for number in range(4):
             yield Case("beyond", f"beyond/{number}/snr{snr:g}", snr_db=snr)
     for scene in ("nr5", "paper_qpsk"):
-        known = "interference hides ground beyond the span"
+        known = "Ground beyond the span where interference hides it"
         yield Case("beyond", f"beyond/{scene}/-30dB", scene, sir_db=-30.0, known=known)
 
 
@@ -284,8 +285,12 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     """Draw the flight: a start from 5 to 1400 m, even in the logarithm, and a speed up to 10 m/s."""
     rng, sweep_s = _rng(case, seed, batch, 0), WAVEFORM.sweep_s
     index = np.arange(frames)
-    early = (frames // 8, frames // 6) if case.kind == "pull_off" else (2 * frames // 5, frames // 2)
-    fault = None if case.kind in _WHOLE else int(rng.integers(*early))
+    begin = (2 * frames // 5, frames // 2)
+    if (
+        case.kind == "pull_off"
+    ):  # from a track that has just begun on; what is left is for the copy to walk off
+        begin = 4 * BLOCK, max(5 * BLOCK, frames // 5)
+    fault = None if case.kind in _WHOLE else int(rng.integers(*begin))
     if not case.ground:
         nothing = np.full(frames, np.nan)
         return Flight(nothing, nothing, np.zeros(frames))
@@ -588,7 +593,8 @@ def _segmented(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator
         cut = flight.fault_frame * n + int(rng.integers(0, n))
     first = background[0] if leakage is not None else point_return(w, np.zeros(_PREAMBLE))
     segmenter.push((first + np.float32(0.1) * _noise(_PREAMBLE, rng)).ravel())
-    for index, frames in _frames(case, heard, rng):
+    tail = np.array([total]), _noise(1, rng)  # the last frame ends some samples later
+    for index, frames in itertools.chain(_frames(case, heard, rng), [tail]):
         frames += background[(index >= (flight.fault_frame or 0)).astype(int)]
         position = int(index[0]) * n + np.arange(frames.size)
         found = segmenter.push(frames.ravel()[(position < cut) | (position >= cut + lost)])
