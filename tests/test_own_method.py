@@ -301,6 +301,11 @@ def test_unusable_file_ends_the_program_with_one_line(tmp_path, option):
     assert len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
 
 
+def test_a_network_in_two_files_is_told_how_to_become_one():
+    with pytest.raises(MitigationError, match="one file: join encoder and decoder with onnx.compose.merge"):
+        create("tcae", W, model="encoder.onnx+decoder.onnx")
+
+
 # -- networks and files of the user's own, beside each other and beside the shipped ones ------------------------------
 
 

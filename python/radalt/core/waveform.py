@@ -69,7 +69,7 @@ class Waveform:
     bandwidth_hz : float
         Swept bandwidth ``B``, > 0.
     sweep_s : float
-        Sweep period ``T_sw`` (up plus down), > 0; one frame. A half sweep lasts ``T_h = T_sw / 2``.
+        Sweep period ``T_sw``, > 0: up plus down, one frame. The up sweep alone lasts ``T_h = T_sw / 2``.
     rate_hz : float
         Complex sample rate ``F_s`` >= ``B``; ``F_s T_sw`` has to be a whole even number of samples.
     carrier_hz : float
@@ -108,8 +108,8 @@ class Waveform:
         samples = self.rate_hz * self.sweep_s
         if samples > _MOST_SAMPLES:
             raise ValueError(
-                f"waveform.sweep_s {self.sweep_s:g} at rate_hz {self.rate_hz:g} makes frames of {samples:.4g} samples, "
-                f"{samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most {_MOST_SAMPLES} samples"
+                f"waveform.sweep_s {self.sweep_s:g} at rate_hz {self.rate_hz:g} makes frames of {samples:.15g} "
+                f"samples, {samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most {_MOST_SAMPLES} samples"
             )
         whole = round(samples)
         if abs(samples - whole) > 1e-6 * max(1.0, samples) or whole % 2 or whole < 16:
