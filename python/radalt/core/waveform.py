@@ -109,7 +109,8 @@ class Waveform:
         if samples > _MOST_SAMPLES:
             raise ValueError(
                 f"waveform.sweep_s {self.sweep_s:g} at rate_hz {self.rate_hz:g} makes frames of {samples:.15g} "
-                f"samples, {samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most {_MOST_SAMPLES} samples"
+                f"samples, {samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; "
+                f"at most {_MOST_SAMPLES} samples"
             )
         whole = round(samples)
         if abs(samples - whole) > 1e-6 * max(1.0, samples) or whole % 2 or whole < 16:
