@@ -19,7 +19,7 @@ _EVERY_MS = 500
 _LEAST_PLOT = (220, 140)
 _SPEED_S = 3.0  # span over which the real-time factor is taken
 _FEW = 0.1  # of a second's frames with an altitude: fewer is nothing measured (false alarms alone are a hundredth)
-_TITLES = {"altimeter_none": "None", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
+_TITLES = {"altimeter_none": "No mitigation", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
 # altitude chart: (line, marker), Qwt's numbers: an ellipse, a cross and an x for what is measured, no line between them
 _MARKS = ((1, 0), (2, 8), (3, 9))
 
@@ -55,6 +55,9 @@ class StatusLine:
 
     def _altitude(self, segmenter: dict[str, Any]) -> str:
         """The tracker's altitude behind the chosen method, with its protection level and status."""
+        again = getattr(self._top, "reacquire", None)
+        if again is not None and again.running:
+            return _loud("REACQUIRING TIMING: 0 m is sent", good=False)
         line = self._top.altimeter_selected.line if segmenter["locked"] else "FAILURE (no timing)"
         return _loud(line.replace("+/-", "±"), good=line.startswith("NORMAL"))
 
@@ -79,11 +82,11 @@ class StatusLine:
                 out.append(f"{title} -")
                 continue
             score = score_frames(results, truth_m)
-            out.append(f"{title} <b>{score.pd:.2f}</b> ({score.wrong})")
+            out.append(f"{title} <b>{score.pd:.2f}</b> ({score.wrong / max(1, score.trials):.2f})")
             if np.count_nonzero(results["valid"]) < _FEW * len(results):
                 blind.append(title.partition(",")[0])
-        parts = ["Pd (false altitudes) in the last second: " + ", ".join(out)]
-        return [*parts, _loud("nothing measured: " + ", ".join(blind), good=False)] if blind else parts
+        parts = ["Pd (wrong and valid) in the last second: " + ", ".join(out)]
+        return [*parts, _loud("no altitudes: " + ", ".join(blind), good=False)] if blind else parts
 
     def _sent(self) -> str:
         top = self._top
