@@ -403,6 +403,26 @@ def test_altitude_by_hand_without_tags_is_one_line_that_names_the_remedy(capfd):
     assert "frame_segmenter.follow(chirp_source.sent), follow_programme False" in line
 
 
+def test_a_blocks_ring_writes_no_line(capfd):
+    scene = scene_of(interference=None)
+    made = [radalt.fmcw_chirp_source(scene), radalt.frame_segmenter(scene), radalt.mitigation(scene, "none")]
+    assert "buffer" not in "".join(capfd.readouterr())
+    made[1].logger.info("levels stay as they were")
+    assert [block.log_level() for block in made] == [gr.sync_block("x", None, None).log_level()] * 3
+
+
+def test_a_search_that_ends_at_the_programme_is_one_line(capfd):
+    """Samples of the user's own: the scene flies 1 m, and 20 m, a resolution cell, are searched."""
+    scene = scene_of(interference=None, altitude={"programme_m": [1.0]})
+    radalt.frame_segmenter(scene, follow_programme=False)
+    (line,) = lines(capfd.readouterr().out)
+    assert "altitudes above 19.9862 m" in line and "altimeter.max_altitude_m says how high" in line
+    named = scene_of(interference=None, altimeter={"max_altitude_m": 900.0})
+    radalt.frame_segmenter(named, follow_programme=False)
+    radalt.frame_segmenter(scene)
+    assert lines(capfd.readouterr().out) == []
+
+
 def test_a_second_without_a_sweep_is_one_line(capfd):
     scene = scene_of(interference=None)
     noise = np.random.default_rng(1).normal(size=(2 * 1200 * N, 2)).astype(np.float32).view(np.complex64)

@@ -11,6 +11,8 @@ import pytest
 import yaml
 from gnuradio import gr
 
+from radalt.evaluation.flowgraph import generate
+
 ROOT = Path(__file__).resolve().parent.parent
 FLOWGRAPHS = sorted((ROOT / "flowgraphs").glob("*.grc"))
 SECTIONS_FROM = 216  # below options, parameters and variables
@@ -130,7 +132,7 @@ def test_button_runs_the_flowgraph_and_the_console_shows_the_scores(tmp_path):
     console = report["console"]
     assert ">>> Done" in console and "Traceback" not in console
     rows = [line.split() for line in console.splitlines()]
-    scores = {row[0]: int(row[2]) for row in rows if row and row[-1] == "150"}
+    scores = {row[1][:-1]: int(row[2]) for row in rows if len(row) == 5 and row[3:] == ["of", "150"]}
     assert list(scores) == ["mine", "none", "whitening", "tcae"]
     assert scores["none"] < scores["mine"] < scores["whitening"]
 
@@ -140,12 +142,28 @@ def test_button_on_the_simulated_bench_shows_the_scores(tmp_path):
     console = companion(tmp_path, [path], str(ROOT / "grc"), "--run")["console"]
     assert ">>> Done" in console and "Traceback" not in console
     rows = [line.split() for line in console.splitlines()]
-    pd = {row[0]: float(row[1]) for row in rows if len(row) == 5 and row[3] == "of"}
+    pd = {row[1][:-1]: float(row[0]) for row in rows if len(row) == 5 and row[3] == "of"}
     assert list(pd) == ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae"]
     # the first run tells the methods apart, and loses no frame
     assert pd["none"] < 0.5 < 0.9 < pd["whitening"] and pd["tcae"] > 0.95
-    assert all(row[-1] == "150" for row in rows if len(row) == 5 and row[3] == "of")
+    assert all(row[4] == "150" for row in rows if len(row) == 5 and row[3] == "of")
     assert "dropped_slow 0," in console
+
+
+@pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)
+def test_a_wrong_scene_is_the_first_error_of_a_flowgraph(path):
+    """As the companion lists them; in the simulated bench it is the only one."""
+    platform = generate._platform(*generate.grc_dirs())
+    data, graph = on_file(path), platform.make_flow_graph()
+    (scene,) = (block for block in data["blocks"] if block["name"] == "scene_file")
+    scene["parameters"]["value"] = '"nope"'
+    graph.import_data(data)
+    graph.rewrite()
+    graph.validate()
+    first, *others = [message for _, message in graph.iter_error_messages()]
+    assert "nope.yaml: cannot be read" in first and "give a YAML file or a shipped scene's name" in first
+    if path.stem in ("ota_sim", "ota_embedded_sim", "bring_your_own"):
+        assert others == []
 
 
 @pytest.mark.parametrize("name", ["ota_b210", "ota_live"])

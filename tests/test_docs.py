@@ -6,8 +6,13 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
+
+from radalt.core.receiver.altimeter import Reason
+from radalt.core.returns.point import point_return
+from radalt.core.waveform import Waveform
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +57,31 @@ def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
     assert set(rows) == {"none", "whitening"}
     assert rows["none"][0] == rows["whitening"][0] == 120
     assert rows["none"][2] < 100 < rows["whitening"][2]
+
+
+def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tmp_path):
+    """A file that begins in flight at 500 m and climbs 120 m: altitudes of 500 m and 620 m, and reasons by name."""
+    rng = np.random.default_rng(3)
+    altitudes_m = np.repeat([500.0, 620.0], [60, 60])
+    samples = point_return(Waveform(), altitudes_m).ravel()
+    samples += 0.3 * rng.normal(size=(samples.size, 2)).view(complex).ravel()
+    samples.astype(np.complex64).tofile(tmp_path / "samples.cf32")
+    env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
+    done = subprocess.run(
+        [sys.executable, str(root / "examples/own_samples.py"), str(tmp_path / "samples.cf32"), "500"],
+        env=env, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
+    assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5
+    assert f"{count} frames ok" in done.stdout
+
+
+def test_every_reason_is_on_the_page_and_in_the_companion(root):
+    page = (root / "docs/your-own.md").read_text(encoding="utf-8")
+    block = (root / "grc/radalt_altimeter_sink.block.yml").read_text(encoding="utf-8")
+    for number, name in enumerate(Reason.NAMES):
+        assert f"| {number} | `{name}` |" in page and f"{number} {name}" in block
 
 
 def test_every_page_is_in_the_site(root):

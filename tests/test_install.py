@@ -30,9 +30,24 @@ def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
 
 
 def source_files(folder: Path, pattern: str = "*") -> set[str]:
-    """Paths below folder, relative to it, of what an install has to bring along."""
+    """Paths below folder, relative to it, of what an install has to bring along.
+
+    What the companion generated from a flowgraph beside it is none of that.
+    """
     found = (file.relative_to(folder) for file in folder.rglob(pattern) if file.is_file())
-    return {str(file) for file in found if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))}
+    made = tuple(flowgraph.stem for flowgraph in folder.glob("*.grc"))
+    return {
+        str(file)
+        for file in found
+        if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))
+        and not (file.suffix == ".py" and file.name.startswith(made))
+    }
+
+
+def test_what_the_companion_generates_is_no_source(tmp_path):
+    for name in ("ota_sim.grc", "ota_sim.py", "ota_sim_epy_block_0.py", "ota_eval.py"):
+        (tmp_path / name).touch()
+    assert source_files(tmp_path) == {"ota_sim.grc", "ota_eval.py"}
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """The live view: what its blocks draw, its controls at work, and its picture."""
 
+import ast
 import json
 import os
 import subprocess
@@ -11,12 +12,13 @@ import numpy as np
 import pytest
 from gnuradio import blocks, gr, radalt
 
-from radalt.core.mitigation import create
+from radalt.core.mitigation import METHODS, create
 from radalt.core.receiver.altimeter import RESULT_DTYPE, Altimeter, AltimeterSettings
 from radalt.core.returns.point import point_return
 from radalt.core.scene import load_scene, parse_scene
 from radalt.core.scene.live import AltitudeStrip, RangeProfile, by_hand
 from radalt.core.waveform import Waveform
+from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.watch import run_to_end
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -267,7 +269,7 @@ def test_status_line_says_what_is_sent_measured_and_lost(view):
     assert "timing locked" in said["start"] and "Chosen, whitening: <b>" in said["start"]
     assert "Chosen, nlms:" in said["higher"] and "radar at 700 m" in said["higher"]
     assert "timing LOST, no frames: press Reacquire timing" in said["mistimed"]
-    assert "FAILURE (no timing)" in said["mistimed"] and "None -, TCAE -" in said["mistimed"]
+    assert "FAILURE (no timing)" in said["mistimed"] and "No mitigation -, TCAE -" in said["mistimed"]
     assert "sent: radar at 700 m, no jammer" in said["radar only"]
     assert "nothing (Transmit: Off)" in said["off"]
     assert all("lost: 0 samples, 0 frames" in text for text in said.values())
@@ -318,9 +320,21 @@ def test_status_names_who_measures_nothing():
     assert "speed -" in status.text()
     segmenter.segmenter.sample_counter = 7_500_000
     text = status.text()
-    assert "None <b>0.05</b> (0), TCAE <b>0.90</b> (100), Chosen, whitening: <b>1.00</b> (0)" in text
-    assert "nothing measured: None</b>" in text and "0.50 of real time" in text
+    pd = "No mitigation <b>0.05</b> (0.00), TCAE <b>0.90</b> (0.10), Chosen, whitening: <b>1.00</b> (0.00)"
+    assert f"Pd (wrong and valid) in the last second: {pd}" in text
+    assert "no altitudes: No mitigation</b>" in text and "0.50 of real time" in text
     assert "lost: 7 samples, 0 frames (slow)</b>" in text and "NORMAL  300.0 m ± 2.0 m" in text
+    clock = iter((13.0,))
+    top.reacquire = SimpleNamespace(running=True)
+    text = status.text()
+    assert "NORMAL" not in text and 'color:#a00000">REACQUIRING TIMING: 0 m is sent' in text
+
+
+def test_chooser_offers_every_method():
+    data = load_grc(ROOT / "flowgraphs/ota_live.grc")
+    (chooser,) = (block["parameters"] for block in data["blocks"] if block["name"] == "method")
+    options, labels = (ast.literal_eval(chooser[key]) for key in ("options", "labels"))
+    assert set(options) == {*METHODS} and len(labels) == len(options)
 
 
 def test_picture_shows_the_view(view):

@@ -95,6 +95,29 @@ def head_of(scene, methods=METHODS):
     return head | {"methods": methods, "versions": {"radalt": "0"}}
 
 
+def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
+    """All was measured at -10 dB; at -28 dB the timing was not acquired."""
+    scene = scene_of()
+    lost = Score(lost=scene.altitude.programme.trial_frames)
+    rows = []
+    points = [point for point in sweep_points(scene) for _ in scene.methods]
+    for row, point in zip(rows_of(scene), points, strict=True):
+        if row["sir_db"] == -28 and row["overlap"]:
+            labels = (row["method"], row["interference"], point, row["seed"])
+            timing = {"ms_per_frame": np.zeros(0), "real_time_factor": 1.5}
+            row = make_row(*labels, lost, diverged_frames=0, segmenter={}, **timing)
+            assert row["pd"] is None and row["trials"] == 0
+        rows.append(row)
+    folder = RunFolder(tmp_path / "a", head_of(scene))
+    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=None)
+    write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
+    folder.close()
+    text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
+    assert "A point without a single frame: timing not acquired. Its Pd is –." in text
+    page, _ = collect([tmp_path / "a"], tmp_path / "all")
+    assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
+
+
 # -- scenes back to mappings --------------------------------------------------------------------------------------
 
 

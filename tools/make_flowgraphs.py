@@ -47,10 +47,10 @@ def _parser() -> Parser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the files beside this one."""
     _parser().parse_args(argv)
-    from radalt.evaluation.flowgraph.rewrite import save_grc
+    from radalt.evaluation.flowgraph.generate import save_as_companion
 
     for name, data in made().items():
-        save_grc(data, FLOWGRAPHS / name)
+        save_as_companion(data, FLOWGRAPHS / name)
         print(FLOWGRAPHS / name)
     return 0
 

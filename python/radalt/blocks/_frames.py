@@ -123,7 +123,7 @@ def gather_frames(block, samples: int, frames: int | None = None) -> None:  # no
     if frames is None:
         frames = max(_GATHER_WIDE, min(_GATHER, _RING_BYTES // (16 * samples)))
     block.set_output_multiple(frames * samples)
-    block.set_min_output_buffer(2 * frames * samples)
+    _set_ring(block, 2 * frames * samples)
 
 
 def frame_ring(block, samples: int) -> int:  # noqa: ANN001
@@ -136,5 +136,13 @@ def frame_ring(block, samples: int) -> int:  # noqa: ANN001
     whole = 4096 // int(np.gcd(size, 4096))
     wanted = max(_FEWEST, min(128, _RING_BYTES // size))
     vectors = whole * -(-wanted // whole)
-    block.set_min_output_buffer(vectors)
+    _set_ring(block, vectors)
     return vectors
+
+
+def _set_ring(block, items: int) -> None:  # noqa: ANN001
+    """Size of a block's output ring, without GNU Radio's line about it: a flowgraph has ten of these."""
+    level = block.log_level()
+    block.set_log_level("warning")
+    block.set_min_output_buffer(items)
+    block.set_log_level(level)

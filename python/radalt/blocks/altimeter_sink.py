@@ -195,7 +195,10 @@ class altimeter_sink(gr.sync_block):
         return pmt.dict_add(message, keys["truth_m"], pmt.from_double(truth_m))
 
     def results(self) -> np.ndarray:
-        """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`."""
+        """Results in order of arrival, at most the last ``capacity``; structured array of `RESULT_DTYPE`.
+
+        Its ``reason`` is a number; ``Reason.NAMES[number]`` is its name.
+        """
         if self._count <= self._store.size:
             return self._store[: self._count].copy()
         return np.roll(self._store, -(self._count % self._store.size))

@@ -78,7 +78,8 @@ class frame_segmenter(gr.basic_block):
     follow_programme : bool
         True checks frames against the scene's programme, and against altitudes set by hand in the chirp source's stream
         tags ``radalt_altitude``. The simulated channel passes these tags, radios do not: with radios, an altitude set
-        by hand needs `follow`, or False here.
+        by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line
+        states where the search ends.
     drop_when_slow : bool
         Drop frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP never overflows. During a
         delay up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384 in this block. Frames that wait
@@ -99,6 +100,11 @@ class frame_segmenter(gr.basic_block):
         self._known: Callable[[int], tuple[float, float]] | None = self._sent.at if follow_programme else None
         self._follows_programme = bool(follow_programme)
         self.segmenter = segmenter_of(scene, follow_programme=bool(follow_programme))
+        if not follow_programme and scene.altimeter.max_altitude_m is None:
+            self.logger.warn(
+                f"altitudes above {scene.altimeter_settings.max_altitude_m:g} m, the highest of altitude.programme_m, "
+                "are not searched; altimeter.max_altitude_m says how high to search"
+            )
         self.drop_when_slow = bool(drop_when_slow)
         self.dropped_slow = 0
         self.saturated_frames = 0

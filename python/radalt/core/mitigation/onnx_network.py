@@ -141,7 +141,12 @@ def _load(model: Path, threads: int, provider: str):  # noqa: ANN202 - the types
             f"tcae needs onnxruntime, which this Python lacks; {remedy('onnxruntime')}"
         ) from None
     if not model.is_file():
-        raise MitigationError(f"tcae model {model} does not exist; name one with --model")
+        remedied = (
+            "a network is one file: join encoder and decoder with onnx.compose.merge_models"
+            if "+" in model.name
+            else "name one with --model"
+        )
+        raise MitigationError(f"tcae model {model} does not exist; {remedied}")
     wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
     try:
         written = model.stat()

@@ -19,7 +19,7 @@ STRATEGIES = ("strongest", "leading_edge", "centroid")
 
 
 class Reason:
-    """Why a frame has or has no altitude; the values of the ``reason`` field."""
+    """Why a frame has or has no altitude: the values of the ``reason`` field, and by them `NAMES`."""
 
     OK = 0
     NO_DETECTION = 1

@@ -14,7 +14,7 @@ _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock
 
 
 def scores(top: Any, scene: Scene) -> str:
-    """One line per method (Pd, correct and all trials), and the segmenter's counters.
+    """One line per method (Pd, correct and all trials) and the segmenter's counters; the font is proportional.
 
     Parameters
     ----------
@@ -24,13 +24,13 @@ def scores(top: Any, scene: Scene) -> str:
     scene : Scene
         Scene of the run.
     """
-    lines = [f"{'method':<20}{'Pd':>6}  correct of trials (detected and within {CORRECT_LIMIT_M:g} m)"]
+    lines = [f"Pd, method: correct of trials (detected and within {CORRECT_LIMIT_M:g} m)"]
     for method in METHODS:
         altimeter = getattr(top, f"altimeter_{method}", None)
         if altimeter is not None:
             s = score(altimeter.results(), scene.altitude.programme, altimeter.truth_m())
-            pd = f"{s.pd:6.3f}" if s.trials else f"{'-':>6}"
-            lines.append(f"{method:<20}{pd}  {s.correct} of {s.trials}")
+            pd = f"{s.pd:.3f}" if s.trials else "-"
+            lines.append(f"{pd}  {method}: {s.correct} of {s.trials}")
     status = top.frame_segmenter.status()
     lines.append("counters: " + ", ".join(f"{key} {status[key]}" for key in _COUNTERS))
     return "\n".join(lines)

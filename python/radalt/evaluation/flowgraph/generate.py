@@ -17,7 +17,7 @@ from . import FlowgraphError
 from .plan import left_out
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
-__all__ = ["Prepared", "generate", "grc_dirs", "prepare"]
+__all__ = ["Prepared", "generate", "grc_dirs", "prepare", "save_as_companion"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,16 @@ def _platform(*own: str) -> Any:
 def _shipped() -> dict[str, Any]:
     """The flowgraph from which all others are derived, loaded once; `simulate` does not modify it."""
     return load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
+
+
+def save_as_companion(data: dict[str, Any], path: Path) -> None:
+    """Write a .grc file in the companion's own form: saving it there changes no line that nobody changed."""
+    platform = _platform(*grc_dirs())
+    flow_graph = platform.make_flow_graph()
+    flow_graph.import_data(copy.deepcopy(data))
+    flow_graph.grc_file_path = str(path)
+    flow_graph.rewrite()
+    platform.save_flow_graph(str(path), flow_graph)
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:

@@ -18,10 +18,8 @@ SIZE = (1600, 950)  # size of the window, pixels, unless the screen is smaller o
 _EVERY_MS = 500  # time between updates of the status line, ms
 _LEAST_PLOT = (220, 140)  # smallest plot, pixels
 _SPEED_S = 3.0  # averaging time of the real-time factor, s
-_FEW = (
-    0.1  # least share of frames with an altitude that counts as measured: false alarms alone give a hundredth
-)
-_TITLES = {"altimeter_none": "None", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
+_FEW = 0.1  # least share of frames that counts as measured: false alarms alone give a hundredth
+_TITLES = {"altimeter_none": "No mitigation", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
 # line and marker by Qwt's numbers: a line for the true altitude; ellipse, cross and x without a line for altimeters
 _MARKS = ((1, 0), (2, 8), (3, 9))
 
@@ -57,6 +55,9 @@ class StatusLine:
 
     def _altitude(self, segmenter: dict[str, Any]) -> str:
         """The tracker's altitude behind the chosen method, with its protection level and status."""
+        again = getattr(self._top, "reacquire", None)
+        if again is not None and again.running:
+            return _loud("REACQUIRING TIMING: 0 m is sent", good=False)
         line = self._top.altimeter_selected.line if segmenter["locked"] else "FAILURE (no timing)"
         return _loud(line.replace("+/-", "±"), good=line.startswith("NORMAL"))
 
@@ -81,11 +82,11 @@ class StatusLine:
                 out.append(f"{title} -")
                 continue
             score = score_frames(results, truth_m)
-            out.append(f"{title} <b>{score.pd:.2f}</b> ({score.wrong})")
+            out.append(f"{title} <b>{score.pd:.2f}</b> ({score.wrong / max(1, score.trials):.2f})")
             if np.count_nonzero(results["valid"]) < _FEW * len(results):
                 blind.append(title.partition(",")[0])
-        parts = ["Pd (false altitudes) in the last second: " + ", ".join(out)]
-        return [*parts, _loud("nothing measured: " + ", ".join(blind), good=False)] if blind else parts
+        parts = ["Pd (wrong and valid) in the last second: " + ", ".join(out)]
+        return [*parts, _loud("no altitudes: " + ", ".join(blind), good=False)] if blind else parts
 
     def _sent(self) -> str:
         top = self._top

@@ -128,6 +128,7 @@ def draw_pd(
     against : str
         ``"overlap"`` or ``"sir_db"``.
     """
+    rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)
@@ -160,6 +161,7 @@ def draw_error(
     against: str = "overlap",
 ) -> Any:
     """RMSE of the forced decision on a logarithmic axis, with the Cramer-Rao bound by SNR; axes as in `draw_pd`."""
+    rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)
@@ -249,6 +251,7 @@ def _share_words(row: dict[str, Any]) -> str:
 
 def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Any:
     """Rate of declared altitudes with errors of 5 m or more, bars to the 95 % upper bound; axes as in `draw_pd`."""
+    rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
     series = _series(rows)

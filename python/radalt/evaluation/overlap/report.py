@@ -67,10 +67,7 @@ def write_report(
     altitudes = [row for row in altitudes if row["trials"]]
     report = build_report(folder.head, study, with_intervals(rows, altitudes), ceiling, run)
     report["tracked"] = list(tracked)
-    measured = [row for row in report["rows"] if row["trials"]]  # a point without a frame has no Pd
-    figures = _draw(report | {"rows": measured}, folder.path) + _draw_altitudes(
-        report["title"], altitudes, folder.path
-    )
+    figures = _draw(report, folder.path) + _draw_altitudes(report["title"], altitudes, folder.path)
     report["figures"] = [name for name, _ in figures]
     text = report_markdown(report, figures, altitudes)
     page = write_page(folder, text, report["run"], more=every_row(report["rows"]))
@@ -83,7 +80,7 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
 
     An axis with a single value is not drawn if the other one has several; the swept one comes first.
     """
-    rows, title = report["rows"], report["title"]
+    rows, title = [row for row in report["rows"] if row["trials"]], report["title"]
     ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
     bounds = {b["snr_db"]: b["altitude_crb_m"] for b in report["bounds"]}
     figures = []
