@@ -115,7 +115,7 @@ def test_steps_that_need_what_failed_are_skipped(monkeypatch, tmp_path):
     _, found = verdicts(bench, *MEASURES)
     after = [c for c in found.values() if c.step not in FIRST]
     assert {c.verdict for c in after} == {"skipped"}
-    assert all("needs the level" in c.cause for c in after)
+    assert all("that an earlier step did not find" in c.cause for c in after)
 
 
 def test_the_jammers_losses_show_in_the_sir(monkeypatch, tmp_path):
@@ -234,7 +234,7 @@ def test_a_strangers_zip_unpacks_nowhere_else(tmp_path, name, message, capsys):
 def test_a_bomb_and_a_lie_are_refused(tmp_path, capsys):
     bomb, lie, none = (tmp_path / n for n in ("bomb.zip", "lie.zip", "none.zip"))
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("report.md", "x" * (201 << 20))
+        archive.writestr("report.md", "x" * (101 << 20))
     with zipfile.ZipFile(lie, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("report.md", "x" * 100_000)
     data = bytearray(lie.read_bytes())
@@ -255,7 +255,11 @@ def test_what_a_stranger_wrote_moves_no_cursor(tmp_path, capsys):
     assert capsys.readouterr().out.startswith("# First light [31m")
 
 
-def test_without_a_scene_there_is_one_line(capsys):
+@pytest.mark.parametrize(
+    ("options", "message"), [(["--yes"], "give the bench's scene with --scene"), ([], "add --yes")]
+)
+def test_what_is_missing_gets_one_line(options, message, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     with pytest.raises(SystemExit):
-        command.main([])
-    assert "--scene" in capsys.readouterr().err
+        command.main(options)
+    assert message in capsys.readouterr().err

@@ -64,6 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.read:
         print(read_bundle(args.read, args.out))
         return 0
+    if not (args.sim or args.yes or sys.stdin.isatty()):
+        parser.error("there is no terminal at which to wait for the cables; connect them and add --yes")
     if not (args.sim or args.scene):
         parser.error("give the bench's scene with --scene (docs/hardware.md), or --sim")
 
