@@ -27,7 +27,7 @@ help: ## list the targets
 # Without ARGS two cases: the paper's, and one that only a canceller solves.
 eval: $(VENV)/.runtime ## the main job: the whole experiment in the simulated channel, to a report
 	@$(PYTHON) flowgraphs/ota_eval.py --sim $(ARGS)
-	@test -n "$(ARGS)" || $(PYTHON) flowgraphs/ota_eval.py --sim --scene nr10
+	@test -n "$(ARGS)" || $(PYTHON) flowgraphs/ota_eval.py --sim --scene base_station
 
 # A worker that dies ends the run, which names its test: started again, it dies of the same test, and pytest-xdist waits for ever.
 test: lint ## format, lint and every test

@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from radalt.evaluation.flowgraph.generate import Prepared, generate
 from radalt.evaluation.flowgraph.rewrite import load_grc
 from radalt.evaluation.flowgraph.run import load_class, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
+from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
 from radalt.evaluation.radios.setup import describe, plan
 
@@ -201,6 +203,38 @@ def test_a_radio_that_did_something_else_is_refused(monkeypatch, changes, messag
     with pytest.raises(FlowgraphError, match=message):
         fly(air, a_scene())
     assert not [c for c in air.calls if c[1] == "start"]
+
+
+def test_a_radio_without_an_lo_sensor_is_used_and_said_to_have_none(air):
+    air.sensors, lines = (), []
+    result = fly(air, a_scene(jammer=False), log=lines.append)
+    assert result.results["none"]["valid"].sum() >= 12
+    assert sum("lo_locked" in line and "no such sensor" in line for line in lines) == 2
+
+
+@pytest.mark.parametrize(
+    ("counter", "message"),
+    [
+        (-245_000_000, "still 32.7 s before the common start"),
+        (75_000, "only 10 of 20 frames came in .* check the receiver's USB connection"),
+    ],
+)
+def test_what_a_run_without_end_says(air, counter, message, monkeypatch):
+    """A receiver whose time runs before the transmitters' start counts from below zero."""
+    scene = a_scene(jammer=False)
+    counted = SimpleNamespace(segmenter=SimpleNamespace(sample_counter=counter))
+    monkeypatch.setattr(
+        hardware, "run_to_end", lambda top, **options: pytest.fail(options["too_long"](10.0), pytrace=False)
+    )
+    with pytest.raises(pytest.fail.Exception, match=message):
+        hardware._fly(SimpleNamespace(frame_segmenter=counted), scene, 10.0)
+
+
+@pytest.mark.parametrize(("clock_hz", "warned"), [(22.5e6, True), (30e6, False), (7.5e6, False)])
+def test_check_warns_of_an_odd_divider(clock_hz, warned):
+    lines, allowed = describe(a_scene(jammer=False, master_clock_hz=clock_hz, lo_offset_hz=0.0))
+    assert allowed
+    assert any("odd number" in line for line in lines) == warned
 
 
 def test_nothing_is_built_without_transmit(air):

@@ -105,7 +105,8 @@ def test_a_sweep_whose_phase_runs_on_is_followed_from_frame_to_frame():
     frames = 100.0 * point_return(w, np.full(24, 1.0), frame_index=index)
     found = LeakageCalibration.measured(w, frames, frame_index=index)
     assert power_db(LeakageCanceller(found).subtract(frames, index)) < 40.0 - 70.0
-    segmenter = FrameSegmenter(w, None, true_delay=True, leakage=LeakageCanceller(found))
+    # without noise frames repeat, here after twenty, which is no frozen receiver
+    segmenter = FrameSegmenter(w, None, true_delay=True, leakage=LeakageCanceller(found), noise=False)
     rest = [f.samples for f in segmenter.push(frames.reshape(-1).astype(np.complex64))]
     assert len(rest) >= 20 and max(power_db(x) for x in rest) < -20.0
 

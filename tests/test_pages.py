@@ -40,28 +40,13 @@ def _landing(root):
     )
 
 
-@pytest.fixture(autouse=True)
-def _short(monkeypatch):
-    """Flights of four outputs, costs of two frames."""
-    package = "radalt.studies.cancellation"
-    short = {
-        "study.FRAMES": 160,
-        "costs._ROUNDS": 1,
-        "costs._FRAMES": 2,
-        "costs._LONG_LEAD": 2,
-        "costs._LONG": 2,
-    }
-    for name, count in short.items():
-        monkeypatch.setattr(f"{package}.{name}", count)
-
-
 # a small study, and the points of it that are measured
 STUDIES = {
     "stability": lambda root: (StabilityStudy(compared_chains(["none"]), ("numbers",)), slice(3)),
     "integrity": lambda root: (IntegrityStudy(("none",), frames=80), slice(0, 400, 150)),
     "cancellation": lambda root: (
-        CancellationStudy(("none",), ("nr10_64qam",), frames=1, flights=1),
-        slice(2),
+        CancellationStudy(("none",), ("evm_3",), frames=1, sirs_db=(-20.0, -40.0)),
+        slice(None),
     ),
     "landing": lambda root: (_landing(root), slice(None)),
     "error_vs_runtime": lambda root: (

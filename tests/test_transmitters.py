@@ -1,11 +1,11 @@
 """GNU Radio's own transmitters as recordings: each has the marks of its standard, and its scene plays it."""
 
-import make_recording
 import numpy as np
 import pytest
 
 from radalt.core.interference.placement import interference_frame
 from radalt.core.scene import load_scene
+from radalt.evaluation.commands import make_recording
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 
 SECONDS = 0.02

@@ -25,21 +25,33 @@ class Air:
     def __init__(
         self,
         *,
-        master_clock_hz: float = 30e6,
+        master_clock_hz: float | None = None,
         locks: bool = True,
         gain: float = 0.5,
         ticking: bool = False,
         mboard_id: str = "B210",
+        sensors: tuple[str, ...] = ("lo_locked",),
+        deaf: frozenset[str] = frozenset(),
+        event: str = "underflow",
+        serials: tuple[str, ...] = ("R", "J"),
     ) -> None:
-        self.mboard_id = mboard_id
+        """``master_clock_hz`` None is the one asked for; ``deaf`` devices receive noise alone; ``event`` is the message
+        of each transmitter at its start."""
+        self.mboard_id, self.sensors, self.deaf, self.event = mboard_id, sensors, deaf, event
+        self.serials = serials
         self.calls: list[tuple] = []
         self.master_clock_hz, self.locks, self.gain = master_clock_hz, locks, gain
         self.ticking, self.slept, self.zero = ticking, 100.25, {}
         self.begin = time.monotonic()
+        self.lock = threading.Lock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing on the way: before a flowgraph's first block is made."""
         self.sent = {"radar": np.zeros(0, np.complex64), "jammer": np.zeros(0, np.complex64)}
         self.ended: set[str] = set()
-        self.lock = threading.Lock()
         self.blocks: list[object] = []
+        self.over = False
 
     @property
     def now(self) -> float:
@@ -59,7 +71,7 @@ class Air:
     def receive(self, first: int, count: int) -> np.ndarray:
         """What arrives; fewer samples while a transmitter that is still sending has not got so far."""
         with self.lock:
-            for device in {b.device for b in self.blocks} - self.ended:
+            for device in {b.device for b in self.blocks if isinstance(b, Sink)} - self.ended:
                 count = min(count, self.sent[device].size + LATENCY - first)
             out = np.zeros(max(0, count), np.complex64)
             for samples in self.sent.values():
@@ -73,7 +85,10 @@ class _Radio:
     """The calls both kinds of block have."""
 
     def _init_radio(self, air: Air, args: str, stream_args) -> None:
+        if air.over:
+            air.reset()
         self.air, self.args = air, args
+        self.asked_clock_hz = float(args.rpartition("master_clock_rate=")[2] or 30e6)
         self.kind = type(self).__name__
         self.device = "jammer" if "serial=J" in args else "radar"
         self.full_scale = float(
@@ -96,10 +111,11 @@ class _Radio:
             self.state[call] = plain[0]
 
     def get_samp_rate(self) -> float:
-        return self.air.master_clock_hz / max(1, int(self.air.master_clock_hz / self.state["set_samp_rate"]))
+        clock_hz = self.get_clock_rate()
+        return clock_hz / max(1, int(clock_hz / self.state["set_samp_rate"]))
 
     def get_clock_rate(self, mboard: int = 0) -> float:
-        return self.air.master_clock_hz
+        return self.air.master_clock_hz or self.asked_clock_hz
 
     def get_usrp_info(self, chan: int = 0) -> dict[str, str]:
         return {"mboard_id": self.air.mboard_id, "mboard_serial": self.device[0].upper()}
@@ -112,6 +128,9 @@ class _Radio:
 
     def get_center_freq(self, chan: int = 0) -> float:
         return self.state["set_center_freq"][1] + 0.4
+
+    def get_sensor_names(self, chan: int = 0) -> tuple[str, ...]:
+        return self.air.sensors
 
     def get_sensor(self, name: str, chan: int = 0):
         self._record("get_sensor", name)
@@ -155,7 +174,7 @@ class Sink(_Radio, gr.sync_block):
 
     def start(self) -> bool:
         self._record("start")
-        events = pmt.list1(pmt.intern("underflow"))
+        events = pmt.list1(pmt.intern(self.air.event))
         value = pmt.dict_add(pmt.make_dict(), pmt.intern("event_code"), events)
         self.message_port_pub(pmt.intern("async_msgs"), pmt.cons(pmt.intern("uhd_async_msg"), value))
         return True
@@ -196,12 +215,19 @@ class Source(_Radio, gr.sync_block):
             value = pmt.make_tuple(pmt.from_uint64(int(seconds)), pmt.from_double(seconds % 1.0))
             self.add_item_tag(0, 0, pmt.intern("rx_time"), value)
         noise = self._rng.standard_normal(2 * samples.size, dtype=np.float32).view(np.complex64)
-        received = self.air.gain * samples + np.float32(1e-3) * noise
+        gain = 0.0 if self.device in self.air.deaf else self.air.gain
+        received = np.float32(gain) * samples + np.float32(1e-3) * noise
         out[: samples.size] = np.clip(received.view(np.float32), -1, 1).view(np.complex64)
         return samples.size
+
+    def stop(self) -> bool:
+        self.air.over = True
+        return True
 
 
 def install(monkeypatch, air: Air) -> None:
     """Put the double in the place of gr-uhd's blocks."""
     monkeypatch.setattr(uhd, "usrp_sink", lambda *args: Sink(air, *args))
     monkeypatch.setattr(uhd, "usrp_source", lambda *args: Source(air, *args))
+    found = [uhd.device_addr(f"type=b200,serial={serial}") for serial in air.serials]
+    monkeypatch.setattr(uhd, "find", lambda hint: found)

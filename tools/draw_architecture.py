@@ -32,6 +32,7 @@ ROOMS = (
     "core.interference",
     "core.channel",
     "core.receiver",
+    "core.deramp",  # a deramping altimeter as data, with its detector
     "core.mitigation",
     "core.scene",
     "core.radio",
@@ -144,6 +145,7 @@ _NARROW = {
     "core.returns": 2,
     "core.receiver": 2,
     "core.mitigation": 2,
+    "core.deramp": 0,
 }
 _COLOURS = {"core": "#DCEBF7", "bloc": "#FDECC8", "eval": "#D9F0E6", "api": "#D9F0E6", "stud": "#E9E2F3"}
 

@@ -14,12 +14,12 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import make_recording
 import numpy as np
 
 from radalt.core.interference.placement import interference_frames
 from radalt.core.returns.point import point_return
 from radalt.core.scene import Scene, load_scene
+from radalt.evaluation.commands import make_recording
 from radalt.evaluation.engine.options import MAX_SEED, Parser, command, number, path
 from radalt.evaluation.transmitters import TRANSMITTERS, transmit
 

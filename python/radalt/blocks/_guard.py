@@ -1,4 +1,4 @@
-"""Shared by all blocks: an exception in ``work`` must end the flowgraph, and threads must give way in time."""
+"""Shared by all blocks: an exception in ``work`` ends the flowgraph, and threads release the interpreter in time."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from ..core.mitigation.base import MitigationError
 
 __all__ = ["WORK_DONE", "guarded", "in_turns", "raise_stored", "raised"]
 
-WORK_DONE = -1
+WORK_DONE = -1  # GNU Radio's return value of a ``work`` whose stream has ended
 
-raised: list[Exception] = []  # what blocks of this program have raised, for whoever has no list of its blocks
+raised: list[
+    Exception
+] = []  # exceptions of all blocks of this program, for callers without a list of its blocks
 
-# Every block is a thread that holds the interpreter for tens of microseconds at a time. With Python's default of 5 ms a
-# block that returns from NumPy waits that long behind a busy one: a flowgraph of five methods then took three times as
-# long, most of it waiting.
+# Switch interval of the interpreter, s. A block holds the interpreter for tens of microseconds; with Python's default
+# of 5 ms a block that returns from NumPy waits up to 5 ms, and a flowgraph of five methods took three times as long.
 _SWITCH_S = 1e-4
 sys.setswitchinterval(_SWITCH_S)
 
-# Every block is a thread already: BLAS threads of its own only spin beside it (five times the CPU time, measured).
+# Every block is a thread already: BLAS threads beside it only spin (five times the CPU time, measured).
 threadpool_limits(1, user_api="blas")
 
 _turn: contextlib.AbstractContextManager = contextlib.nullcontext()
@@ -35,13 +36,13 @@ _turn: contextlib.AbstractContextManager = contextlib.nullcontext()
 
 @contextlib.contextmanager
 def in_turns() -> Iterator[None]:
-    """One block's ``work`` at a time, each to its end: for flowgraphs that only have to end soon, on one core.
+    """Run one block's ``work`` at a time: for simulations on one core, where only throughput matters.
 
-    A radio's samples would be late. In a simulation what a block works on stays in the cache, and threads that cannot
-    go on are not woken: a run of seven methods took 0.90 to 0.93 of its CPU time.
+    With radios, samples would overflow. In a simulation a block's data stay in the cache and blocked threads are not
+    woken: a run of seven methods took 0.90 to 0.93 of its CPU time.
     """
     global _turn
-    _turn = threading.RLock()  # a tracker's work calls that of the altimeter it is
+    _turn = threading.RLock()  # re-entrant: a tracker's work calls the altimeter's
     sys.setswitchinterval(5e-3)
     try:
         yield
@@ -69,7 +70,7 @@ def guarded(work: Callable) -> Callable:
         except Exception as error:
             self.error = error
             raised.append(error)
-            if not isinstance(error, MitigationError):  # whose one line says it all
+            if not isinstance(error, MitigationError):  # its message is complete without a traceback
                 traceback.print_exc()
             return WORK_DONE
 

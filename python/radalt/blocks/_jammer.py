@@ -1,4 +1,4 @@
-"""What all jammer sources share: a `JammerStream` played into a complex output."""
+"""Base class of the jammer sources: a `JammerStream` as a complex output."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class JammerSource(gr.sync_block):
         self._interferers = tuple(interferers)
         self._n = scene.waveform.samples_per_frame
         for interferer in interferers:
-            # what emitters keep (a second of 5G NR, a recording) is made here, not in the stream's first millisecond
+            # fill the emitters' caches (a second of 5G NR, a recording) before the stream starts
             interferer.emitter.samples(self._n, scene.waveform.rate_hz, np.random.default_rng(0))
         self._limit = int(frames)
         gather_frames(self, self._n)
@@ -61,7 +61,7 @@ class JammerSource(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Write whole frames into the output; `gather_frames` makes sure that there is room."""
+        """Write frames into the output; `gather_frames` guarantees room for at least one."""
         out = output_items[0]
         frames = out.size // self._n
         if self._limit:

@@ -1,4 +1,4 @@
-"""What the mitigation blocks share: a `Mitigation` over vectors, timed."""
+"""Base class of the mitigation blocks: a `Mitigation` on frames, with its processing times."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._guard import guarded
 
 __all__ = ["MitigationBlock"]
 
-_TIMES = 20_000  # frames whose processing time is kept
+_TIMES = 20_000  # processing times kept, frames: 20 s of the default sweep
 
 
 class MitigationBlock(gr.sync_block):
@@ -33,7 +33,7 @@ class MitigationBlock(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Clean the waiting frames, at most ``batch`` at a time; pass them unchanged where the block is not active."""
+        """Process the waiting frames, at most ``batch`` at a time; pass them unchanged while the block is inactive."""
         frames, out = input_items[0], output_items[0]
         if not self.active:
             out[:] = frames
@@ -50,7 +50,7 @@ class MitigationBlock(gr.sync_block):
         return len(out)
 
     def milliseconds(self) -> np.ndarray:
-        """CPU milliseconds per frame, of this block's thread and the method's own process; the last 20,000 frames."""
+        """CPU milliseconds per frame, of this block's thread and the method's process; the last 20,000 frames."""
         return np.array(self._milliseconds)
 
     def status(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""A bounded queue between a block and a file, so that a disk never holds up a radio."""
+"""A bounded queue between a block and a file, so that a slow disk never delays a radio."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["BoundedWriter"]
 
 
 class BoundedWriter:
-    """Writes complex64 chunks from a thread of its own.
+    """Writes complex64 chunks in a separate thread.
 
     Parameters
     ----------
     path : Path
     chunks : int
-        Chunks that may wait.
+        Length of the queue.
     wait : bool
-        Whether a full queue holds the caller up (simulation) or refuses the chunk (radio).
+        Whether `offer` blocks while the queue is full (simulation) or refuses the chunk (radio).
     """
 
     def __init__(self, path: Path, *, chunks: int = 256, wait: bool = False) -> None:
@@ -45,7 +45,7 @@ class BoundedWriter:
         return True
 
     def close(self) -> None:
-        """Write what waits and close the file; raises what writing raised."""
+        """Write the queue and close the file; raises the writer's error."""
         self._queue.put(None)
         self._thread.join()
         self._file.close()
@@ -57,7 +57,5 @@ class BoundedWriter:
             if self.error is None:
                 try:
                     self._file.write(samples.view(np.uint8).data)
-                except (
-                    OSError
-                ) as error:  # a full disk: kept for the caller, the queue is emptied all the same
+                except OSError as error:  # a full disk: `close` raises it; the queue is still emptied
                     self.error = error

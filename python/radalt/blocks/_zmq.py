@@ -1,4 +1,4 @@
-"""A ZMQ socket behind a `BoundedListener`. Control and telemetry have a context each: neither slows the other."""
+"""A ZMQ socket behind a `BoundedListener`; control and telemetry have separate contexts: neither delays the other."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _LINGER_MS = 200  # for the last results on their way to the listener, on this m
 
 @lru_cache(maxsize=2)
 def _context(kind: str) -> Any:
-    """Context of all sockets of a kind. It is never destroyed: that would wait for every socket."""
-    import zmq  # only who asks for an endpoint needs it
+    """Context of all sockets of a kind. It is never destroyed, since that waits for every socket."""
+    import zmq  # needed for endpoints only
 
     return zmq.Context()
 
@@ -31,9 +31,9 @@ class BoundSocket:
     name, endpoint : str
         See `BoundedListener`.
     limit_bytes : int
-        Longest request with its framing, or all subscriptions of a peer.
+        Largest request with its framing, or all subscriptions of a peer.
     queued : int
-        Messages that a slow subscriber may lag behind before it loses some.
+        Messages queued for a slow subscriber; more are dropped.
 
     Raises
     ------

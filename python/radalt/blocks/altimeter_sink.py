@@ -19,7 +19,7 @@ from ._zmq import BoundSocket
 
 __all__ = ["altimeter_sink"]
 
-MESSAGE_VERSION = 1
+MESSAGE_VERSION = 1  # field ``version`` of the messages
 
 
 class altimeter_sink(gr.sync_block):
@@ -29,27 +29,27 @@ class altimeter_sink(gr.sync_block):
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N > result: message`` (one dictionary per frame:
     version, method, frame_index, valid, reason, altitude_m, vertical_speed_m_per_s, beat_up_hz, beat_down_hz, snr_db,
-    forced_altitude_m, truth_m: altitude sent), ``altitude: float`` (optional, in metres, NaN where there is none).
+    forced_altitude_m, truth_m: true altitude), ``altitude: float`` (optional, in metres, NaN without a detection).
 
     Parameters
     ----------
     scene : Scene
         Waveform, altimeter settings, programme (for ``truth_m``).
     method : str
-        Label of the results. When fewer than one in ten of a second's frames give an altitude, one line in GNU Radio's
-        log says so, and another when there are altitudes again.
+        Label of the results. GNU Radio's log has one line when fewer than one in ten of a second's frames give an
+        altitude, and one when there are altitudes again.
     endpoint : str
         ZMQ PUB endpoint for the same messages as JSON, for example ``tcp://127.0.0.1:5556``; empty for none.
     messages : bool
         Whether the message port is used; a PDU costs 100 us or more per frame.
     capacity : int
-        Results kept for `results`; older ones are overwritten.
+        Number of results kept; older ones are overwritten.
     stream : bool
         Whether the block has the output ``altitude``, one value per frame, for displays.
     network : bool
         Allow an endpoint that other machines reach.
     inputs : int
-        Inputs of frames; those after the first are for blocks derived from this one.
+        Number of inputs; derived blocks use those after the first.
 
     Raises
     ------
@@ -83,8 +83,8 @@ class altimeter_sink(gr.sync_block):
         self._store = np.zeros(int(capacity), dtype=RESULT_DTYPE)
         self._when = np.zeros((int(capacity), 2))  # frame's first sample, time of the result
         self._truth = np.zeros(int(capacity))
-        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames of one
-        self._looked = self._found = 0  # frames since the last verdict, altitudes among them
+        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames per second
+        self._counted = self._found = 0  # frames, and altitudes among them, in the current second
         self._blind = False
         self._count = 0
         self.active = True
@@ -103,7 +103,7 @@ class altimeter_sink(gr.sync_block):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Measure every frame that is there in one batch."""
+        """Measure all waiting frames in one batch."""
         frames = input_items[0]
         if not self.active:
             if output_items:
@@ -139,15 +139,17 @@ class altimeter_sink(gr.sync_block):
         return results
 
     def _watch(self, results: np.ndarray) -> None:
-        """Log one line when altitudes fail for a second of signal, and one when they are back."""
-        self._looked += len(results)
+        """Log one line after a second of signal with few altitudes, and one when they are back."""
+        self._counted += len(results)
         self._found += int(np.count_nonzero(results["valid"]))
-        if self._looked < self._second:
+        if self._counted < self._second:
             return
-        blind = self._found < 0.1 * self._looked  # false alarms alone are a hundredth
+        blind = (
+            self._found < 0.1 * self._counted
+        )  # false alarms alone give an altitude in one of a hundred frames
         if blind != self._blind:
             self.logger.warn(
-                f"{self.method}: {self._found} of the last {self._looked} frames gave an altitude"
+                f"{self.method}: {self._found} of the last {self._counted} frames gave an altitude"
                 + (
                     f" within {self.altimeter.settings.max_altitude_m:g} m, most others: "
                     f"{Reason.NAMES[int(np.bincount(results['reason']).argmax())]}; is the return above noise and "
@@ -156,7 +158,7 @@ class altimeter_sink(gr.sync_block):
                     else " again"
                 )
             )
-        self._blind, self._looked, self._found = blind, 0, 0
+        self._blind, self._counted, self._found = blind, 0, 0
 
     def _track(self, spectra: Spectra, tags: np.ndarray) -> None:
         """Hook for `altitude_tracker`, which uses the same spectra."""
@@ -202,7 +204,7 @@ class altimeter_sink(gr.sync_block):
         return np.roll(self._store, -(self._count % self._store.size))
 
     def truth_m(self) -> np.ndarray:
-        """Altitudes in metres sent for `results`: those set by hand where the frames say so, else the programme's."""
+        """True altitudes in metres of `results`: by the frames' tags where set by hand, else the programme's."""
         kept = min(self._count, self._truth.size)
         return self._truth[np.arange(self._count - kept, self._count) % self._truth.size]
 
@@ -217,22 +219,22 @@ class altimeter_sink(gr.sync_block):
         return int(self._store["frame_index"][(self._count - 1) % self._store.size]) if self._count else -1
 
     def results_since(self, count: int) -> tuple[int, np.ndarray]:
-        """Results after the first ``count``, as far as they are still kept, and the count for the next call.
+        """Results after the first ``count``, unless overwritten, and the count for the next call.
 
-        For another thread: reading never waits for the block, nor the block for the reader.
+        For other threads: neither the reader nor the block waits.
         """
         now = self._count
-        # half the store is left to the block, which goes on writing meanwhile
+        # only half of the store is returned: the block may overwrite the other half meanwhile
         first = max(0, count, now - self._store.size // 2)
         return now, self._store[np.arange(first, now) % self._store.size]
 
     def latest(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The last ``count`` results, or as many as there are, and the altitudes in metres that were sent for them."""
+        """The last ``count`` results, or fewer, and their true altitudes in metres."""
         now, results = self.results_since(self._count - count)
         return results, self._truth[np.arange(now - len(results), now) % self._truth.size]
 
     def times(self) -> np.ndarray:
-        """(n, 2) sample counter of each kept frame's first sample and `time.perf_counter` at its result."""
+        """(n, 2) sample counter of each kept frame's first sample, and `time.perf_counter` at its result."""
         kept = min(self._count, self._store.size)
         return self._when[np.arange(self._count - kept, self._count) % self._store.size]
 

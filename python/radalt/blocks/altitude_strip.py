@@ -1,4 +1,4 @@
-"""Altitude strip: streams of altitudes in, rolling charts of the last seconds out."""
+"""Altitude strip: rolling charts of the last seconds from streams of altitudes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class altitude_strip(gr.decim_block):
     Parameters
     ----------
     altitude_m : float
-        True altitude in metres, from now on. Live. `set_truth` gives it frame by frame instead.
+        True altitude in metres. Live. `set_truth` gives it frame by frame instead.
     inputs : int
         Number of altimeters.
     points : int
@@ -58,11 +58,11 @@ class altitude_strip(gr.decim_block):
         self._true_m = float(altitude_m)
 
     def set_truth(self, altitude_m: Callable[[np.ndarray], np.ndarray]) -> None:
-        """True altitudes by sweep index (`fmcw_chirp_source.altitude_m`), right however late a frame arrives."""
+        """True altitudes by sweep index (`fmcw_chirp_source.altitude_m`), exact for any delay of the frames."""
         self._truth = altitude_m
 
     def _true_altitudes(self, count: int) -> np.ndarray:
-        """(count,) true altitudes of the next frames; the one that was set where a frame has no index."""
+        """(count,) true altitudes of the next frames; the value of `set_altitude` where a frame has no index."""
         out = np.full(count, self._true_m)
         if self._truth is not None:
             index = read_frame_tags(self, count)[:, 0]

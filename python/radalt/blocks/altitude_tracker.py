@@ -1,4 +1,4 @@
-"""Altitude tracker: frames in, 25 altitudes a second out, each with status and protection level."""
+"""Altitude tracker: 25 altitudes per second, each with status and protection level."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from .altimeter_sink import altimeter_sink
 
 __all__ = ["altitude_tracker"]
 
-TRACKED_VERSION = 1
+TRACKED_VERSION = 1  # field ``version`` of the messages
 
 
 class altitude_tracker(altimeter_sink):
-    """An altimeter sink that also tracks: the same spectra, summed over 40 ms; see `AltitudeTracker`.
+    """An altimeter sink with a tracker on its spectra, summed over 40 ms; see `AltitudeTracker`.
 
     Altitude by the joint peak of both half sweeps' summed spectra over altitude and vertical speed, then a Kalman
     filter; ``protection level = 1 m + extent + k sigma + ambiguity``.
 
     Category: [RadAlt]/Receiver. Ports: ``frames: complex vector of N, received: complex vector of N`` (with
     ``received``), ``timing: message`` (optional: the segmenter's ``status``; without lock there are no frames, and the
-    status says FAILURE at once)
+    status becomes FAILURE at once)
     ``> result: message, altitude: float`` (as in `altimeter_sink`), ``tracked: message`` (one dictionary per output:
     version, method, frame_index, status, state, altitude_m, vertical_speed_m_per_s, protection_level_m, age_s,
     strength, frames, timing_verified, line). Altitude, speed and protection level are NaN unless status is ``normal``;
@@ -35,10 +35,10 @@ class altitude_tracker(altimeter_sink):
     scene : Scene
         Waveform, settings of altimeter and tracker, programme.
     method, endpoint, messages, capacity, stream, network
-        As in `altimeter_sink`; ``messages`` is about ``result`` alone.
+        As in `altimeter_sink`; ``messages`` concerns ``result`` only.
     received : bool
-        A second input for the same frames before mitigation, straight from the segmenter. A return that only they show
-        is then a rival: a method may take the weaker of two returns for interference.
+        A second input for the frames before mitigation, from the segmenter. A return that is present only in them makes
+        the altitude doubtful: a method may remove the weaker of two returns as interference.
 
     Example
     -------
@@ -73,7 +73,7 @@ class altitude_tracker(altimeter_sink):
         self.set_msg_handler(timing, self._on_timing)
 
     def _on_timing(self, message) -> None:  # noqa: ANN001 - a pmt
-        """Take the segmenter's status: when lock is lost frames stop, and the last altitude must not stay."""
+        """Handle the segmenter's status: after a loss of lock there are no frames, and the output must not be stale."""
         if not pmt.is_dict(message):
             return
         status = pmt.to_python(message)
@@ -94,7 +94,7 @@ class altitude_tracker(altimeter_sink):
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """See `altimeter_sink.work`; after a loss of lock tracking starts anew."""
+        """See `altimeter_sink.work`; a loss of lock resets the tracker."""
         if self._lost:
             self.tracker.reset()
         self._received = input_items[1] if len(input_items) > 1 else None
@@ -116,7 +116,7 @@ class altitude_tracker(altimeter_sink):
             self._report(output)
 
     def outputs(self) -> np.ndarray:
-        """Outputs in order of time, at most the last ``capacity`` frames' worth; array of `OUTPUT_DTYPE`."""
+        """Outputs in order of time, at most those of the last ``capacity`` frames; array of `OUTPUT_DTYPE`."""
         kept = min(self._output_count, self._outputs.size)
         return self._outputs[np.arange(self._output_count - kept, self._output_count) % self._outputs.size]
 

@@ -26,16 +26,16 @@ class fmcw_chirp_source(gr.sync_block):
     scene : Scene
         Waveform and altitude programme.
     altitude_m : float, optional
-        Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is taken at
-        altitude zero); None follows the scene's programme, frame by frame. Live. The stream tag ``radalt_altitude``
-        tells the segmenter of a change; over the air there are no tags, see `frame_segmenter`.
+        Synthetic altitude in metres set by hand, from the end of the programme's preamble on (timing is acquired at
+        altitude zero); None uses the scene's programme. Live. The stream tag ``radalt_altitude`` signals a change to
+        the segmenter; radios pass no tags, see `frame_segmenter`.
     frames : int
-        Sweeps to send before the stream ends; 0 for endless.
+        Sweeps before the stream ends; 0 for endless.
 
     Raises
     ------
     ValueError
-        If the altitude cannot be sent, or one is set by hand in a scene whose altitudes are true delays.
+        If the altitude is out of range, or is set by hand in a scene whose altitudes are true delays.
 
     Example
     -------
@@ -58,7 +58,7 @@ class fmcw_chirp_source(gr.sync_block):
         gather_frames(self, self._n)
 
     def set_altitude(self, altitude_m: float | None) -> None:
-        """Synthetic altitude in metres from the next sweep on; None follows the programme."""
+        """Synthetic altitude in metres from the next sweep on; None returns to the programme."""
         if altitude_m is None:
             self._manual_m = None
             return
@@ -81,11 +81,11 @@ class fmcw_chirp_source(gr.sync_block):
 
     @property
     def manual_altitude_m(self) -> float | None:
-        """Altitude set by hand; None where the programme is followed."""
+        """Altitude set by hand; None while the programme is in use."""
         return self._manual_m
 
     def altitude_m(self, frame_index: np.ndarray) -> np.ndarray:
-        """Altitude sent in sweep ``frame_index``, any shape: the programme's, or the last thousand set by hand."""
+        """True altitude of sweep ``frame_index``, any shape: the programme's, or one of the last 1000 set by hand."""
         return self._sent.altitude_m(frame_index)
 
     def sent(self, frame_index: int) -> tuple[float, float]:
@@ -93,7 +93,7 @@ class fmcw_chirp_source(gr.sync_block):
         altitude_m, rate = self._sent.at(frame_index)
         return altitude_m, 0.0 if self._shifting else rate
 
-    def _tell(self, index: int, offset: int) -> None:
+    def _tag_altitude(self, index: int, offset: int) -> None:
         """Record an altitude set by hand since the last sweep, and send it as a tag."""
         manual_m = self._manual_m
         if manual_m != self._told_m:
@@ -114,7 +114,7 @@ class fmcw_chirp_source(gr.sync_block):
         while done < out.size:
             index, at = divmod(self._position, self._n)
             if at == 0:
-                self._tell(index, self.nitems_written(0) + done)
+                self._tag_altitude(index, self.nitems_written(0) + done)
                 self._frame = self._sweeps.sweep(index)
             count = min(self._n - at, out.size - done)
             out[done : done + count] = self._frame[at : at + count]

@@ -1,4 +1,4 @@
-"""Frame segmenter: stream of samples in, whole aligned frames out."""
+"""Frame segmenter: aligned frames from a stream of samples."""
 
 from __future__ import annotations
 
@@ -34,25 +34,24 @@ from ._guard import guarded
 
 __all__ = ["frame_segmenter"]
 
-_STATUS_EVERY = 1000  # frames between unsolicited status messages
-# Frames that wait beside the ring while something holds the methods up, and memory for wider ones. A method for which
-# frames wait longer than this is slow for good: they are dropped, so that its altitudes are no older than the ring is.
+_STATUS_EVERY = 1000  # frames between periodic status messages: 1 s of the default sweep
+# Frames queued beside the ring while the methods are delayed (0.38 s of the default sweep), and bytes for wider ones.
 _HELD_UP, _HELD_UP_BYTES = 384, 384 << 16
+# Longest wait in this queue, s: a method that needs longer is too slow, and its frames are dropped.
 _SLOW_S = 1.0
-# After so long a learned leakage is subtracted: longer than frames wait on their way to the tracker
+# Time before a learned leakage is subtracted, s: longer than frames take to the tracker.
 _LEARNED_S = 1.0
-_LARGEST = 1e15  # of a sample: its square and a frame's sum of them stay within float32
-_POLL_S = 1e-3
-# Vectors for which the scheduler offers room, at least, but no more than a quarter of the ring. Where input has run out
-# it halves its offer down to this number and asks `forecast` each time, which cost more than the calls that found
-# something to do.
+_LARGEST = 1e15  # largest sample: its square, summed over a frame, stays within float32
+_POLL_S = 1e-3  # wait for room in the output, s: one default sweep
+# Least number of vectors for which the scheduler has to offer room, at most a quarter of the ring. Without input the
+# scheduler halves its offer down to this number and calls `forecast` each time, at more cost than the useful calls.
 _PLACES = 32
 
-# What a receiver's fault means for the user, one line each (`FrameSegmenter.fault`).
+# Messages about faults of the receiver, one line each (`FrameSegmenter.fault`).
 _FAULTS = {
     "frozen": "the receiver repeats samples bit for bit, so no frames: restart it (a simulation without noise needs "
     "channel.snr_db: null)",
-    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or late; "
+    "quadrature": "the sweep comes with its complex conjugate, so no frames: one rail of I and Q is dead or delayed; "
     "check the receiver",
 }
 
@@ -61,12 +60,12 @@ class frame_segmenter(gr.basic_block):
     """Acquires the sweep's timing to a fraction of a sample, then coasts; see `FrameSegmenter`.
 
     Each output vector carries a tag ``radalt_frame`` = (sweep index, sample counter, residual delay in seconds,
-    altitude sent in metres or NaN). ``rx_time`` tags move the counter; a torn frame is discarded and counted. A frame
-    is released when the next one has confirmed the timing (1 ms). A lost lock, or a second of signal without a sweep,
-    writes one line with its remedy to GNU Radio's log.
+    true altitude in metres or NaN). ``rx_time`` tags set the counter; an incomplete frame is discarded and counted. A
+    frame is released when the next one has confirmed the timing (1 ms). A loss of lock, or a second of signal without a
+    sweep, writes one line with its remedy to GNU Radio's log.
 
     With a leakage calibration in the scene the leakage is subtracted from every frame. Where a tracker's ``tracked`` is
-    connected, the calibration follows slow changes, from blocks in which the track holds the ground above 60 m alone.
+    connected, the calibration tracks slow changes, only in blocks in which the track holds the ground above 60 m.
 
     Category: [RadAlt]/Receiver. Ports: ``in: complex``, ``command: message`` (the symbol ``reacquire``),
     ``tracked: message`` (optional: `altitude_tracker`'s) ``> frames: complex vector of N``, ``status: message``
@@ -77,16 +76,16 @@ class frame_segmenter(gr.basic_block):
     scene : Scene
         Waveform, programme, segmenter settings.
     follow_programme : bool
-        True checks frames against the scene's programme, and against altitudes set by hand as the chirp source's stream
-        tags ``radalt_altitude`` give them. The simulated channel passes these tags, radios do not: with radios, an
-        altitude set by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line says
-        where the search ends.
+        True checks frames against the scene's programme, and against altitudes set by hand in the chirp source's stream
+        tags ``radalt_altitude``. The simulated channel passes these tags, radios do not: with radios, an altitude set
+        by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line says where the
+        search ends.
     drop_when_slow : bool
-        Drop whole frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP is never held up.
-        While something holds the methods up, up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384
-        here. Where these wait for a second, or are too many, they are dropped, and for a second after a drop none wait
-        here. So behind a method that is slow for good at most 95 frames wait. In simulation leave it off: nothing is
-        lost by waiting.
+        Drop frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP never overflows. During a
+        delay up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384 in this block. Frames that wait
+        here for a second, or exceed this number, are dropped, and for a second afterwards none wait here. At most 95
+        frames therefore wait for a method that is always too slow. Leave it off in simulation, where waiting loses
+        nothing.
 
     Example
     -------
@@ -115,14 +114,14 @@ class frame_segmenter(gr.basic_block):
         self._calibrated: float | None = None
         self._latency = float("nan")
         self.arrivals: deque[tuple[int, float]] | None = (
-            None  # (sample counter, time) of each chunk, where wanted
+            None  # (sample counter, time) of each chunk, for measurements of latency
         )
         adc = scene.channel
-        # the largest value of a converter of that many bits; without one nothing saturates
+        # largest value of the scene's converter; without a converter nothing saturates
         self._full_scale = adc.full_scale * (1 - 2.0 ** (1 - adc.adc_bits)) if adc.adc_bits > 1 else np.inf
         self._ready: deque[Frame] = deque()
         self._started = False
-        # for other threads: while a flowgraph starts, the scheduler's own counts point nowhere (a segmentation fault)
+        # for other threads: reading the scheduler's counters while a flowgraph starts is a segmentation fault
         self.has_heard = False
         self._reacquire = False
         self._reported: tuple[str, str, bool, int] = ("", "", False, 0)
@@ -131,7 +130,7 @@ class frame_segmenter(gr.basic_block):
         self.set_tag_propagation_policy(gr.TPP_DONT)
         places = min(_PLACES, frame_ring(self, n) // 4)
         self.set_output_multiple(places)
-        # with fewer places free the scheduler would stop calling, and the radio would overflow
+        # with less room the scheduler would not call this block, and the radio would overflow
         self._kept_free = places if drop_when_slow else 0
         self._most_waiting = min(_HELD_UP, _HELD_UP_BYTES // (8 * n))
         self._waits_from, self._dropped_at = 0, -np.inf  # by the input's sample counter
@@ -148,12 +147,12 @@ class frame_segmenter(gr.basic_block):
         self.set_msg_handler(command, self._on_command)
 
     def _on_command(self, message) -> None:  # noqa: ANN001
-        """``reacquire``: take timing anew at the next opportunity."""
+        """``reacquire``: acquire the timing again at the next opportunity."""
         if pmt.is_symbol(message) and pmt.symbol_to_string(message) == "reacquire":
             self._reacquire = True
 
     def _on_tracked(self, message) -> None:  # noqa: ANN001
-        """Learn the leakage from the frames of a tracker's output, if the ground stands apart in them."""
+        """Learn the leakage from the frames of a tracker's output, if the ground is resolved from it."""
         if self._leakage is None or not self._leakage.calibrated or not pmt.is_dict(message):
             return
         output = pmt.to_python(message)
@@ -167,20 +166,20 @@ class frame_segmenter(gr.basic_block):
             self._leakage.forget(last)
 
     def reacquire(self) -> None:
-        """Take timing anew at the next opportunity; for other threads."""
+        """Acquire the timing again at the next opportunity; for other threads."""
         self._reacquire = True
 
     def follow(self, sent: Callable[[int], tuple[float, float]]) -> None:
-        """Altitude and range rate by sweep index (`fmcw_chirp_source.sent`): what is sent instead of the programme."""
+        """Set altitude and range rate by sweep index (`fmcw_chirp_source.sent`), instead of the programme's."""
         self._known = sent
         self.segmenter.follow(sent)
 
     def set_full_scale(self, full_scale: float) -> None:
-        """Rail value from which a sample counts as saturated; 1.0 is a UHD source's. Raises ValueError."""
+        """Rail value from which a sample counts as saturated; 1.0 for a UHD source. Raises ValueError."""
         self._full_scale = _number("full_scale", full_scale, 1e-30, 1e30)
 
     def set_start_time(self, seconds: float) -> None:
-        """Device time of the transmitter's first sample; ``rx_time`` is counted from there. Before the start.
+        """Device time of the transmitter's first sample, the origin of ``rx_time``; call it before the start.
 
         Raises ValueError.
         """
@@ -188,7 +187,7 @@ class frame_segmenter(gr.basic_block):
         self._start_counter = round(seconds * self._rate)
 
     def set_calibration(self, latency_samples: float | None) -> None:
-        """Subtract this fixed latency instead of the one found at altitude zero, so that the path outside counts.
+        """Subtract a calibrated latency instead of the one measured at altitude zero: the external path remains.
 
         Raises ValueError.
         """
@@ -197,7 +196,7 @@ class frame_segmenter(gr.basic_block):
         self._calibrated = latency_samples
 
     def set_reference(self, altitude_m: float) -> None:
-        """Altitude in metres of the sweeps on which timing is acquired, 0 unless said: that of a recording's beginning.
+        """Altitude in metres of the sweeps on which timing is acquired, default 0: that of a recording's beginning.
 
         Raises ValueError.
         """
@@ -206,7 +205,7 @@ class frame_segmenter(gr.basic_block):
 
     @property
     def latency_samples(self) -> float:
-        """Samples between the transmitter's sweep and the receiver's, fraction included, by the last frame."""
+        """Latency from transmitter to receiver in samples, fraction included, by the last frame."""
         return self._latency
 
     def status(self) -> dict[str, object]:
@@ -219,7 +218,7 @@ class frame_segmenter(gr.basic_block):
         return self.segmenter.status() | own
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
-        """Any sample at all, unless finished frames wait."""
+        """One sample, or none while finished frames wait."""
         return [0 if self._ready else 1] * ninputs
 
     @guarded
@@ -229,18 +228,16 @@ class frame_segmenter(gr.basic_block):
         if self._reacquire:
             self._reacquire = False
             self.segmenter.reacquire()
-        # a bounded bite: never more frames than the output can take, unless they are to wait here
+        # consume no more samples than the output, or the queue of this block, has room for
         room = len(out) - self._kept_free - len(self._ready)
         bite = input_items[0]
         if room > 0 or not self.drop_when_slow:
             bite = bite[: max(1, room) * out.shape[1]]
         elif not bite.size:
-            time.sleep(_POLL_S)  # the scheduler calls again at once: it cannot be told to wait for room alone
+            time.sleep(_POLL_S)  # the scheduler would call again at once: it cannot wait for output room only
         if self.segmenter.state == ACQUIRING and bite.size and not self._unusable:
-            self._unusable = (
-                not np.abs(bite.view(np.float32)).max() <= _LARGEST
-            )  # NaN is no less than anything
-        lend = room > 0  # frames are views of the input then, until they are in the output
+            self._unusable = not np.abs(bite.view(np.float32)).max() <= _LARGEST  # NaN fails the comparison
+        lend = room > 0  # frames may then be views of the input until they are copied to the output
         self._take(bite, lend)
         self.has_heard |= bite.size > 0
         if self.arrivals is not None:
@@ -249,7 +246,7 @@ class frame_segmenter(gr.basic_block):
         if lend:
             for frame in self._ready:
                 frame.keep(bite)
-        self.consume(0, bite.size)  # from here on the block before this one writes over them
+        self.consume(0, bite.size)  # from here on the input buffer may be overwritten
         if self.drop_when_slow:
             self._drop()
         self._report()
@@ -268,7 +265,7 @@ class frame_segmenter(gr.basic_block):
         self._ready.extend(self.segmenter.push(samples[at:], lend=lend))
 
     def _on_sent(self, value) -> None:  # noqa: ANN001 - a pmt
-        """Take an altitude set by hand from the source's tag, unless `follow` was called with another."""
+        """Store an altitude set by hand by the source's tag, unless `follow` gives the altitudes."""
         try:
             read_sent_tag(value, self._sent)
         except TagError as error:
@@ -278,7 +275,7 @@ class frame_segmenter(gr.basic_block):
             self.follow(self._sent.at)
 
     def _on_time(self, value) -> list[Frame]:  # noqa: ANN001
-        """Counter of an ``rx_time`` tag; the first one sets the origin, and ends a lock taken before it."""
+        """Set the counter by an ``rx_time`` tag; the first one sets the origin, and ends an earlier lock."""
         try:
             counter = time_counter(value, self._rate) - self._start_counter
         except TagError as error:
@@ -304,7 +301,7 @@ class frame_segmenter(gr.basic_block):
         return done
 
     def _drop(self) -> None:
-        """Drop what waits where it is too much, or has waited for too long, or was dropped a moment ago."""
+        """Drop waiting frames that are too many, have waited too long, or follow a drop within `_SLOW_S`."""
         now, lasting = self.nitems_read(0), _SLOW_S * self._rate
         if not self._ready:
             self._waits_from = now
@@ -318,7 +315,7 @@ class frame_segmenter(gr.basic_block):
             self._dropped_at = now
 
     def _inspect(self, frame: Frame) -> None:
-        """Count saturation, keep the latency, and put a calibrated latency in place of the measured one."""
+        """Count saturation, store the latency, and replace the measured latency by a calibrated one."""
         rails = frame.samples.view(np.float32)
         if np.isfinite(self._full_scale) and max(rails.max(), -rails.min()) >= self._full_scale * 0.9999:
             self.saturated_frames += 1
@@ -335,7 +332,7 @@ class frame_segmenter(gr.basic_block):
             frame.offset_s = (self._calibrated - before) / self._rate
 
     def _report(self) -> None:
-        """A status message on every change of state or of verified timing, and every thousand frames."""
+        """Send a status message on every change of state or of verified timing, and every thousand frames."""
         seg = self.segmenter
         now = (
             seg.state,
@@ -355,7 +352,7 @@ class frame_segmenter(gr.basic_block):
         self._watch()
 
     def _why_lost(self) -> str:
-        """What ended the lock, and what to do, on one line."""
+        """Cause and remedy of a loss of lock, one line."""
         seg = self.segmenter
         section = seg.next_sync
         again = (
@@ -372,7 +369,7 @@ class frame_segmenter(gr.basic_block):
         return f"timing lost, no frames: {seg.lock_loss or 'tagged time'}; {cause}. Timing is {again}"
 
     def _watch(self) -> None:
-        """Log one line when a second of signal has come in without a sweep in it."""
+        """Log one line after a second of signal without a sweep."""
         seg = self.segmenter
         if seg.state == LOCKED:
             self._unusable = False
@@ -387,14 +384,14 @@ class frame_segmenter(gr.basic_block):
 
     def _why_silent(self) -> str:
         if self._unusable:
-            return f"samples are not finite, or beyond {_LARGEST:g}; look at what feeds the segmenter"
+            return f"samples are not finite, or beyond {_LARGEST:g}; check the block before the segmenter"
         return (
             "is the radar transmitting the scene's waveform, at altitude zero (timing is acquired there), and received "
             "above the noise?"
         )
 
     def start(self) -> bool:
-        """A second start is a flowgraph that was locked and unlocked: what lay in its rings is gone."""
+        """Handle a second start: a flowgraph that was locked and unlocked has lost the content of its rings."""
         if self.has_heard:
             self.logger.warn(
                 "the flowgraph was reconfigured while it ran, which loses samples and with them the timing: stop and "
@@ -403,7 +400,7 @@ class frame_segmenter(gr.basic_block):
         return True
 
     def stop(self) -> bool:
-        """Say why there is nothing, where a stream has ended without one frame."""
+        """Log the reason where a stream has ended without a frame."""
         seg = self.segmenter
         if self.has_heard and not seg.counters["frames"] and not self._said:
             seconds = seg.sample_counter / self._rate

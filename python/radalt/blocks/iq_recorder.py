@@ -18,14 +18,14 @@ __all__ = ["iq_recorder"]
 
 
 class iq_recorder(gr.sync_block):
-    """Writes what the receiver hears, with scene, altitude and jammer state as annotations (SigMF).
+    """Writes the received samples, with scene, altitude and jammer state as annotations (SigMF).
 
     Category: [RadAlt]/Receiver. Ports: ``in: complex``.
 
     Parameters
     ----------
     scene : Scene
-        The scene being played; kept in the recording.
+        Scene of the run; stored in the recording.
     file : str
         Path without ending: ``FILE.sigmf-data`` and ``FILE.sigmf-meta`` are written.
     drop_when_slow : bool
@@ -46,21 +46,26 @@ class iq_recorder(gr.sync_block):
         self._writer: BoundedWriter | None = BoundedWriter(self._data, wait=not drop_when_slow)
         self._stretches: list[Stretch] = []
         self._start_counter = 0
-        self._counter = 0  # of the next sample
+        self._counter = 0  # sample counter of the next sample
         self._written = 0
         self._broken = True
         self.lost_samples = 0
         self.latency_samples = 0.0
-        self.radio: dict[str, float] = {}  # of `write_metadata`
+        self.radio: dict[str, float] = {}  # argument ``radio`` of `write_metadata`
         self.finish_at_stop = True
 
     def set_start_time(self, seconds: float) -> None:
-        """Device time of the transmitter's first sample, as of `frame_segmenter.set_start_time`."""
+        """Device time of the transmitter's first sample, as in `frame_segmenter.set_start_time`."""
         self._start_counter = round(seconds * self._rate)
+
+    @property
+    def sample_counter(self) -> int:
+        """Counter of the next sample since the transmitter's first."""
+        return self._counter
 
     @guarded
     def work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Hand samples to the writer; every time tag and every loss begins a new stretch."""
+        """Queue samples for the writer; every time tag and every loss begins a new stretch."""
         samples = input_items[0]
         first, at = self.nitems_read(0), 0
         tags = self.get_tags_in_window(0, 0, samples.size, RX_TIME_KEY)
@@ -111,7 +116,7 @@ class iq_recorder(gr.sync_block):
         )
 
     def stop(self) -> bool:
-        """End of the flowgraph: the metadata are written, unless a runner does that later."""
+        """Write the metadata at the flowgraph's end, unless a runner does so later."""
         if self.finish_at_stop:
             try:
                 self.finish()

@@ -12,7 +12,7 @@ __all__ = ["mitigation"]
 
 
 class mitigation(MitigationBlock):
-    """One method by its name: any of `METHODS`, or ``custom`` for one of your own.
+    """One method by its name: any of `METHODS`, or ``custom`` for the user's method.
 
     Category: [RadAlt]/Mitigation. Ports: ``frames: complex vector of N > frames: complex vector of N``.
 
@@ -42,7 +42,7 @@ class mitigation(MitigationBlock):
         return create(method, self._scene.waveform, **parameters)
 
     def set_method(self, method: str) -> None:
-        """Change the method from the next frames on; what was learnt before is forgotten."""
+        """Change the method from the next frames on; the new one starts without state."""
         if method != self._name:
             self.method, self._name = self._create(method), method
             self._batch = method_class(method).batch

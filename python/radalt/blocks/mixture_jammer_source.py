@@ -1,4 +1,4 @@
-"""Jammer source that plays the scene's interference, one emitter or many."""
+"""Jammer source of the scene's interference, one emitter or several."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class mixture_jammer_source(JammerSource):
         self._apply()
 
     def hold_drive(self) -> None:
-        """Allow no burst stronger than the scene's: on the air the converters are scaled for that one.
+        """Limit bursts to the power of the scene's, for which a radio's converter is scaled.
 
-        A lower SIR, or a shorter burst at the same SIR, is then replaced by the lowest SIR that does not clip.
+        A lower SIR, or a shorter burst at the same SIR, is then replaced by the lowest SIR without clipping.
         """
         self._strongest_db = self._scene.burst_db
         self._apply()

@@ -13,8 +13,8 @@ __all__ = ["nr_jammer_source"]
 class nr_jammer_source(JammerSource):
     """5G NR downlink (TS 38.211, 15 kHz subcarriers) at an exact SIR against a return of unit power.
 
-    Random windows of a cached frame with SSB, control and data channels, band-limited as the radar's receiver is. The
-    SIR is averaged over the sweep.
+    Random windows of a cached frame with SSB, control and data channels, behind the radar's receiver filter. The SIR is
+    averaged over the sweep.
 
     Category: [RadAlt]/Interference. Ports: ``out: complex``.
 
@@ -23,8 +23,8 @@ class nr_jammer_source(JammerSource):
     scene : Scene
         Frame length, rate, programme (the jammer is silent while timing is acquired) and seed.
     channel_bandwidth_hz : float
-        5e6 (25 resource blocks), 10e6 (52) and so on to 50e6; 30 kHz spacing, error vectors and all else come from a
-        scene, which `mixture_jammer_source` plays.
+        5e6 (25 resource blocks), 10e6 (52) and so on to 50e6. For 30 kHz spacing, error vectors and other parameters
+        use a scene and `mixture_jammer_source`.
     carrier_hz : float
         Centre of the NR carrier relative to the radar's.
     cell_id : int

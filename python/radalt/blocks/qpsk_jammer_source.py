@@ -24,11 +24,11 @@ class qpsk_jammer_source(JammerSource):
     bandwidth_hz : float
         Symbol rate (rectangular pulses) or occupied bandwidth (rrc).
     carrier_hz : float
-        Relative to the radar's centre.
+        Carrier relative to the radar's centre.
     pulse : str
         ``"rectangular"`` or ``"rrc"``.
     rolloff : float
-        Of the root-raised-cosine pulse, 0..1.
+        Roll-off of the root-raised-cosine pulse, 0..1.
     overlap : float
         Active fraction of the sweep, 0..1. Live.
     sir_db : float
@@ -36,7 +36,7 @@ class qpsk_jammer_source(JammerSource):
     start : float, optional
         Burst start as a fraction of the sweep, 0..1; None draws it anew every sweep.
     free_running : bool
-        Burst grid unrelated to the sweep.
+        Burst grid that is not synchronised to the sweep.
     frames : int
         Sweeps before the stream ends; 0 for endless.
 

@@ -16,7 +16,7 @@ class range_profile(gr.basic_block):
     """Power over altitude, and the power from which the altimeter declares a detection; see `RangeProfile`.
 
     ``profile = 10 log10((P_up + P_down) / 2)``, ``threshold = profile - 10 log10(r / r_T)``. ``r`` is the power over
-    noise of two half sweeps that are alike and have the joint significance found; ``r_T`` is what a detection needs.
+    noise at which two equal half sweeps have the joint significance found; ``r_T`` is the least one for a detection.
 
     Category: [RadAlt]/Displays. Ports: ``frames: complex vector of N > profile: float vector of points``,
     ``threshold: float vector of points`` (both in dB over a return of unit amplitude).
@@ -28,7 +28,7 @@ class range_profile(gr.basic_block):
     points : int
         Points from 0 to the scene's ``altimeter.max_altitude_m``.
     every : int
-        One frame in so many is shown; the others are skipped.
+        Shows one of ``every`` frames and skips the others.
 
     Example
     -------
@@ -45,18 +45,18 @@ class range_profile(gr.basic_block):
         self.set_tag_propagation_policy(gr.TPP_DONT)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
-        """Any frame at all."""
+        """One frame."""
         return [1] * ninputs
 
     @guarded
     def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Show the frames whose turn it is."""
+        """Output the profile of every ``every``-th frame."""
         frames, room = input_items[0], len(output_items[0])
         turns = np.arange(-self._seen % self._every, len(frames), self._every)
         done = min(room, turns.size)
         if done:
             output_items[0][:done], output_items[1][:done] = self.profile.process(frames[turns[:done]])
-        # up to the first frame whose turn came and for which there was no room
+        # consume up to the first frame to show for which there is no room
         used = len(frames) if done == turns.size else int(turns[done])
         self._seen += used
         self.consume(0, used)

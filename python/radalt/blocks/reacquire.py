@@ -1,4 +1,4 @@
-"""Reacquire: a press of a button takes the timing anew, at altitude zero and with the jammer silent."""
+"""Reacquire: acquires the timing again at a button's press, at altitude zero and with the jammer silent."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from ..core.scene import Scene
 
 __all__ = ["reacquire"]
 
-_MARGIN_FRAMES = 64  # beyond what the source has made: a chunk that it is making, and the latency of a radio
-_ARRIVE_S = 10.0  # how long what is sent may take to the segmenter
-_LOCK_S = 3.0  # how long the segmenter may take to find the sweep
-_POLL_S = 0.02
+_MARGIN_FRAMES = (
+    64  # frames after the source's last one: the chunk in preparation, and the latency of a radio
+)
+_ARRIVE_S = 10.0  # longest time from source to segmenter, s: all rings of a flowgraph far below real time
+_LOCK_S = 3.0  # longest wait for the lock, s
+_POLL_S = 0.02  # time between checks, s: not noticeable at a button
 
 
 class reacquire(gr.basic_block):
     """On any message, sends the segmenter the command ``reacquire`` once altitude zero has come in.
 
-    The segmenter takes the delay that it finds for altitude zero, so an altitude set by hand would be lost for good.
-    The block therefore sends altitude zero and mutes the jammer, and waits until that has come in (by the sample
-    counter). It then sends the command, waits for the lock, and restores both; an altitude changed meanwhile stays. A
-    jammer that was switched off stays off. One line is printed at the end.
+    The segmenter takes the measured delay for altitude zero, so an altitude set by hand would become an offset. The
+    block therefore sets altitude zero, mutes the jammer and waits until the segmenter has received this (by the sample
+    counter). It then sends the command, waits for the lock, and restores both, except an altitude changed meanwhile. A
+    jammer that was off stays off. One line is printed at the end.
 
     Category: [RadAlt]/Receiver. Ports: ``pressed: message > command: message`` (the symbol ``reacquire``).
 
@@ -61,7 +63,7 @@ class reacquire(gr.basic_block):
 
     def _on_press(self, message) -> None:  # noqa: ANN001 - a pmt, whatever its value
         if not self.running:
-            # a message handler that waited would hold up the block's thread
+            # a message handler must not wait: it runs in the block's thread
             self._thread = threading.Thread(target=self._run, daemon=True, name="radalt_reacquire")
             self._thread.start()
 
@@ -98,7 +100,7 @@ class reacquire(gr.basic_block):
 
 
 def _wait(done: Callable[[], bool], limit_s: float) -> bool:
-    """Whether it is done in time."""
+    """Poll ``done`` for at most ``limit_s``; returns its last value."""
     end = time.monotonic() + limit_s
     while not done():
         if time.monotonic() > end:

@@ -1,4 +1,4 @@
-"""Jammer source that plays a recording."""
+"""Jammer source of a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["recording_jammer_source"]
 
 
 class recording_jammer_source(JammerSource):
-    """Samples of a file, moved and resampled into the band, at an exact SIR against a return of unit power.
+    """Samples of a file, shifted and resampled into the band, at an exact SIR against a return of unit power.
 
     Category: [RadAlt]/Interference. Ports: ``out: complex``.
 
@@ -22,20 +22,20 @@ class recording_jammer_source(JammerSource):
     file : str
         A ``.sigmf-meta`` of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
     offset_hz : float
-        By how much it is moved in frequency.
+        Frequency shift of the recording.
     start_s, seconds : float
-        Which part of it is played again and again, at most 1 s.
+        Part of the file that is repeated, at most 1 s.
     rate_hz : float, optional
-        Of raw samples; None for SigMF.
+        Sample rate of raw samples; None for SigMF.
     datatype : str
-        Of raw samples: ``"cf32_le"``, ``"ci16_le"``, ``"ci8"``, ``"cu8"``; empty for SigMF.
+        Format of raw samples: ``"cf32_le"``, ``"ci16_le"``, ``"ci8"``, ``"cu8"``; empty for SigMF.
     overlap, sir_db, start, free_running, frames
         As in `qpsk_jammer_source`; overlap and SIR are live.
 
     Raises
     ------
     ValueError
-        One line: what is missing or does not fit, of the parameters or the file.
+        One line: the parameter or the part of the file that is missing or does not fit.
 
     Example
     -------

@@ -1,4 +1,4 @@
-"""Remote control: results, counters and state out, requests in, as JSON over ZMQ."""
+"""Remote control: publishes results, counters and state, and answers requests, as JSON over ZMQ."""
 
 from __future__ import annotations
 
@@ -25,20 +25,19 @@ from .transmit_gate import gates_of
 
 __all__ = ["remote_control"]
 
-_POLL_MS = 20
+_POLL_MS = 20  # time between polls of both threads, ms: fifty beats within the gates' limit of 1 s
 _STATE_EVERY = 50  # polls between state messages: one second
-_WAIT_S = 0.1  # after an error, before the thread tries again
-_MOST_PARTS = 1000  # of a message that is taken to its end, to be answered
-_FRAMING_BYTES = 65_536  # what ZMTP adds to a request of a thousand parts, with the handshake before it
-_QUEUED = 10_000  # messages a slow subscriber may lag behind before it loses some
+_WAIT_S = 0.1  # pause of a thread after an error, s
+_MOST_PARTS = 1000  # most parts of a message that is received completely and answered
+_FRAMING_BYTES = 65_536  # ZMTP's framing of a request of a thousand parts and its handshake, bytes, at most
+_QUEUED = 10_000  # messages queued for a slow subscriber: 1.4 s of seven methods; more are dropped
 
 
 class remote_control:
-    """Publishes a flowgraph's results and state, and lets any language drive it.
+    """Publishes a flowgraph's results and state, and answers requests from any language.
 
-    Two threads of its own take the altimeters' stored results to subscribers and answer requests, so neither holds up
-    the signal path or the other. A subscriber that is slow or dead loses messages. Connections, what a peer may send
-    and what may lie unsent are bounded (`BoundedListener`).
+    One thread publishes the altimeters' stored results, another one answers requests, so neither delays the signal path
+    or the other. A slow subscriber loses messages. Connections, input and queues are bounded (`BoundedListener`).
 
     Category: [RadAlt]/Telemetry. No ports. Telemetry (PUB), one JSON object per message, the key ``type`` first:
     ``result`` (all fields of a result, ``method``, ``truth_m``), ``state`` (once a second). Control (REQ/REP): see
@@ -46,8 +45,8 @@ class remote_control:
     ``{"version": 1, "ok": false, "error": "..."}``. Every message gets a reply, whatever it holds; ``stop`` works
     before the first sample, too. Errors in the thread are counted in ``errors`` and do not end it.
 
-    While it can answer requests the thread sends the flowgraph's transmit gates a heartbeat every 20 ms. Gates that get
-    none for a second pass zeros from then on (`TransmitGate`).
+    While it can answer requests, the thread sends the flowgraph's transmit gates a heartbeat every 20 ms. After a
+    second without one, gates pass zeros (`TransmitGate`).
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ class remote_control:
         The flowgraph (``self`` in a companion's block): its ``chirp_source``, ``jammer_source``, ``frame_segmenter``,
         ``altimeter_*`` and ``mitigation_*`` are found by name.
     scene : Scene
-        Limits of what may be set.
+        Limits of the settings.
     telemetry, control : str
         ZMQ endpoints; loopback by default, since there is no authentication. Empty for none.
     network : bool
@@ -108,7 +107,9 @@ class remote_control:
                 self._replier.close()
             raise
         self._thread = threading.Thread(target=self._serve, daemon=True, name="radalt_control")
-        self._telemetry_thread = threading.Thread(target=self._tell, daemon=True, name="radalt_telemetry")
+        self._telemetry_thread = threading.Thread(
+            target=self._publish_loop, daemon=True, name="radalt_telemetry"
+        )
         if telemetry or control:
             self._thread.start()
         if telemetry:
@@ -130,11 +131,11 @@ class remote_control:
                 bound.close()
         self._publisher = self._replier = None
 
-    # -- the thread of control: it never touches telemetry, which may be slow ------------------------------------------
+    # -- thread of control: never uses telemetry, which may be slow ----------------------------------------------------
 
     def _serve(self) -> None:
         while not self._closing.is_set():
-            # whatever happens here, the thread that answers 'stop' has to outlive it
+            # the thread that answers 'stop' must survive every error
             try:
                 self._serve_once()
             except Exception as error:
@@ -152,7 +153,7 @@ class remote_control:
             self._beat()
 
     def _reply(self) -> None:
-        """Take one message and answer it; a socket that fails is replaced."""
+        """Receive and answer one message; a failed socket is replaced."""
         try:
             self._replier.socket.send_string(self._answer(self._receive()))
         except Exception:
@@ -161,7 +162,7 @@ class remote_control:
             raise
 
     def _receive(self) -> list[bytes]:
-        """The parts of one message, limited in their number and total size."""
+        """The parts of one message, limited in number and total size."""
         parts = []
         while True:
             parts.append(self._replier.socket.recv())
@@ -174,12 +175,12 @@ class remote_control:
 
     @property
     def refused(self) -> int:
-        """Connections closed for what they sent, or dropped for newer ones."""
+        """Connections closed for too many bytes, or for newer connections."""
         return sum(b.listener.refused for b in (self._publisher, self._replier) if b is not None)
 
     def _count_error(self, where: str, error: Exception) -> None:
         self.errors += 1
-        if self.errors == 1:  # once: the count tells of the rest
+        if self.errors == 1:  # only the first is printed; `errors` counts all
             text = " ".join(str(error).split())[:200]
             print(f"remote_control: {where}: {type(error).__name__}: {text}", file=sys.stderr, flush=True)
 
@@ -187,7 +188,7 @@ class remote_control:
         return gates_of(self._top)
 
     def _beat(self) -> None:
-        """Tell the transmit gates that control is alive."""
+        """Send the transmit gates a heartbeat."""
         silent_s = time.monotonic() - self._asked_s
         for gate in self._gates():
             if self._keep_alive_s and silent_s > self._keep_alive_s:
@@ -198,7 +199,7 @@ class remote_control:
 
     # -- the thread of telemetry --------------------------------------------------------------------------------------
 
-    def _tell(self) -> None:
+    def _publish_loop(self) -> None:
         polls = 0
         while not self._closing.wait(_POLL_MS / 1000):
             try:
@@ -206,7 +207,7 @@ class remote_control:
                     self._publish_results()
                     if polls % _STATE_EVERY == 0:
                         self._publish({"type": "state", "version": CONTROL_VERSION, **self.state()})
-            except Exception as error:  # a flowgraph that is ending; the thread outlives it
+            except Exception as error:  # a flowgraph that is ending; the thread continues
                 self._count_error("telemetry", error)
                 self._closing.wait(_WAIT_S)
             polls += 1
@@ -226,7 +227,7 @@ class remote_control:
                 self._publish(head | fields | {"truth_m": float(true)})
 
     def _answer(self, parts: list[bytes]) -> str:
-        """Reply to one message; whatever is wrong with it goes into the reply."""
+        """Reply to one message; errors go into the reply."""
         self.requests += 1
         try:
             if len(parts) != 1:
@@ -237,8 +238,8 @@ class remote_control:
                 methods=tuple(self._altimeters()),
                 jammer=hasattr(self._top, "jammer_source"),
             )
-            self._asked_s = time.monotonic()  # by a client that can control: garbage keeps nothing alive
-            if request.command == "stop":  # before the first sample, too: a receiver may never hear one
+            self._asked_s = time.monotonic()  # valid requests only: other messages do not count as control
+            if request.command == "stop":  # also before the first sample, which may never come
                 return self._stop()
             if not self._running():
                 raise RequestError("the flowgraph has not started yet; ask again")
@@ -246,7 +247,7 @@ class remote_control:
             return _reply(state=self.state())
         except RequestError as error:
             return _reply(error=str(error))
-        except Exception as error:  # nobody waits in vain for an answer
+        except Exception as error:  # every request gets a reply
             self._count_error("control", error)
             return _reply(error=f"not carried out ({type(error).__name__}); the flowgraph may be ending")
 
@@ -277,7 +278,7 @@ class remote_control:
                     mitigation.active = sink.active
 
     def _check_drive(self, changes: dict[str, Any]) -> None:
-        """On the air the converters' full scale is fixed at the start: a stronger burst would clip."""
+        """Refuse bursts that clip: with radios the converters' full scale is fixed at the start."""
         if not hasattr(self._top, "jammer_usrp_sink") or not {"overlap", "sir_db"} & changes.keys():
             return
         state = self._jammer_state() | {k: v for k, v in changes.items() if k in ("overlap", "sir_db")}
@@ -288,10 +289,10 @@ class remote_control:
                 "than the radios were set up for; start with that SIR"
             )
 
-    # -- what is there ------------------------------------------------------------------------------------------------
+    # -- the flowgraph's state ----------------------------------------------------------------------------------------
 
     def _running(self) -> bool:
-        """Whether samples flow; before, blocks may still be missing."""
+        """Whether samples flow; before that, blocks may be missing."""
         segmenter = vars(self._top).get("frame_segmenter")
         return segmenter is not None and segmenter.has_heard
 
@@ -331,7 +332,7 @@ class remote_control:
         }
 
     def _transmit_state(self) -> str:
-        """What comes out of the transmit gates: ``none`` where there is none."""
+        """State of the transmit gates: ``none`` without gates."""
         why = [gate.why_closed for gate in self._gates()]
         return next((w for w in why if w), "on") if why else "none"
 
@@ -344,7 +345,7 @@ def _reply(*, state: dict[str, Any] | None = None, error: str = "") -> str:
 
 
 def _finite(value: Any) -> Any:
-    """The same mapping with null for numbers that JSON cannot hold."""
+    """The value with null in place of numbers that JSON cannot hold."""
     if isinstance(value, dict):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -18,15 +18,15 @@ __all__ = ["sigmf_source"]
 class sigmf_source(gr.sync_block):
     """Plays a SigMF recording at the scene's rate, ``rx_time`` at its start and after every gap.
 
-    Recordings of `iq_recorder` come out as they were received, bit for bit; others (``ci16``, ``cf32``, other rates)
-    are converted and resampled.
+    Recordings of `iq_recorder` are reproduced bit for bit; others (``ci16``, ``cf32``, other rates) are converted and
+    resampled.
 
     Category: [RadAlt]/Sources. Ports: ``out: complex``.
 
     Parameters
     ----------
     scene : Scene
-        Its waveform's rate is the output's.
+        Scene whose waveform gives the output's rate.
     file : str
         ``.sigmf-meta`` file.
 

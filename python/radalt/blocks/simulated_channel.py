@@ -1,4 +1,4 @@
-"""Two B210s and the air, simulated: used instead of the UHD blocks."""
+"""Simulated channel with the front ends of two B210s: replaces the UHD blocks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ._guard import guarded
 __all__ = ["simulated_channel"]
 
 
-_HELD_FRAMES = 12  # per call
+_HELD_FRAMES = 12  # frames per call in real time: 4 ms less latency than sixteen
 
 
 class simulated_channel(gr.basic_block):
-    """What the radar's receiver hears of both transmitters.
+    """Received signal of the radar from both transmitters.
 
-    ``y = D(x_radar) + D_j(x_jammer) + noise`` and the impairments of the scene's ``channel`` (`ChannelSettings`), each
-    costing nothing while it is off. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD
-    sets it. The source's tags ``radalt_altitude`` pass.
+    ``y = D(x_radar) + D_j(x_jammer) + noise`` with the impairments of the scene's ``channel`` (`ChannelSettings`), each
+    off by default. The first sample, and the first after every tagged gap, carries ``rx_time`` as UHD sets it. The
+    source's tags ``radalt_altitude`` pass.
 
     Category: [RadAlt]/Channel. Ports: ``radar: complex``, ``jammer: complex`` (optional) ``> out: complex``.
 
@@ -34,8 +34,8 @@ class simulated_channel(gr.basic_block):
     jammer : bool
         Whether the second input exists.
     realtime : bool
-        Never faster than the sample rate, as radios are; for live views. Where the flowgraph takes no samples, those of
-        a radio would wait in its ring; here the clock waits, ``held_up_s`` in all and ``longest_hold_up_s`` at once.
+        Limit the throughput to the sample rate, as with radios; for live views. While the flowgraph takes no samples, a
+        radio's would wait in its ring; here the clock waits, ``held_up_s`` in total, ``longest_hold_up_s`` at most.
 
     Example
     -------
@@ -50,22 +50,22 @@ class simulated_channel(gr.basic_block):
         self._n = scene.waveform.samples_per_frame
         self._rate = scene.waveform.rate_hz
         self._tagged = scene.channel.drops.tagged
-        self._first = 0  # counter of the next sample that comes in
-        self._expected: int | None = None  # of the next that goes out
+        self._first = 0  # counter of the next input sample
+        self._expected: int | None = None  # counter of the next output sample
         self._realtime = bool(realtime)
-        self._start_s: float | None = None  # of sample 0, by the monotonic clock
-        self.held_up_s = self.longest_hold_up_s = 0.0  # for which a radio's samples would have had to wait
+        self._start_s: float | None = None  # monotonic time of sample 0
+        self.held_up_s = self.longest_hold_up_s = 0.0  # time that a radio's samples would have waited
         self.set_tag_propagation_policy(gr.TPP_DONT)
-        # held to real time, frames of one call arrive together: twelve instead of sixteen take 4 ms off the latency
+        # in real time, the frames of one call arrive together, so fewer of them mean less latency
         gather_frames(self, self._n, _HELD_FRAMES if realtime else None)
 
     def forecast(self, noutput_items: int, ninputs: int) -> list[int]:
-        """A whole frame of each input."""
+        """One frame of each input."""
         return [self._n] * ninputs
 
     @guarded
     def general_work(self, input_items, output_items) -> int:  # noqa: ANN001
-        """Whole frames, as many as are there and fit, straight into the output."""
+        """Write as many frames as are available and fit into the output."""
         out = output_items[0]
         if self._realtime:
             self._wait()
@@ -83,13 +83,15 @@ class simulated_channel(gr.basic_block):
             self._expected = counter + samples.size
         self._first += used
         for tag in self.get_tags_in_window(0, 0, used, SENT_KEY):
-            self.add_item_tag(0, self.nitems_written(0), SENT_KEY, tag.value)  # the value names its sweep
+            self.add_item_tag(
+                0, self.nitems_written(0), SENT_KEY, tag.value
+            )  # the value contains its sweep index
         for port in range(len(input_items)):
             self.consume(port, used)
         return done
 
     def _wait(self) -> None:
-        """Sleep while samples are ahead of the clock; a backlog is not caught up with."""
+        """Sleep while samples are ahead of the clock; a backlog delays the clock instead of being caught up."""
         now, sent_s = time.monotonic(), (self._expected or 0) / self._rate
         if self._start_s is None:
             self._start_s = now - sent_s

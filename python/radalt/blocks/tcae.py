@@ -17,19 +17,19 @@ class tcae(MitigationBlock):
     Parameters
     ----------
     scene : Scene
-        Waveform that the model's contract is checked against, on construction.
+        Waveform for the check of the model's contract, on construction.
     model : str
         ONNX file; empty takes the scene's ``method_options.tcae.model``, else the shipped default.
     threads : int
         ONNX Runtime's threads; 1 is fastest inside a flowgraph.
     batch : int
-        Most frames in one run of the network. More frames share the cost of the call but add as many milliseconds of
-        latency, and the last bit of a result then depends on which frames came together.
+        Most frames per run of the network. More frames share the cost of the call but add as many milliseconds of
+        latency, and the last bit of a result then depends on the grouping of frames.
     skip_clean : bool
-        Frames that show no interference pass without the network (`InterferenceDetector`).
+        Frames without detected interference pass without the network (`InterferenceDetector`).
     own_process : bool
-        The network computes in a process of its own and the flowgraph's Python blocks keep to one core (`OwnProcess`):
-        for live flowgraphs on two cores or more; without effect on one.
+        Run the network in a separate process and keep the flowgraph's Python blocks to one core (`OwnProcess`): for
+        live flowgraphs on two or more cores; no effect on one.
 
     Example
     -------

@@ -22,11 +22,11 @@ class tone_jammer_source(JammerSource):
     scene : Scene
         Frame length, rate, programme (the jammer is silent while timing is acquired) and seed.
     count : int
-        Number of tones, if they are drawn.
+        Number of tones if their frequencies are drawn.
     frequencies_hz : sequence of float
         Fixed frequencies relative to the radar's centre; empty draws ``count`` of them over ``span_hz``.
     span_hz : float
-        Band in which they are drawn; 0 for the whole rate.
+        Band in which frequencies are drawn; 0 for the sample rate.
     overlap, sir_db, start, free_running, frames
         As in `qpsk_jammer_source`; overlap and SIR are live.
 

@@ -28,9 +28,9 @@ class transmit_gate(gr.sync_block):
     scene : Scene
         ``radio`` states the enclosure, attenuation and gains.
     transmit : bool
-        What the command line or the flowgraph's parameter says.
+        The command line's or the flowgraph's parameter ``transmit``.
     controlled : bool
-        Whether the flowgraph holds a remote control: its thread then has to beat at least once a second.
+        Whether the flowgraph has a remote control, whose heartbeat then has to come at least once per second.
 
     Example
     -------
@@ -42,7 +42,7 @@ class transmit_gate(gr.sync_block):
         self.gate = TransmitGate(scene, transmit, controlled=controlled)
 
     def start(self) -> bool:
-        """Say once, at the start, why nothing will be transmitted."""
+        """Print once, at the start, why nothing will be transmitted."""
         why = self.gate.why_closed
         if why is not None:
             print(f"{self.alias()}: zeros only: {why}", file=sys.stderr, flush=True)
@@ -58,7 +58,7 @@ class transmit_gate(gr.sync_block):
 def gates_of(top: Any) -> list[TransmitGate]:
     """Every gate of a flowgraph, those inside its hierarchical blocks included.
 
-    A Python block lives only while an attribute (or a list or dictionary in one) holds it, so that is where they are.
+    A Python block lives only while an attribute (or a list or dictionary in one) refers to it, so these are searched.
     """
     found: dict[int, TransmitGate] = {}
     seen: set[int] = set()

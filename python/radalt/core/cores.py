@@ -1,9 +1,8 @@
-"""Which processor core this interpreter's threads share, once something of theirs runs beside them.
+"""CPU affinity of this interpreter's threads while a method runs in a separate process (`OwnProcess`).
 
-Threads of one interpreter take turns. On one core they do so for less than on two, where every turn moves the lock
-and the data between caches: a live path of five blocks took 0.57 s of CPU a second of signal on one core, 0.9 to 1.5 s
-on two. So where a method has a process of its own (`OwnProcess`), the interpreter keeps to one core and leaves it the
-others.
+Threads of one interpreter share its lock. On two cores every change of thread moves the lock and the data between
+caches: a live path of five blocks took 0.57 s of CPU per second of signal on one core, 0.9 to 1.5 s on two. While a
+method runs in a separate process, the interpreter therefore keeps to one core and leaves the others to the method.
 """
 
 from __future__ import annotations
@@ -12,22 +11,21 @@ import os
 
 __all__ = ["allowed_cores", "join_home", "leave_home", "return_home"]
 
-_home = -1
-_beside = 0  # processes of ours that compute beside this one
+_home = -1  # the interpreter's core; -1 before one is chosen
+_beside = 0  # number of this program's method processes
 
 
 def allowed_cores() -> list[int]:
-    """Cores that this process may use, as far as the system tells."""
+    """Cores that this process may use; empty where the system does not report them."""
     if hasattr(os, "sched_getaffinity"):  # Linux
         return sorted(os.sched_getaffinity(os.getpid()))
     return list(range(os.cpu_count() or 1))
 
 
 def leave_home() -> list[int]:
-    """The cores for a process beside this one: all but the interpreter's own, which the first call chooses.
+    """Cores for a method's process: all but the interpreter's, which the first call chooses.
 
-    Empty, and nothing is chosen, where there is one core only or where the system pins no threads. What was left goes
-    back by `return_home`.
+    Empty where there is one core only or where the system has no CPU affinity. `return_home` ends the reservation.
     """
     global _home, _beside
     cores = allowed_cores()
@@ -36,18 +34,18 @@ def leave_home() -> list[int]:
         _home = -1
         return []
     if _home not in cores:
-        _home = cores[os.getpid() % len(cores)]  # not the same for every program
+        _home = cores[os.getpid() % len(cores)]  # programs that start together use different cores
     return [core for core in cores if core != _home]
 
 
 def return_home() -> None:
-    """A process beside this one has ended; after the last, threads that start are free again."""
+    """A method's process has ended; after the last one, new threads may use every core."""
     global _beside
     _beside = max(0, _beside - 1)
 
 
 def join_home() -> bool:
-    """Keep the calling thread to the interpreter's core, if one was chosen; whether it was."""
+    """Pin the calling thread to the interpreter's core, if one was chosen; returns whether it was."""
     if not _beside or _home < 0:
         return False
     os.sched_setaffinity(0, {_home})

@@ -1,7 +1,6 @@
-"""Windows and Kaiser's low-pass: a receiver's few needs of filter design.
+"""Window functions and the Kaiser low-pass.
 
-SciPy's `scipy.signal` has them all, and gives the same numbers to the bit, but loading it takes 40 MB and half a second
-of every process.
+`scipy.signal` gives the same numbers to the bit, but its import costs every process 40 MB and half a second.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from scipy.special import i0
 
 __all__ = ["WINDOWS", "cosine_window", "kaiser_lowpass", "kaiser_window", "tukey_window"]
 
-_STOP_DB = 80.0
+_STOP_DB = 80.0  # stop-band attenuation, dB: aliases stay below the quantisation noise of 12 bits (74 dB)
 WINDOWS = {  # weights of cos(k t), t = -pi..pi
     "hann": (0.5, 0.5),
     "hamming": (0.54, 1 - 0.54),
@@ -50,7 +49,7 @@ def kaiser_lowpass(pass_hz: float, stop_hz: float, rate_hz: float) -> np.ndarray
     Parameters
     ----------
     pass_hz, stop_hz : float
-        Flat up to the first, 80 dB down from the second on.
+        Edges of pass band and stop band; 80 dB of attenuation from the second on.
     rate_hz : float
     """
     nyquist = rate_hz / 2

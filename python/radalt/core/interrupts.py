@@ -11,9 +11,9 @@ __all__ = ["ctrl_c_waits"]
 
 @contextlib.contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Hold Ctrl-C back until the block ends, and from threads and processes that start in it for good.
+    """Hold Ctrl-C back until the block ends; threads and processes that start in the block never receive it.
 
-    A compiled package whose import it stops raises ImportError, as if the package were not there.
+    An interrupted import of a compiled package raises ImportError, as if the package were missing.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

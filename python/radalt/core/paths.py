@@ -1,4 +1,4 @@
-"""Where scenes, flowgraphs and models lie: in the source tree, or where CMake installed them."""
+"""Paths of scenes, flowgraphs and models: in the source tree, in a wheel, or where CMake installed them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def share_dir() -> Path:
 
 
 def remedy(*packages: str) -> str:
-    """What to do about Python packages that are missing, for a message: in the source tree, or installed."""
+    """How to install missing Python packages, for a message."""
     if (share_dir() / "requirements.txt").is_file():
         return "run 'make setup' and use .venv/bin/python"
     names = " ".join(packages)
@@ -43,9 +43,9 @@ def remedy(*packages: str) -> str:
 
 
 def say_other_installation() -> None:
-    """One line on stderr where Python's path holds another version of this package; once for a program and its workers.
+    """Print one line on stderr where Python's path holds another version of this package; once, workers included.
 
-    The source tree, whose programs put it before all others, says nothing.
+    Programs of the source tree put it first on the path and print nothing.
     """
     package = Path(__file__).resolve().parents[1]
     if "RADALT_VERSIONS" in os.environ or (package.parents[1] / "requirements.txt").is_file():
@@ -72,7 +72,7 @@ def _version(file: Path) -> str:
 
 
 def no_gnu_radio() -> str:
-    """What a command that needs GNU Radio says under a Python that has none."""
+    """Message of a command that needs GNU Radio under a Python that has none."""
     if (share_dir() / "requirements.txt").is_file():
         return f"{sys.executable} has no GNU Radio; run 'make setup' and use .venv/bin/python"
     return (

@@ -1,7 +1,7 @@
-"""Modules outside the package that register interferers, methods or radios of their own.
+"""Plugins: modules outside the package that register interferers, methods or radios.
 
-``RADALT_PLUGINS=my_radar,my_method`` names modules (comma-separated, on Python's path) that are imported with the first
-registry. Processes inherit it, so a sweep's workers know what the command line knows.
+``RADALT_PLUGINS=my_radar,my_method`` names modules (comma-separated, on Python's path), which are imported with the
+first registry. Worker processes inherit the variable, so they know the same names as the command line.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ VARIABLE = "RADALT_PLUGINS"
 
 
 def load_plugins() -> None:
-    """Import what `VARIABLE` names; called by each registry when it is ready.
+    """Import the modules that `VARIABLE` names; every registry calls it when it is ready.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def load_plugins() -> None:
     for name in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
         try:
             importlib.import_module(name)
-        except Exception as error:  # somebody else's code: anything can come
+        except Exception as error:  # a plugin may raise anything
             reason = " ".join(str(error).split())
             raise ImportError(
                 f"{VARIABLE} names {name!r}, which cannot be imported ({type(error).__name__}: {reason}); "

@@ -1,6 +1,6 @@
-"""The landing programme: which altitude belongs to which frame index (docs/design.md).
+"""Altitude programme: true altitude by frame index (docs/design.md).
 
-Scheduled by frame index inside the blocks, never by sleeping or by callbacks, so that a run is a function of its seed.
+The blocks schedule altitudes by frame index, never by sleeping or callbacks, so that a run is a function of its seed.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 
 __all__ = ["Programme", "SentAltitudes"]
 
-_MOST_FRAMES = 2_000_000  # of a run; more trials are more points
-_FRAME_BYTES = 80  # of a method's result, and of the table
-_CHANGES = 1000  # altitudes set by hand that are remembered
+_MOST_FRAMES = 2_000_000  # longest run, frames: half an hour of 1 ms sweeps; more trials need more points
+_FRAME_BYTES = 80  # memory per frame and method, bytes: results and the altitude table
+_CHANGES = 1000  # altitudes set by hand that are kept: more than anybody sets while a frame is on its way to the score
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Programme:
     sync_every_frames : int
         Trials between further synchronisation sections; 0 for none.
     sync_frames : int
-        Length of such a section.
+        Length of a further synchronisation section, in frames.
     vertical_speed_m_per_s : float
-        Range rate during trials; only a true delay has one (a beat shift has no Doppler).
+        Range rate during trials; for true delays only (a beat shift has no Doppler).
     hold_last : bool
-        What comes after the last trial: altitude zero and no trials, or (True) more frames like the last, for ever.
+        True repeats the last altitude without end; False returns to altitude zero, without trials.
     """
 
     altitudes_m: tuple[float, ...] = (200.0,)
@@ -70,7 +70,7 @@ class Programme:
         self._check_length()
 
     def _check_length(self) -> None:
-        """Refuse what no machine holds, before anything is allocated."""
+        """Check the run's length before anything is allocated."""
         sections = (self.trial_frames - 1) // self.sync_every_frames if self.sync_every_frames else 0
         total = self.preamble_frames + self.trial_frames + sections * self.sync_frames
         if total > _MOST_FRAMES:
@@ -119,7 +119,7 @@ class Programme:
         return self.vertical_speed_m_per_s * self.is_trial(frame_index)
 
     def at(self, frame_index: int) -> tuple[float, float]:
-        """Altitude and range rate of one frame, without the overhead of arrays: asked once a frame."""
+        """Altitude and range rate of one frame, without the overhead of arrays."""
         altitude, trial = self._table
         if 0 <= frame_index < altitude.size:
             return float(altitude[frame_index]), self.vertical_speed_m_per_s * bool(trial[frame_index])
@@ -139,7 +139,7 @@ class Programme:
         first = max(0, frame_index) + int(ahead[0])
         if (
             first == frame_index and frame_index > 0 and not trial[frame_index - 1]
-        ):  # inside a section: the one after
+        ):  # inside a section: return the next one
             rest = np.nonzero(trial[first:])[0]
             return None if rest.size == 0 else self.next_sync(first + int(rest[0]))
         length = np.nonzero(trial[first:])[0]
@@ -147,9 +147,9 @@ class Programme:
 
 
 class SentAltitudes:
-    """Altitude of every sweep that is sent: the programme's, and those that are set by hand from the preamble's end on.
+    """Altitude of every transmitted sweep: the programme's, or one set by hand after the preamble.
 
-    The last thousand changes are remembered. One thread may `set` while another reads.
+    The last thousand changes are kept. One thread may `set` while another reads.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""A SigMF file of one complex channel, as any program writes it (sigmf.org, version 1): checked, samples by number.
+"""SigMF files of one complex channel by any program (sigmf.org, version 1): validation, and samples by number.
 
 Keys of namespaces other than ``core`` and ``radalt`` are ignored, headers before captures (``core:header_bytes``) are
-skipped, archives are read where they lie. The package sigmf is imported when a file is opened.
+skipped, archives are not extracted. The package sigmf is imported when a file is opened.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ __all__ = ["SigmfFile", "open_raw", "open_sigmf"]
 
 _COMPLEX = re.compile(r"c(f(32|64)|[iu](8|16|32))(?:_le|_be)?")
 _NAMESPACES, _ENDINGS = ("core", "radalt"), (".sigmf-meta", ".sigmf-data")
-_META_BYTES, _DATA_BYTES = 64 << 20, 1 << 40
+_META_BYTES = 64 << 20  # largest metadata, bytes: some 100,000 annotations
+_DATA_BYTES = 1 << 40  # largest data file, bytes: five hours at 7.5 MS/s, complex64
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Where the samples lie: a file of their own, or a part of an archive."""
+    """Location of the samples: a data file, or a member of an archive."""
 
     file: Path
     offset: int
@@ -42,14 +43,14 @@ class SigmfFile:
     Attributes
     ----------
     path : Path
-        Of the metadata, or of the archive.
+        Path of the metadata, or of the archive.
     head : dict
-        The object ``global``.
+        The metadata's object ``global``.
     captures : list of dict
     datatype : str
     rate_hz : float
     sample_count : int
-        Without headers.
+        Number of samples, headers excluded.
     """
 
     def __init__(self, path: Path, content: dict[str, Any], data: _Data, sample_count: int) -> None:
@@ -57,7 +58,7 @@ class SigmfFile:
         self.captures: list[dict[str, Any]] = content["captures"] or [{"core:sample_start": 0}]
         self.datatype = self.head["core:datatype"]
         self.rate_hz = float(self.head["core:sample_rate"])
-        # (first sample, reader by sample number of the whole) from each header on
+        # (first sample, reader by the file's sample numbers) after each header
         self._readers: list[tuple[int, Any]] = []
         skipped = 0
         for capture in self.captures:
@@ -137,7 +138,7 @@ def open_sigmf(path: Path | str) -> SigmfFile:
 
 
 def open_raw(path: Path, datatype: str, rate_hz: float) -> SigmfFile:
-    """A file of complex samples and nothing else; ``datatype`` in SigMF's words (``cf32_le``, ``ci16_le``, ``cu8``).
+    """Open a raw file of complex samples; ``datatype`` as in SigMF (``cf32_le``, ``ci16_le``, ``cu8``).
 
     Raises
     ------
@@ -151,7 +152,7 @@ def open_raw(path: Path, datatype: str, rate_hz: float) -> SigmfFile:
 
 
 def _beside(meta: Path, named: Any) -> _Data:
-    """The data file of ``meta``, which may name one beside it."""
+    """The data file of ``meta``; ``core:dataset`` may name another one in its folder."""
     data = meta.with_suffix(".sigmf-data")
     if not data.exists() and named is not None:
         if not isinstance(named, str) or Path(named).name != named:
@@ -201,7 +202,7 @@ def _known_keys(value: Any) -> Any:
 
 
 def _check_header(meta: Path, text: str) -> dict[str, Any]:
-    """Metadata with what a replay needs, in terms of the file: sigmf's own words name its internals."""
+    """Metadata with the keys that a replay needs; the messages name the file's keys, unlike sigmf's."""
     try:
         data = _known_keys(json.loads(text))
     except (ValueError, RecursionError) as error:

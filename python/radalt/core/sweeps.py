@@ -1,4 +1,4 @@
-"""Transmitted sweeps by index, their beat shifted to a synthetic altitude."""
+"""Transmitted sweeps by index, with the beat shift of a synthetic altitude."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .waveform import Waveform
 
 __all__ = ["SentSweeps"]
 
-_KEPT = 64  # altitudes whose sweep is kept
+_KEPT = 64  # cached sweeps, one per altitude: 60 KB each at the default waveform
 
 
 class SentSweeps:
@@ -23,7 +23,7 @@ class SentSweeps:
     sent : SentAltitudes
         Altitude by sweep index.
     synthetic : bool
-        False sends the sweep as it is: the channel plays the altitudes as true delays.
+        False transmits the plain sweep: the channel simulates true delays.
     """
 
     def __init__(self, waveform: Waveform, sent: SentAltitudes, *, synthetic: bool = True) -> None:

@@ -1,4 +1,4 @@
-"""Messages as users get them."""
+"""Messages for users, on one line."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import re
 
 __all__ = ["MOST", "one_line", "said"]
 
-MOST = 300  # characters of a message
-# of an absolute path, all but its last name
+MOST = 300  # longest message, characters: four lines of a terminal
+# the folders of an absolute path
 _FOLDERS = re.compile(r"""(?<![\w.:/])(?:/[^\s/,;:"'()]+){2,}/""")
 
 
 def one_line(text: str, most: int = MOST) -> str:
     """Printable, on one line, of at most ``most`` characters.
 
-    Of a longer one the folders of paths go first, then the middle: cause and remedy stand at the ends.
+    A longer text loses the folders of paths first, then its middle: cause and remedy are at the ends.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def one_line(text: str, most: int = MOST) -> str:
 
 
 def said(error: BaseException) -> str:
-    """What an exception says; one of the system's says its file and reason, without Python's number for it.
+    """Message of an exception; an OSError gives file and reason, without its error number.
 
     Examples
     --------

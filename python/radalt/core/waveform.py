@@ -1,4 +1,4 @@
-"""Triangular FMCW waveform and its beat/range algebra (docs/design.md).
+"""Linear FMCW sweeps, triangle or sawtooth, and their beat/range algebra (docs/design.md).
 
 All phases are kept in float64 *cycles* and reduced modulo one cycle before the exponential: a float32
 phase accumulator is wrong within seconds at 7.5 MS/s.
@@ -9,12 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.constants import speed_of_light as C_M_PER_S
 
 __all__ = [
     "C_M_PER_S",
+    "SHAPES",
     "Waveform",
     "altitude_to_delay_s",
     "delay_to_altitude_m",
@@ -23,8 +25,8 @@ __all__ = [
 ]
 
 
-_MOST_SAMPLES = 1 << 20  # of a frame
-_FRAMES_HELD = 128  # in the buffers of a flowgraph with a few methods
+# Slope of the frame's two halves by shape: 1 rises, -1 falls.
+SHAPES = {"triangle": (1, -1), "sawtooth_up": (1, 1), "sawtooth_down": (-1, -1)}
 
 
 def exp_cycles(phase_cycles: np.ndarray, dtype: type = np.complex64) -> np.ndarray:
@@ -62,20 +64,26 @@ def delay_to_altitude_m(delay_s: np.ndarray | float) -> np.ndarray | float:
 
 @dataclass(frozen=True)
 class Waveform:
-    """Up/down linear sweep; every quantity the rest of the module derives from it.
+    """Up/down linear sweep, and the quantities derived from it.
 
     Parameters
     ----------
     bandwidth_hz : float
         Swept bandwidth ``B``, > 0.
     sweep_s : float
-        Sweep period ``T_sw``, > 0: up plus down, one frame. The up sweep alone lasts ``T_h = T_sw / 2``.
+        Duration ``T_sw`` of a frame, > 0: one whole period of a triangle (up plus down), two whole periods of a
+        sawtooth. Either way a frame holds two ramps over ``B``, of ``T_h = T_sw / 2`` each ("half sweeps").
     rate_hz : float
         Complex sample rate ``F_s`` >= ``B``; ``F_s T_sw`` has to be a whole even number of samples.
     carrier_hz : float
         Carrier ``f_c``, for Doppler and carrier phase.
     centered : bool
-        True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``).
+        True sweeps ``-B/2..+B/2`` (what goes on the air), False ``0..B`` (the paper; aliases at ``F_s = B``; a
+        triangle only).
+    shape : str
+        ``"triangle"``, ``"sawtooth_up"`` or ``"sawtooth_down"``. A sawtooth has one slope, so range and Doppler are
+        one: it measures the altitude of a time `doppler_lead_s` later, and a single frame has no vertical speed. A
+        scene plays a triangle.
 
     Raises
     ------
@@ -94,24 +102,25 @@ class Waveform:
     rate_hz: float = 7.5e6
     carrier_hz: float = 4.3e9
     centered: bool = True
+    shape: str = "triangle"
+
+    deramped: ClassVar[bool] = False  # whether frames come after the mixer: `core.deramp.IfWaveform`
 
     def __post_init__(self) -> None:
         for name in ("bandwidth_hz", "sweep_s", "rate_hz", "carrier_hz"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"waveform.{name} is {value!r}; it has to be a finite number above 0")
-        if self.bandwidth_hz > self.rate_hz * (1 + 1e-12):
+        if self.shape not in SHAPES:
+            raise ValueError(f"waveform.shape is {self.shape!r}; allowed: {', '.join(SHAPES)}")
+        if not (self.centered or self.separates_doppler):
+            raise ValueError(f"waveform.centered is false; a {self.shape} has to be centred")
+        if self.bandwidth_hz > self.rate_hz * (1 + 1e-12) and not self.deramped:
             raise ValueError(
                 f"waveform.bandwidth_hz {self.bandwidth_hz:g} exceeds the complex rate {self.rate_hz:g} S/s; "
                 "lower the bandwidth or raise rate_hz"
             )
         samples = self.rate_hz * self.sweep_s
-        if samples > _MOST_SAMPLES:
-            raise ValueError(
-                f"waveform.sweep_s {self.sweep_s:g} at rate_hz {self.rate_hz:g} makes frames of {samples:.15g} "
-                f"samples, {samples * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; "
-                f"at most {_MOST_SAMPLES} samples"
-            )
         whole = round(samples)
         if abs(samples - whole) > 1e-6 * max(1.0, samples) or whole % 2 or whole < 16:
             raise ValueError(
@@ -130,8 +139,27 @@ class Waveform:
         return self.bandwidth_hz / self.half_sweep_s
 
     @property
+    def half_slopes(self) -> tuple[int, int]:
+        """Sign of the slope of the frame's first and second half."""
+        return SHAPES[self.shape]
+
+    @property
+    def separates_doppler(self) -> bool:
+        """Whether the two halves have opposite slopes, so that one frame gives altitude and Doppler."""
+        return self.half_slopes[0] != self.half_slopes[1]
+
+    @property
+    def doppler_lead_s(self) -> float:
+        """Seconds by which the altitude that a sawtooth measures is ahead: ``f_c / k`` rising, negative falling.
+
+        The beat is ``k tau + f_D`` with ``f_D = 2 v f_c / c``, so the altitude read is ``R + v f_c / k``: the bias
+        ``c f_D / 2k``. Zero for a triangle, whose mean has no Doppler.
+        """
+        return 0.0 if self.separates_doppler else self.half_slopes[0] * self.carrier_hz / self.slope_hz_per_s
+
+    @property
     def samples_per_frame(self) -> int:
-        """Samples ``N`` in one sweep period."""
+        """Samples ``N`` of a frame, `sweep_s` long."""
         return round(self.rate_hz * self.sweep_s)
 
     @property
@@ -158,12 +186,12 @@ class Waveform:
         return self.slope_hz_per_s * altitude_to_delay_s(altitude_m)
 
     def beats_to_altitude_m(self, beat_up_hz: np.ndarray, beat_down_hz: np.ndarray) -> np.ndarray:
-        """``R = c (f_up - f_down) / 4k``; Doppler cancels."""
+        """``R = c (f_up - f_down) / 4k`` of a triangle's beats; Doppler cancels."""
         scale = C_M_PER_S / (4.0 * self.slope_hz_per_s)
         return scale * (np.asarray(beat_up_hz) - np.asarray(beat_down_hz))
 
     def beats_to_vertical_speed_m_per_s(self, beat_up_hz: np.ndarray, beat_down_hz: np.ndarray) -> np.ndarray:
-        """Range rate from ``f_D = (f_up + f_down) / 2 = 2 v f_c / c``; positive when climbing."""
+        """Range rate of a triangle, from ``f_D = (f_up + f_down) / 2 = 2 v f_c / c``; positive when climbing."""
         doppler_hz = 0.5 * (np.asarray(beat_up_hz) + np.asarray(beat_down_hz))
         return doppler_hz * C_M_PER_S / (2.0 * self.carrier_hz)
 
@@ -190,6 +218,9 @@ class Waveform:
         u = time_s - sweep * self.sweep_s
         k = self.slope_hz_per_s
         th = self.half_sweep_s
+        if not self.separates_doppler:
+            v = np.where(u < th, u, u - th)  # time in the ramp; its phase returns to zero
+            return self.half_slopes[0] * 0.5 * v * (k * v - self.bandwidth_hz)
         v = np.minimum(u, self.sweep_s - u)  # triangle: distance to the nearest sweep boundary
         if self.centered:
             half = 0.5 * v * (k * v - self.bandwidth_hz)
@@ -199,6 +230,14 @@ class Waveform:
         rising = 0.5 * k * v * v
         phase = np.where(u < th, rising, k * th * th - rising)
         return phase + np.mod((sweep + frame_index) * self.cycles_per_frame, 1.0)
+
+    def frequency_hz(self, time_s: np.ndarray) -> np.ndarray:
+        """Instantaneous frequency about the carrier, centred, at ``time_s`` after a frame's start; any shape."""
+        u = np.mod(time_s, self.sweep_s)
+        first, second = self.half_slopes
+        in_first = u < self.half_sweep_s
+        rise = self.slope_hz_per_s * np.where(in_first, u, u - self.half_sweep_s) - 0.5 * self.bandwidth_hz
+        return np.where(in_first, first, second) * rise
 
     @cached_property
     def sample_times_s(self) -> np.ndarray:
@@ -223,8 +262,10 @@ class Waveform:
 
         Up sweeps are shifted by ``-k tau``, down sweeps by ``+k tau``; the shift's phase returns to zero at
         the frame's end, so altitudes may change from sweep to sweep without a phase step. The carrier phase
-        ``-2 pi f_c tau`` of a true return is included.
+        ``-2 pi f_c tau`` of a true return is included. Raises ValueError for a sawtooth, which has no such return.
         """
+        if not self.separates_doppler:
+            raise ValueError(f"waveform.shape is {self.shape!r}; a beat shift needs a triangle")
         delay_s = float(altitude_to_delay_s(altitude_m))
         u = self.sample_times_s
         v = np.minimum(u, self.sweep_s - u)

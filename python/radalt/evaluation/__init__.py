@@ -1,5 +1,5 @@
-"""Sweeps, metrics and reports: runs scenes point by point and writes what was measured.
+"""Sweeps, metrics and reports: runs scenes point by point and writes the results.
 
-A point of a sweep is given by (scene, point, seed) alone, so that points can be run in any order, in any
-process and again, without changing a row.
+The rows of a point are a function of (scene, point, seed), so points can run in any order, in any process and
+repeatedly.
 """

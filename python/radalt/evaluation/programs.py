@@ -1,9 +1,9 @@
-"""The command ``radalt``: one sub-command per study and per program of the bench, found by scanning.
+"""The command ``radalt``: one sub-command per study and per program of the bench, found by a scan of their modules.
 
-``radalt eval --sim`` is ``flowgraphs/ota_eval.py --sim`` as installed. A command is a module `evaluation/commands/X.py`
-or `studies/X/command.py` with a docstring, a ``main``, a ``_parser`` and its names: ``PROGRAM, COMMAND = "script",
-"word"``. ``radalt env`` prints what a shell has to know so that Python and GNU Radio Companion find a module below an
-unusual prefix.
+``radalt eval --sim`` is the installed form of ``flowgraphs/ota_eval.py --sim``. A command is a module
+`evaluation/commands/X.py` or `studies/X/command.py` with a docstring, a ``main``, a ``_parser`` and its names:
+``PROGRAM, COMMAND = "script", "word"``. ``radalt env`` prints the shell variables by which Python and GNU Radio
+Companion find a module below an unusual prefix.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class Program:
     Attributes
     ----------
     script : str
-        Its entry in ``flowgraphs/``.
+        Entry in ``flowgraphs/``.
     file : Path
-        Its module.
+        File of the module.
     """
 
     script: str
@@ -46,13 +46,13 @@ class Program:
 
     @property
     def module(self) -> str:
-        """Name below the package."""
+        """Module name below the package."""
         return ".".join(self.file.relative_to(_PACKAGE).with_suffix("").parts)
 
 
 @lru_cache(maxsize=1)
 def programs() -> dict[str, Program]:
-    """Every command by its word: the bench's in the order of their names, then the studies'."""
+    """Every command by its word: the bench's, then the studies', each in alphabetical order."""
     found = {}
     for pattern in ("evaluation/commands/[!_]*.py", "studies/*/command.py"):
         for file in sorted(_PACKAGE.glob(pattern)):
@@ -63,7 +63,7 @@ def programs() -> dict[str, Program]:
 
 
 def load(name: str) -> ModuleType:
-    """The program behind a sub-command, with a help text that shows what is typed here; sets ``sys.argv[0]`` to it."""
+    """Module of a sub-command; sets ``sys.argv[0]`` to ``radalt WORD``, as shown in its help text."""
     sys.argv[0] = f"radalt {name}"
     importlib.import_module(".startup", __package__)  # before NumPy
     program = importlib.import_module(f"..{programs()[name].module}", __package__)
@@ -77,7 +77,7 @@ def load(name: str) -> ModuleType:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Hand the rest of the command line to a program; returns its status, 2 after one line where there is none."""
+    """Run a program with the rest of the command line; returns its status, 2 after one line for an unknown one."""
     words = list(sys.argv[1:] if argv is None else argv)
     name = words[0] if words else "--help"
     if name in ("-h", "--help"):
@@ -131,16 +131,16 @@ def _overview() -> str:
 
 
 def _environment() -> str:
-    """Shell lines; none for what is found without."""
+    """Shell lines for the variables that are needed."""
     from .flowgraph.generate import grc_dirs
 
     wanted = [("PYTHONPATH", _PACKAGE.parent), ("GRC_BLOCKS_PATH", Path(grc_dirs()[0]))]
-    prefix = share_dir().parent.parent  # of an installation
+    prefix = share_dir().parent.parent  # the installation's
     if (prefix / "bin" / "radalt").is_file():
         wanted += [("PATH", prefix / "bin"), ("MANPATH", prefix / "share" / "man")]
     lines = []
     for name, value in wanted:
-        # an empty MANPATH entry stands for the system's own pages
+        # an empty MANPATH entry stands for the system's pages
         rest = '":$MANPATH"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
         lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)

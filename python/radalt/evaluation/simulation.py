@@ -1,6 +1,6 @@
-"""A scene without a flowgraph: the same sources, channel, segmenter, methods and altimeters, called in turn.
+"""Simulation of a scene without a flowgraph: sources, channel, segmenter, methods and altimeters, called in turn.
 
-The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give the same rows for one seed.
+The flowgraph's blocks are adapters over these objects (`core.scene.build`), so both give equal rows for one seed.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from ..core.receiver.segmenter import Frame, FrameSegmenter
 from ..core.scene import Scene
 from ..core.scene.build import channel_of, jammer_of, segmenter_of, sweeps_of
 
-__all__ = ["TAIL_FRAMES", "PointResult", "received", "run_chain", "segmented"]
+__all__ = ["TAIL_FRAMES", "PointResult", "found_latency", "received", "run_chain", "segmented"]
 
-# Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame when the next has come.
-# The flowgraph's variable `frames` has the same number.
+# Sweeps after the last trial: latency is up to one frame, and the segmenter releases a frame after the next one. The
+# flowgraph's variable `frames` uses this number, too.
 TAIL_FRAMES = 3
-_AT_ONCE = 16  # frames per step through the path: the result is the same for any number
+_AT_ONCE = 16  # frames per call, 1 MB at the default waveform; results do not depend on it
 
 
 @dataclass
 class PointResult:
-    """What one run of the path gave.
+    """Results of one run.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class PointResult:
         Seconds of signal per second of wall time.
     left_out : list of str
     outputs : dict of method -> (k,) array of OUTPUT_DTYPE
-        Of the tracker; empty where there is none.
+        Outputs of the tracker; empty without one.
     """
 
     results: dict[str, np.ndarray]
@@ -54,16 +54,20 @@ class PointResult:
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tuple[int, np.ndarray]]:
-    """(sample counter, complex64 samples) pieces of what the receiver gets of so many sweeps.
+def received(
+    scene: Scene, frames: int, at_once: int = _AT_ONCE, *, radar_sends: bool = True
+) -> Iterator[tuple[int, np.ndarray]]:
+    """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
-    A counter that jumps is a gap; the arrays are the caller's to keep.
+    A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
     for first in range(0, frames, at_once):
         count = min(at_once, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
+        if not radar_sends:
+            radar[:] = 0
         jam = None
         if jammer is not None:
             jam = np.concatenate([jammer.next_frame() for _ in range(count)])
@@ -71,7 +75,7 @@ def received(scene: Scene, frames: int, at_once: int = _AT_ONCE) -> Iterator[tup
 
 
 def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
-    """Frames of a scene as its segmenter (`segmenter_of`) releases them, in groups."""
+    """Frames of a scene from its segmenter (`segmenter_of`), in groups."""
     tagged, expected = scene.channel.drops.tagged, None
     for counter, samples in received(scene, scene.altitude.programme.total_frames + TAIL_FRAMES):
         frames: list[Frame] = []
@@ -83,8 +87,16 @@ def segmented(scene: Scene, segmenter: FrameSegmenter) -> Iterator[list[Frame]]:
         yield frames + segmenter.push(samples, lend=True)
 
 
+def found_latency(scene: Scene) -> float:
+    """Samples from the transmitter's sweep to the receiver's as the segmenter finds them; NaN where it does not."""
+    w = scene.waveform
+    for frame in (frames[0] for frames in segmented(scene, segmenter_of(scene)) if frames):
+        return frame.start_sample - frame.index * w.samples_per_frame + frame.offset_s * w.rate_hz
+    return float("nan")
+
+
 class _Path:
-    """One method and the altimeter behind it."""
+    """One method and its altimeter."""
 
     def __init__(self, scene: Scene, method: str) -> None:
         self._altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
@@ -99,7 +111,7 @@ class _Path:
         self.name = method
 
     def take(self, frames: np.ndarray, index: np.ndarray, offset_s: np.ndarray) -> None:
-        """Clean and measure (n, N) frames."""
+        """Process and measure (n, N) frames."""
         cleaned = frames
         if self._method is not None:
             cleaned = np.empty_like(frames)
@@ -113,7 +125,7 @@ class _Path:
         self._results.append(self._altimeter.detect(spectra, timing_offset_s=offset_s, frame_index=index))
 
     def results(self) -> np.ndarray:
-        """Of all frames so far."""
+        """Results of all frames so far."""
         return np.concatenate(self._results) if self._results else self._altimeter.process(self._none())
 
     def _none(self) -> np.ndarray:
@@ -129,7 +141,7 @@ class _Path:
 
 
 def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
-    """What `flowgraph.run.run_point` gives for a scene at one point of its sweep, without GNU Radio."""
+    """Results of a scene at one point of its sweep, as `flowgraph.run.run_point`, without GNU Radio."""
     begin = time.perf_counter()
     paths = [_Path(scene, method) for method in methods]
     segmenter = segmenter_of(scene)
@@ -153,7 +165,7 @@ def run_chain(scene: Scene, methods: Sequence[str]) -> PointResult:
 
 
 def _one_blas_thread() -> contextlib.AbstractContextManager[Any]:
-    """BLAS rounds by the number of its threads; the flowgraph's has one."""
+    """Limit BLAS to one thread, as in the flowgraph: its rounding depends on the number of threads."""
     try:
         from threadpoolctl import threadpool_limits
     except ImportError:

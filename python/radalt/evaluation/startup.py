@@ -1,8 +1,8 @@
-"""What every command does before it imports NumPy, GNU Radio or anything that needs them.
+"""Start of every command, before the import of NumPy and GNU Radio.
 
-Importing this sets, unless the environment says otherwise, one core for every process that computes, the workers' too,
-and GNU Radio's log to warnings, since it tells of every buffer size that is asked for. From here on Ctrl-C and a
-missing package get one line each; how a program ends once it runs is `engine.options.command`'s.
+Its import sets, unless the environment does, one thread for the numerical libraries of this process and its workers,
+and GNU Radio's log to warnings, since it logs every requested buffer size. Afterwards Ctrl-C and a missing package get
+one line each; `engine.options.command` handles the end of a running program.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ for _name, _value in (
 
 
 def _one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Ctrl-C while something is imported, and what cannot be imported."""
+    """Print one line for Ctrl-C during an import, and for a failed import."""
     if issubclass(kind, KeyboardInterrupt):
         print(f"{sys.argv[0]}: stopped", file=sys.stderr)
         sys.exit(130)

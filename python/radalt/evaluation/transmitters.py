@@ -1,7 +1,7 @@
-"""GNU Radio's own transmitters, run into arrays: interference that shares no line with this package's emitters.
+"""Samples of GNU Radio's transmitters: interference that is independent of this package's emitters.
 
 DVB-T, DVB-T2, ATSC and DVB-S2 are the flowgraphs of gr-dtv's examples, OFDM is gr-digital's packet transmitter. Each
-sends random transport packets or bytes by its seed.
+transmits random transport packets or bytes, drawn from a seed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = ["TRANSMITTERS", "Transmitter", "transmit"]
 
-_LIMIT_S = 300.0
-_TS_PACKET = 188  # bytes, ISO/IEC 13818-1
-_SYNC = 0x47
+_LIMIT_S = 300.0  # longest run of a transmitter, s
+_TS_PACKET = 188  # transport packet, bytes, ISO/IEC 13818-1
+_SYNC = 0x47  # its first byte
 _ATSC_SYMBOL_HZ = Fraction(4_500_000 * 684, 286)  # 10.76 MHz, ATSC A/53 Part 2
-_ATSC_CHANNEL_HZ = 6e6
-_RAMP = (
-    60_000  # samples until filters and interleavers, the longest ATSC's of 52 segments, hold nothing but data
-)
+_ATSC_CHANNEL_HZ = 6e6  # channel bandwidth, ATSC A/53
+# samples skipped until filters and interleavers are filled with data; the longest is ATSC's of 52 segments
+_RAMP = 60_000
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,11 @@ class Transmitter:
     ----------
     title : str
     rate_hz : float
-        Of the samples that `transmit` returns.
+        Rate of the samples from `transmit`.
     chain : callable
-        ``(seed) -> [blocks]``, a source first, the last putting out complex samples.
+        ``(seed) -> [blocks]``, from a source to a block with complex output.
     made_at_hz : Fraction or None
-        Rate at which the chain makes them, if that is another one.
+        Rate of the chain's output, if it differs.
     """
 
     title: str
@@ -56,7 +55,7 @@ def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
     Raises
     ------
     KeyError
-        If there is none of that name.
+        If there is no transmitter ``name``.
     TimeoutError
         If the flowgraph takes longer than five minutes.
     """
@@ -84,7 +83,7 @@ def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
 
 
 def _transport_stream(seed: int) -> gr.basic_block:
-    """Random transport packets for ever."""
+    """Random transport packets without end."""
     from gnuradio import blocks
 
     packets = np.random.default_rng(seed).integers(0, 256, (2_000, _TS_PACKET), dtype=np.uint8)

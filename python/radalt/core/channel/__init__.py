@@ -1,1 +1,1 @@
-"""Between the antennas: the simulated air and front end of two B210s."""
+"""Simulated propagation and front ends of two B210s."""

@@ -1,7 +1,7 @@
-"""What two B210s and the air between them do, sample by sample, without hardware (docs/design.md).
+"""Simulated channel between two B210s, with their front ends, sample by sample (docs/design.md).
 
-The channel works in blocks of one frame counted from the transmitter's first sample, whatever the chunks it is fed:
-a run is a function of its seed, bit for bit. Every impairment is off unless the scene asks, and costs nothing then.
+The channel works in blocks of one frame, counted from the transmitter's first sample, for any size of input chunks:
+a run is a function of its seed, bit for bit. Every impairment is off by default and then costs nothing.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ from .noise import ReceiverNoise
 __all__ = ["ChannelSettings", "DropSettings", "SimulatedChannel", "TerrainPlayer"]
 
 
-_MOST_DELAY = 1e6  # samples, which a delay line has to hold
-_MOST_LEAKAGE_M = 100.0  # path that is part of an installation
+_MOST_DELAY = 1e6  # longest delay, samples: 8 MB of delay line
+_MOST_LEAKAGE_M = (
+    100.0  # longest path of leakage or gear, metres of altitude: longer than any aircraft's installation
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class ChannelSettings:
     jammer_clock_ppm, jammer_lo_offset_hz : float
         The jammer runs from its own clock and LO.
     dc_offset : float
-        Amplitude of a constant added, relative to the return.
+        Amplitude of the receiver's DC offset, relative to the return.
     iq_gain_db, iq_phase_deg : float
         IQ imbalance of the receiver.
     adc_bits : int
@@ -76,19 +78,18 @@ class ChannelSettings:
     full_scale : float
         Amplitude per rail at which the converter clips, relative to the return.
     leakage_db : float or None
-        Direct transmitter leakage, relative to the return; only with true delays. Outside the trials (preamble,
-        synchronisation) it is alone, as with terminated antennas.
+        Power of the direct transmitter leakage, relative to the return; only with true delays. Outside the trials
+        (preamble, synchronisation) there is no return, as with terminated antennas.
     leakage_m : float
-        Its path, in metres of altitude.
+        Path of the leakage, in metres of altitude.
     gear_db : float or None
-        A second line that stands still, such as the echo of the landing gear, relative to the return; with
-        ``leakage_db`` only.
+        Power of a second static echo, such as the landing gear's, relative to the return; with ``leakage_db`` only.
     gear_m : float
-        Its distance below the antennas.
+        Distance of the gear below the antennas.
     drops : DropSettings
         Lost samples.
     return_multipath : FadingChannel or None
-        Tapped delay line of the return; with Doppler its gains move from frame to frame (below 500 Hz for 1 ms).
+        Tapped delay line of the return; its gains are constant within a frame (Doppler below 500 Hz for 1 ms frames).
     """
 
     snr_db: float | None = 10.0
@@ -138,15 +139,15 @@ class ChannelSettings:
 
 
 class TerrainPlayer:
-    """The ground's echo by frame index, instead of that of a point.
+    """Terrain return by frame index, in place of a point return.
 
     Parameters
     ----------
     landing : LandingSpec
     programme : Programme
-        Its altitudes have to be those of the landing, one per frame.
+        Programme whose altitudes are those of the landing, one per frame.
     waveform, seed
-        As the scene has them.
+        Those of the scene.
 
     Raises
     ------
@@ -167,32 +168,31 @@ class TerrainPlayer:
         self._trial = np.cumsum(programme.is_trial(index)) - 1
 
     def echo(self, frame_index: int, transmitted: np.ndarray) -> np.ndarray:
-        """(N,) what comes back of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
+        """(N,) return of sweep ``frame_index``; outside the trials the sweep itself, at altitude zero."""
         if not self._programme.is_trial(frame_index):
             return transmitted
         return self._profile.frame(int(self._trial[frame_index]))
 
 
 class SimulatedChannel:
-    """Two transmitters' streams in, the receiver's stream out, a frame at a time.
+    """Channel from the radar's and the jammer's transmitter to the radar's receiver, one frame at a time.
 
     Parameters
     ----------
     waveform : Waveform
     settings : ChannelSettings
     seed : int
-        Everything random follows from it.
+        Seed of everything random.
     terrain : TerrainPlayer or None
-        Puts the echo of the ground where the transmitted sweep is.
+        Terrain return, in place of the transmitted sweep.
     true_delay : Programme or None
-        Plays these altitudes as true delays with Doppler and carrier phase; None where the source shifts the beat.
+        Altitudes simulated as true delays with Doppler and carrier phase; None where the source shifts the beat.
     frames : int
-        Length of the run in frames, over which gaps are spread.
+        Length of the run in frames; gaps are spread over it.
 
     Notes
     -----
-    The latency is kept at 80 samples or more, so that the interpolation kernel never looks into the future; with a
-    drawn latency it lies within 80..N-2 samples.
+    A drawn latency lies within 80..N-2 samples, so that the interpolation kernel stays causal.
     """
 
     MIN_LATENCY = 80
@@ -247,7 +247,7 @@ class SimulatedChannel:
         self._gaps = self._draw_gaps(frames)
         self._gains = self._draw_multipath(frames)
         self._block = 0
-        # what changes from frame to frame is made a frame at a time
+        # impairments that change from frame to frame are applied frame by frame
         changes = (
             true_delay is not None
             or terrain is not None
@@ -258,7 +258,7 @@ class SimulatedChannel:
         self._at_once = 1 if changes else MOST_BLOCKS
 
     def _draw_multipath(self, frames: int) -> np.ndarray | None:
-        """(taps, frames) gains of the return's paths, or None; drawn from a generator of their own."""
+        """(taps, frames) gains of the return's paths, or None; drawn from a separate generator."""
         channel = self.settings.return_multipath
         if channel is None:
             return None
@@ -289,17 +289,16 @@ class SimulatedChannel:
 
     @property
     def gaps(self) -> tuple[tuple[int, int], ...]:
-        """All gaps still to come: (first sample, length)."""
+        """Gaps ahead: (first sample, length)."""
         return tuple(self._gaps)
 
     def process(
         self, radar: np.ndarray, jammer: np.ndarray | None = None, out: np.ndarray | None = None
     ) -> list[tuple[int, np.ndarray]]:
-        """Whole frames of each transmitter in, one or more; received pieces out as (sample counter, samples).
+        """Received pieces, as (sample counter, samples), of one or more frames of each transmitter.
 
-        A gap shows as a counter that jumps; normally a piece ends where the next one begins. The samples are the same
-        to the bit, however many frames come with a call. The pieces are views of ``out``, complex64 of as many samples,
-        if that is given.
+        A gap is a jump of the counter. The samples do not depend on the number of frames per call, to the bit. If
+        ``out`` is given (complex64, as many samples), the pieces are views of it.
         """
         n = self._n
         if radar.ndim != 1 or not radar.size or radar.size % n:
@@ -314,7 +313,7 @@ class SimulatedChannel:
     def _blocks(
         self, radar: np.ndarray, jammer: np.ndarray | None, out: np.ndarray
     ) -> list[tuple[int, np.ndarray]]:
-        """As `process`, for no more frames than are made at once."""
+        """As `process`, for at most as many frames as one push of the delay lines takes."""
         s, count = self.settings, radar.size // self._n
         self._radar.push(self.terrain.echo(self._block, radar) if self.terrain is not None else radar)
         whole = out.reshape(count, self._n)
@@ -347,7 +346,7 @@ class SimulatedChannel:
         )
 
     def _paths(self, delay_samples: float, count: int = 1) -> np.ndarray:
-        """(count, N) the transmitted stream at a delay, through the return's multipath if there is any."""
+        """(count, N) delayed transmitted stream, through the return's multipath if there is any."""
         multipath = self.settings.return_multipath
         if self._gains is None or multipath is None:
             return self._radar.read(delay_samples, count)
@@ -356,7 +355,7 @@ class SimulatedChannel:
         return sum(np.complex64(g) * self._radar.read(d) for g, d in zip(gains, delays, strict=True))
 
     def _delayed(self, frame: int) -> np.ndarray:
-        """This block as a return of frame ``frame``'s altitude: delay, carrier phase, Doppler, leakage."""
+        """(N,) return from the altitude of frame ``frame`` in this block: delay, carrier phase, Doppler, leakage."""
         n, w = self._n, self.waveform
         assert self.true_delay is not None
         altitude = float(self.true_delay.altitude_m(frame))
@@ -378,7 +377,7 @@ class SimulatedChannel:
         return out if leakage is None else out + leakage
 
     def _leakage(self) -> np.ndarray | None:
-        """(N,) this block of what stands still beside the antennas; None without any."""
+        """(N,) leakage and gear echo in this block; None without leakage."""
         s, total = self.settings, None
         for level_db, distance_m in ((s.leakage_db, s.leakage_m), (s.gear_db, s.gear_m)):
             if level_db is None:
@@ -397,7 +396,7 @@ class SimulatedChannel:
         s, n = self.settings, self._n
         delay = self._jammer_base
         if s.jammer_clock_ppm:
-            # after a whole frame of drift the jammer skips, or repeats, one: a run has no longest time
+            # after one frame of drift the jammer skips or repeats a frame, so that the delay line stays finite
             delay -= np.fmod(s.jammer_clock_ppm * 1e-6 * self._block * n, n)
             delay = round(delay * STEPS) / STEPS
         out = self._jammer.read(delay, count)
@@ -407,7 +406,7 @@ class SimulatedChannel:
         return out
 
     def _impair(self, out: np.ndarray) -> None:
-        """Noise, DC, imbalance, converter, in place and in the order of a receiver."""
+        """Noise, DC offset, IQ imbalance and ADC, in place, in the order of a receiver."""
         s = self.settings
         if s.snr_db is not None:
             self._noise.add(out, 10.0 ** ((s.gain_db - s.snr_db) / 10.0))
@@ -422,7 +421,7 @@ class SimulatedChannel:
             rails = out.view(np.float32)
             step = np.float32(s.full_scale / 2 ** (s.adc_bits - 1))
             top = 2 ** (s.adc_bits - 1) - 1
-            # mid-rise for one bit would lose zero; converters are mid-tread above that
+            # one bit is mid-rise, since a mid-tread converter has a level at zero; from two bits on mid-tread
             levels = (
                 np.sign(rails) * 0.5 if s.adc_bits == 1 else np.clip(np.rint(rails / step), -top - 1, top)
             )

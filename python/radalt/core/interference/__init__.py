@@ -1,4 +1,4 @@
-"""What disturbs the receiver: emitters, their placement at exact SIR and overlap, and the stream a jammer sends."""
+"""Interference: emitters, their placement at exact SIR and overlap, and the stream of a jammer."""
 
 from .emitters.qpsk import QpskEmitter
 from .emitters.tones import ToneEmitter

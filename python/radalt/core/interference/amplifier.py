@@ -13,7 +13,9 @@ from .receiver_filter import check_count, check_receiver, decimate_window, rando
 
 __all__ = ["AmplifiedEmitter", "Amplifier"]
 
-_OVERSAMPLING = 4  # of the radar's rate: products up to the seventh order fold outside the carrier
+_OVERSAMPLING = (
+    4  # rate of the amplifier over the radar's: products up to the seventh order alias outside the carrier
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +44,7 @@ class Amplifier:
             raise ValueError(f"amplifier.smoothness is {self.smoothness!r}; it has to be within 0.3..100")
 
     def amplify(self, samples: np.ndarray, mean_power: float = 1.0) -> np.ndarray:
-        """(n,) complex samples of that mean power through the amplifier, small-signal gain 1."""
+        """(n,) complex samples, of mean power ``mean_power``, through the amplifier, small-signal gain 1."""
         power = (samples.real**2 + samples.imag**2) * (10.0 ** (-self.backoff_db / 10.0) / mean_power)
         # log1p(exp()) keeps a large exponent from overflowing
         with np.errstate(divide="ignore"):
@@ -52,7 +54,7 @@ class Amplifier:
 
 @dataclass(frozen=True, kw_only=True)
 class AmplifiedEmitter(NamedEmitter):
-    """An emitter behind its amplifier: made wide enough for what grows beside its band, amplified, then received.
+    """An emitter behind its amplifier: simulated at a rate that holds the spectral regrowth, amplified, then received.
 
     An emitter with a ``period`` (5G NR) is amplified once, at its own rate; others at four times the radar's.
     """

@@ -1,8 +1,8 @@
-"""What stands between an ideal emitter and the radar: amplifier, fading that goes on, oscillators.
+"""Impairments between an ideal emitter and the radar: amplifier, continuous fading, oscillators.
 
-Each is a key of an interferer in a scene, and costs nothing where it is not named. `ImpairedEmitter` chains them in
-front of placement, so SIR and overlap hold as for every emitter. Fading and clock are one filter that moves with time:
-its response at a few Chebyshev nodes of a block is applied in the frequency domain, and the outputs are interpolated.
+Each is a key of an interferer in a scene and off by default. `ImpairedEmitter` applies them before placement, so SIR
+and overlap hold as for every emitter. Fading and sample clock offset are one time-variant filter: its responses at a
+few Chebyshev nodes of a block are applied in the frequency domain, and the outputs are interpolated in time.
 """
 
 from __future__ import annotations
@@ -22,18 +22,25 @@ from .emitters import NamedEmitter
 from .multipath import FadedEmitter, FadingChannel, faded
 from .placement import Emitter
 
-__all__ = ["ImpairedEmitter", "Impairments", "Oscillator", "PhaseNoise", "Running", "impaired", "parts"]
+__all__ = [
+    "WINDOW_FRAMES",
+    "ImpairedEmitter",
+    "Impairments",
+    "Oscillator",
+    "PhaseNoise",
+    "Running",
+    "impaired",
+    "parts",
+]
 
-_GUARD = (
-    128  # samples on either side of a block, for the tails of fractional delays; the outer half is tapered
-)
+# guard on either side of a block, samples, for the tails of fractional delays; the outer half is tapered
+_GUARD = 128
 _TAPER = np.hanning(_GUARD + 2)[1 : _GUARD // 2 + 1]
-_BLOCK = 1 << 14  # samples filtered at once, at most
-_INTERPOLATION = 3e-4  # amplitude error of the interpolation in time, -70 dB
-_STEP_RAD = (
-    0.06  # bandwidth times 2 pi times the step at which phase noise is drawn: 1 % less rms between steps
-)
-_WINDOW_FRAMES = 40  # of an emitter that does not repeat, in a stream
+_BLOCK = 1 << 14  # longest block of the filter, samples: its FFTs stay in the second-level cache
+_INTERPOLATION = 3e-4  # largest amplitude error of the interpolation in time: -70 dB, below every EVM
+# step at which phase noise is drawn, times 2 pi bandwidth, rad: between steps the rms is 1 % too low
+_STEP_RAD = 0.06
+WINDOW_FRAMES = 40  # window of an emitter without a period, frames: 2.4 MB
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +67,7 @@ class PhaseNoise:
             raise ValueError(f"phase_noise.bandwidth_hz is {self.bandwidth_hz!r}; it has to be within 1..1e6")
 
     def cycles(self, count: int, rate_hz: float, last: float | None, rng: np.random.Generator) -> np.ndarray:
-        """(count + 1,) phases in cycles from ``last`` on (None: drawn); the last of them begins the next block."""
+        """(count + 1,) phases in cycles from ``last`` on (None: drawn); the last one begins the next block."""
         steps = max(1, int(np.ceil(count * 2 * np.pi * self.bandwidth_hz / (_STEP_RAD * rate_hz))))
         steps = min(steps, count)
         kept = np.exp(-2 * np.pi * self.bandwidth_hz * count / (steps * rate_hz))
@@ -75,14 +82,14 @@ class PhaseNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class Oscillator:
-    """How far the emitter's carrier and sample clock are from the radar's.
+    """Carrier frequency offset and sample clock offset of the emitter against the radar.
 
     Parameters
     ----------
     carrier_offset_hz : float
         Carrier frequency offset, -1e5..1e5.
     clock_ppm : float
-        How much faster the emitter's sample clock runs, -100..100.
+        Sample clock offset, -100..100; positive where the emitter's clock is faster.
     """
 
     carrier_offset_hz: float = 0.0
@@ -99,19 +106,19 @@ class Oscillator:
 
 @dataclass(frozen=True, kw_only=True)
 class Impairments:
-    """Effects of one emitter, in the order of the signal; each None is left out.
+    """Impairments of one emitter, in the order of the signal path; None leaves one out.
 
     Parameters
     ----------
     amplifier : Amplifier or None
-        of the transmitter, by Rapp's model, without conversion of amplitude to phase
+        power amplifier of the transmitter, by Rapp's model, without conversion of amplitude to phase
     fading : FadingChannel or None
-        multipath whose taps go on from frame to frame in a jammer's stream; its SIR holds in the mean over the fading
-        where the emitter is free-running, else in every frame
+        multipath, continuous from frame to frame in a jammer's stream; the SIR of a free-running emitter holds in the
+        mean over the fading, else in every frame
     oscillator : Oscillator or None
-        how far the emitter's carrier and sample clock are from the radar's
+        carrier frequency offset and sample clock offset against the radar
     phase_noise : PhaseNoise or None
-        of both oscillators together, Gaussian with a Lorentzian spectrum
+        phase noise of both oscillators together, Gaussian with a Lorentzian spectrum
     """
 
     amplifier: Amplifier | None = None
@@ -121,7 +128,7 @@ class Impairments:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The effects as headings have them."""
+        """Names of the impairments, for headings."""
         said = []
         if self.amplifier is not None:
             said.append(f"amplifier {self.amplifier.backoff_db:g} dB backed off")
@@ -140,9 +147,9 @@ KEYS = tuple(field.name for field in dataclasses.fields(Impairments))
 
 @dataclass(frozen=True, kw_only=True)
 class ImpairedEmitter(NamedEmitter):
-    """An emitter as it is received: emitter protocol, mean power 1 in the long run.
+    """An emitter with impairments: emitter protocol, mean power 1 in the long run.
 
-    `samples` draws the channel and the oscillators anew. `JammerStream` runs one `Running` on from frame to frame.
+    `samples` draws the channel and the oscillators anew. `JammerStream` keeps them continuous by a `Running`.
 
     >>> ImpairedEmitter(emitter=NrEmitter(), effects=Impairments(phase_noise=PhaseNoise()))  # doctest: +SKIP
     """
@@ -152,7 +159,7 @@ class ImpairedEmitter(NamedEmitter):
 
     @property
     def label(self) -> str:
-        """See `NamedEmitter.label`: the emitter's own."""
+        """See `NamedEmitter.label`: that of the ideal emitter."""
         return self.emitter.label
 
     def title(self, band_hz: float) -> str:
@@ -161,12 +168,12 @@ class ImpairedEmitter(NamedEmitter):
 
     @property
     def stated_sir_db(self) -> float | None:
-        """The level that a standard gives the emitter itself; effects change none of it."""
+        """Level by the ideal emitter's link budget; the impairments do not change it."""
         return self.emitter.stated_sir_db
 
     @property
     def always_in_window(self) -> bool:
-        """Whether the emitter places its window where it is heard."""
+        """Whether the emitter draws windows in which it is received."""
         return getattr(self.emitter, "always_in_window", False)
 
     def notes(self, rate_hz: float) -> tuple[str, ...]:
@@ -186,28 +193,28 @@ class ImpairedEmitter(NamedEmitter):
 
 
 class Running:
-    """An impaired emitter whose channel and oscillators go on from call to call: emitter protocol.
+    """An impaired emitter whose channel and oscillators are continuous from call to call: emitter protocol.
 
     Parameters
     ----------
     emitter : ImpairedEmitter
     frame_samples : int
-        Samples from the start of one call's part to the next one's.
+        Samples between the starts of two calls.
     steady : bool
-        The emitter goes on, too, with one gain: its SIR, before fading, holds over its period or 40 frames. Otherwise
-        every call is a part of its own of what it sends.
+        The emitter, too, is continuous, with constant gain: its SIR, before fading, holds over its period or 40 frames.
+        Otherwise every call draws an independent window of the emitter.
     """
 
     def __init__(self, emitter: ImpairedEmitter, frame_samples: int, *, steady: bool = False) -> None:
         self.emitter, self.frame_samples, self.steady = emitter, frame_samples, steady
-        self._first = 0  # sample of the radar's clock
+        self._first = 0  # first sample of the next call, by the radar's clock
         self._filter: _MovingFilter | None = None
         self._held, self._held_from = np.empty(0, dtype=np.complex128), 0
         self._window: np.ndarray | None = None
         self._phase: float | None = None
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """See `Emitter`; ``count`` is at most ``frame_samples`` where the emitter goes on."""
+        """See `Emitter`; ``count`` is at most ``frame_samples`` if ``steady``."""
         if self._filter is None:
             self._filter = _MovingFilter(self.emitter.effects, rate_hz, rng)
         out = np.concatenate(
@@ -219,14 +226,14 @@ class Running:
         return out
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """See `Emitter`: with one gain, if that is steady."""
+        """See `Emitter`: with constant gain if ``steady``, else nothing is written."""
         if self.steady:
             part = self.samples(span.size, rate_hz, rng)
             np.multiply(part, np.sqrt(mean_power), out=span, casting="same_kind")
         return self.steady
 
     def _block(self, at: int, count: int, whole: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """``count`` of a call's ``whole`` samples from number ``at`` on."""
+        """Samples ``at`` to ``at + count`` of a call of ``whole`` samples."""
         moving, first = self._filter, self._first + at
         start, before, after = moving.span(first, count)
         rest = before, whole - at, moving.span(self._first, whole)[2]
@@ -234,12 +241,12 @@ class Running:
         part = moving.apply(part, first, count) if moving.moves else part.copy()
         turn = self._cycles(first, count, rate_hz, rng)
         if turn is not None:
-            # what is left of a cycle has a phase error of 1e-7 in single precision, at a fifth of the time
+            # after reduction to one cycle, single precision has a phase error of 1e-7, at a fifth of the time
             part *= exp_cycles((turn - np.rint(turn)).astype(np.float32))
         return part
 
     def _cycles(self, first: int, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray | None:
-        """(count,) phase of carrier offset and phase noise together."""
+        """(count,) phase in cycles of carrier offset and phase noise together."""
         offset, noise = self.emitter.effects.oscillator, self.emitter.effects.phase_noise
         total = None
         if offset is not None and offset.carrier_offset_hz:
@@ -254,9 +261,9 @@ class Running:
     def _sent(
         self, start: int, count: int, rest: tuple[int, int, int], rate_hz: float, rng: np.random.Generator
     ) -> np.ndarray:
-        """``count`` samples of what the emitter sends, from number ``start`` on.
+        """``count`` transmitted samples, from number ``start`` on.
 
-        ``rest`` is what this call needs in all from there on: before its own samples, of them, and after them.
+        ``rest`` counts the samples that this call needs from ``start`` on: before, inside and after the call.
         """
         if not self._held.size:
             self._held_from = start
@@ -265,7 +272,9 @@ class Running:
         while self._held.size < count:
             if self.steady:
                 more = self._next_window(rate_hz, rng)
-            elif self.emitter.always_in_window:  # in what is heard, not in what is needed around it
+            elif (
+                self.emitter.always_in_window
+            ):  # the emission has to lie inside the call, not in the filter's margins
                 before, inside, after = rest
                 more = np.pad(self.emitter.source.samples(inside, rate_hz, rng), (before, after))
             else:
@@ -274,11 +283,11 @@ class Running:
         return self._held[:count]
 
     def _next_window(self, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """A period of the emitter, or 40 frames of one that has none, at unit mean power."""
+        """A period of the emitter, or `WINDOW_FRAMES` frames of one without a period, at unit mean power."""
         source = self.emitter.source
         period_s = getattr(source, "period_s", 0.0)
         if self._window is None or not period_s:
-            count = round(period_s * rate_hz) if period_s else _WINDOW_FRAMES * self.frame_samples
+            count = round(period_s * rate_hz) if period_s else WINDOW_FRAMES * self.frame_samples
             self._window = source.samples(count, rate_hz, rng)
             power = np.vdot(self._window, self._window).real / count
             self._window = self._window / np.sqrt(power) if power > 0 else self._window
@@ -288,7 +297,7 @@ class Running:
 
 
 class _MovingFilter:
-    """Fading and sample clock as one filter that changes with time: a draw of the channel, by absolute time."""
+    """Fading and sample clock offset as one time-variant filter: one draw of the channel, by absolute time."""
 
     def __init__(self, effects: Impairments, rate_hz: float, rng: np.random.Generator) -> None:
         self._channel, self._rate_hz = effects.fading, rate_hz
@@ -297,7 +306,7 @@ class _MovingFilter:
         self.moves = bool(self._slip) or self._paths is not None
 
     def span(self, first: int, count: int) -> tuple[int, int, int]:
-        """First input sample of a block of output, and how many more come before and after ``count`` of them."""
+        """First input sample of a block of ``count`` output samples, and the extra samples before and after them."""
         if not self.moves:
             return first, 0, 0
         delay = 0.0 if self._channel is None else self._channel.delays_s.max() * self._rate_hz
@@ -306,9 +315,9 @@ class _MovingFilter:
         return int(np.floor(first * (1.0 + self._slip))) - before - slip, before + slip, _GUARD + slip
 
     def apply(self, sent: np.ndarray, first: int, count: int) -> np.ndarray:
-        """(count,) samples of what is received from number ``first`` on, from the input that `span` asks for."""
+        """(count,) received samples from number ``first`` on; ``sent`` covers the input given by `span`."""
         start, before, _ = self.span(first, count)
-        sent = sent.astype(np.complex64)  # -130 dB
+        sent = sent.astype(np.complex64)  # rounding at -130 dB
         sent[: _TAPER.size] *= _TAPER
         sent[-_TAPER.size :] *= _TAPER[::-1]
         swing = np.pi * abs(self._slip) * count / 2
@@ -317,7 +326,7 @@ class _MovingFilter:
         at, weights = _nodes(_order(swing), count)
         size = fft.next_fast_len(sent.size)
         spectrum = fft.fft(sent, size, overwrite_x=True)
-        # in place from here on: new pages for every product would take most of the time
+        # in place from here on: allocating every product would take most of the time
         if self._paths is not None:
             gains = self._paths.gains((first + at) / self._rate_hz).astype(np.complex64)
             product = gains @ _delays(self._channel, self._rate_hz, size)
@@ -335,7 +344,7 @@ class _MovingFilter:
 
 
 def _order(swing_rad: float) -> int:
-    """Nodes with which a phase that swings by so much to either side is interpolated to `_INTERPOLATION`."""
+    """Number of nodes that interpolates a phase swing of +/- ``swing_rad`` to an error of `_INTERPOLATION`."""
     order, error = 1, swing_rad
     while error > _INTERPOLATION:
         order += 1
@@ -357,7 +366,7 @@ def _nodes(order: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=32)
 def _between(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count + 1,) node before each sample and the samples' place between nodes, of ``steps`` even steps."""
+    """(count + 1,) index of the node before each sample, and its position between nodes, for ``steps`` even steps."""
     at = np.arange(count + 1) * (steps / count)
     before = np.minimum(at.astype(np.intp), steps - 1)
     return before, at - before
@@ -373,13 +382,13 @@ def _shifts(cycles: np.ndarray, count: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _delays(channel: FadingChannel, rate_hz: float, size: int) -> np.ndarray:
-    """(taps, size) responses of the channel's delays."""
+    """(taps, size) frequency responses of the channel's delays."""
     cycles = -channel.delays_s[:, None] * rate_hz * fft.fftfreq(size)
     return exp_cycles(cycles)
 
 
 def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
-    """The emitter with the effects and the multipath that an interferer's mapping names; itself where it names none.
+    """The emitter with the impairments and the multipath named in an interferer's mapping; unchanged without any.
 
     Raises
     ------
@@ -389,14 +398,16 @@ def impaired(emitter: Emitter, data: dict[str, Any], where: str) -> Emitter:
     named = {key: data[key] for key in KEYS if data.get(key) is not None}
     multipath = data.get("multipath")
     if multipath is not None and "fading" in named:
-        raise ValueError(f"{where} has multipath and fading; give one: fading goes on from frame to frame")
+        raise ValueError(
+            f"{where} has multipath and fading; give one: fading is continuous from frame to frame"
+        )
     if named:
         emitter = ImpairedEmitter(emitter=emitter, effects=build(Impairments, named, where))
     return emitter if multipath is None else faded(emitter, multipath, f"{where}.multipath")
 
 
 def parts(emitter: Emitter) -> tuple[Emitter, dict[str, Any]]:
-    """The emitter itself, and what `impaired` was given as plain mappings."""
+    """The ideal emitter, and the impairments as plain mappings: the arguments of `impaired`."""
     keys: dict[str, Any] = {}
     if isinstance(emitter, FadedEmitter):
         keys["multipath"], emitter = plain(emitter.channel), emitter.emitter

@@ -20,7 +20,7 @@ __all__ = [
 # 3GPP TS 38.104 Table 6.5.2.2-1, base stations
 EVM_LIMITS = MappingProxyType({"qpsk": 0.175, "16qam": 0.125, "64qam": 0.08, "256qam": 0.035})
 TYPICAL = "typical"
-EMITTERS = "emitters: typical EVM"  # the default of studies, in titles of their figures
+EMITTERS = "emitters: typical EVM"  # titles of the studies' figures
 TYPICAL_EVM = MappingProxyType({name: limit / 2 for name, limit in EVM_LIMITS.items()})
 
 
@@ -31,12 +31,12 @@ def check_evm(owner: str, evm: float | str) -> None:
 
 
 def evm_fraction(evm: float | str, modulation: str) -> float:
-    """RMS error over RMS amplitude: ``evm`` itself, or half the limit of the alphabet (QPSK: 0.0875)."""
+    """RMS error over RMS amplitude: ``evm``, or half the limit of the modulation for 'typical' (QPSK: 0.0875)."""
     return TYPICAL_EVM[modulation] if evm == TYPICAL else float(evm)
 
 
 def evm_title(evm: float | str) -> str:
-    """The transmitter in words, for headings."""
+    """EVM of the transmitter, for headings."""
     if evm == TYPICAL:
         return "typical EVM"
     return f"EVM {100 * evm:.3g} %" if evm else "ideal"

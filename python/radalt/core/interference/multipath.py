@@ -1,9 +1,9 @@
 """Multipath: tapped-delay-line channels by name, for interference and for the radar's return.
 
-Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread); EPA, EVA, ETU
-of 3GPP TS 36.104 Annex B.2, PA (Pedestrian A) of ITU-R M.1225 Table 3 and RA4 (rural area, four paths, here all of
-them Rayleigh) of 3GPP TS 45.005 Annex C.3.1, whose delays are fixed. Delays are applied in the frequency domain, so
-they need not be whole samples. Mean channel power is 1 over the ensemble of draws.
+Profiles: TDL-A..E of 3GPP TR 38.901 (Tables 7.7.2-1 to -5, delays normalised to a delay spread). With fixed delays:
+EPA, EVA, ETU of 3GPP TS 36.104 Annex B.2, PA (Pedestrian A) of ITU-R M.1225 Table 3, and RA4 (rural area, four paths,
+all Rayleigh here) of 3GPP TS 45.005 Annex C.3.1. Delays are applied in the frequency domain, so they need not be whole
+samples. Mean channel power is 1 over the ensemble of draws.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .emitters import NamedEmitter
 from .placement import Emitter
 
 _LOS_DOPPLER = 0.7  # Doppler of the line of sight over the maximum, TR 38.901 clause 7.7.2
-_WAVES = 32  # plane waves a tap; each has a Gaussian weight, so the tap is exactly Gaussian for any number
-_GUARD_SAMPLES = 64  # for the tails of fractional delays, which fall as 1/n
+_WAVES = 32  # plane waves per tap: with Gaussian weights, the tap is exactly Gaussian for any number
+_GUARD_SAMPLES = 64  # guard for the tails of fractional delays, samples: they fall as 1/n, to -45 dB
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Profile:
     """A tapped delay line.
 
     `delays` are in seconds, or in units of the delay spread if `normalised`; `powers_db` are relative mean
-    powers of the same length. `los_db`, if given, is the power of a steady line of sight at delay 0 on the
+    powers of the same length. `los_db`, if given, is the power of a non-fading line of sight at delay 0 on the
     same scale.
     """
 
@@ -103,7 +103,7 @@ def _gaussian(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
 class FadingChannel:
     """Random multipath channel, one independent draw per frame.
 
-    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a steady
+    y(t) = sum_i g_i(t) x(t - tau_i), g_i complex Gaussian (Rayleigh) with the profile's powers, plus a constant
     line of sight where the profile has one (Rice). With Doppler each g_i has Clarke's spectrum, with the
     autocorrelation J0(2 pi f_D t); the line of sight then moves at 0.7 f_D (TR 38.901 clause 7.7.2).
 
@@ -183,7 +183,7 @@ class FadingChannel:
         return gains
 
     def draw(self, rng: np.random.Generator) -> Paths:
-        """One draw of the channel, whose gains are a function of time without end."""
+        """One draw of the channel; its gains are defined at any time."""
         waves = _WAVES if self.doppler_hz else 1
         shape = (self.powers.size, waves)
         weights = _gaussian(shape, rng) * np.sqrt(self.powers / waves)[:, None]
@@ -220,7 +220,7 @@ class FadingChannel:
         tail = int(np.ceil(self.delays_s.max() * rate_hz)) + _GUARD_SAMPLES
         length = count if periodic else next_fast_len(count + tail)
         spectrum = np.fft.fft(frames, length, axis=-1)
-        # of delays as waves along the frequency, from the lowest one on
+        # each delay is a wave along the frequency axis, from the lowest frequency on
         step_cycles = -self.delays_s * (rate_hz / length)
         lowest = exp_cycles(-(length // 2) * step_cycles, np.complex128)
 
@@ -261,9 +261,9 @@ class Paths:
 
 @dataclass(frozen=True, kw_only=True)
 class FadedEmitter(NamedEmitter):
-    """An emitter heard through multipath: emitter protocol, long-run mean power 1.
+    """An emitter behind a multipath channel: emitter protocol, long-run mean power 1.
 
-    The window is cut from a longer one, so that it holds the echoes of what was sent before it.
+    The window is cut from a longer one, so that it contains the echoes of earlier samples.
 
     >>> FadedEmitter(emitter=NrEmitter(), channel=FadingChannel(profile="EVA"))  # doctest: +SKIP
     """
@@ -282,7 +282,7 @@ class FadedEmitter(NamedEmitter):
 
     @property
     def stated_sir_db(self) -> float | None:
-        """The level that a standard gives the emitter itself; paths change none of it."""
+        """Level by the emitter's link budget; the channel does not change it."""
         return self.emitter.stated_sir_db
 
     def notes(self, rate_hz: float) -> tuple[str, ...]:
@@ -297,5 +297,5 @@ class FadedEmitter(NamedEmitter):
 
 
 def faded(emitter: Emitter, data: Any, where: str) -> FadedEmitter:
-    """The emitter heard through a multipath profile (`FadingChannel`) given as a mapping."""
+    """The emitter behind a multipath channel (`FadingChannel`) given as a mapping."""
     return FadedEmitter(emitter=emitter, channel=build(FadingChannel, data, where))

@@ -28,18 +28,19 @@ RESOURCE_BLOCKS = {
 }
 MIXED = "mixed"
 MODULATIONS = (*seq.BITS_PER_SYMBOL, MIXED)
-SYMBOLS_PER_SLOT = 14
-SSB_SUBCARRIERS = 240
+SYMBOLS_PER_SLOT = 14  # normal cyclic prefix, TS 38.211 Table 4.3.2-1
+SSB_SUBCARRIERS = 240  # TS 38.211 clause 7.4.3.1
 SSB_START_SYMBOLS = (2, 8)  # cases A (15 kHz) and C (30 kHz), TS 38.213 clause 4.1: {2, 8} + 14 n
 # Last column group of TS 38.211 Table 7.4.1.1.2-3, single-symbol DM-RS, PDSCH up to the end of the slot.
 DMRS_ADDITIONAL = {0: (), 1: (11,), 2: (7, 11), 3: (5, 8, 11)}
-DOWNLINK_SYMBOLS = {"D": 14, "S": 10, "U": 0}  # of a slot; S is the common 10 : 2 : 2, then a gap and uplink
-DMRS_ADDITIONAL_SPECIAL = {0: (), 1: (9,), 2: (6, 9), 3: (6, 9)}  # the same table for ten symbols
+DOWNLINK_SYMBOLS = {"D": 14, "S": 10, "U": 0}  # downlink symbols by kind of slot; S is the common 10 : 2 : 2
+# Table 7.4.1.1.2-3 for an allocation of ten symbols
+DMRS_ADDITIONAL_SPECIAL = {0: (), 1: (9,), 2: (6, 9), 3: (6, 9)}
 PRECODED_BLOCKS = 4  # precoding resource block group, TS 38.214 clause 5.1.2.3
-PRECODING_DB = 6.0  # between the strongest and the weakest group
-TRS_SYMBOLS = (6, 10)  # TS 38.214 clause 5.1.6.1.1; of the three pairs allowed the one that no DM-RS meets
+PRECODING_DB = 6.0  # spread of amplitudes over precoding groups, dB: assumed
+TRS_SYMBOLS = (6, 10)  # TS 38.214 clause 5.1.6.1.1; the pair, out of three, that never collides with DM-RS
 TRS_STEP = 4  # subcarriers: density 3, TS 38.211 Table 7.4.1.5.3-1, row 1
-_MOST_SAMPLES = 1 << 25  # 0.5 GB at the carrier's own rate
+_MOST_SAMPLES = 1 << 25  # longest signal at the native rate, samples: 0.5 GB
 # EPRE ratio of TS 38.214 Table 4.1-1: 0 and -3 dB for one and two CDM groups without data.
 DMRS_AMPLITUDE = {1: 1.0, 2: 10.0 ** (3.0 / 20.0)}
 
@@ -61,7 +62,7 @@ class Element(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class NrConfig:
-    """An NR downlink carrier in FR1: normal cyclic prefix, what one antenna of a receiver hears of one or two layers.
+    """An NR downlink carrier in FR1: normal cyclic prefix, one or two layers as received by one antenna.
 
     Parameters
     ----------
@@ -69,8 +70,8 @@ class NrConfig:
         30 kHz to 100e6 (273); TS 38.101-1 Table 5.3.2-1
     subcarrier_spacing_hz : 15e3 or 30e3
     cell_id : physical cell identity, 0..1007
-    modulation : PDSCH alphabet, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed': users of their own alphabets, one per
-        resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) and slot
+    modulation : PDSCH modulation, 'qpsk', '16qam', '64qam' or '256qam'; 'mixed' draws one for each user, that is each
+        resource block group (TS 38.214 Table 5.1.2.2.1-1, configuration 1) in each slot
     power_spread_db : users' powers are drawn evenly between this many dB below the strongest and 0, 0..30; a user is a
         resource block group in a slot
     load : fraction of the resource blocks given to PDSCH in each slot, 0..1; one contiguous allocation at a
@@ -85,17 +86,17 @@ class NrConfig:
     ssb_subcarrier : first subcarrier of the blocks in the carrier; None centres them
     l_max : 4 (carriers up to 3 GHz) or 8 (above)
     frame_count : number of different 10 ms frames before the signal repeats, 1..100
-    upconversion_frequency_hz : f_0 of clause 5.4, turns symbols by exp(-j 2 pi f_0 t_symbol); 0: none
-    seed : of the payload bits, the allocations, the precoders and the error vectors
+    upconversion_frequency_hz : f_0 of clause 5.4, symbol phase exp(-j 2 pi f_0 t_symbol); 0: none
+    seed : seed of the payload bits, the allocations, the precoders and the error vectors
     evm : error vector magnitude of the transmitter, RMS fraction of the mean PDSCH element's amplitude, 0..1: complex
         white, drawn for every element of every radio frame, before the prefix is copied. 'typical' is half the limit of
-        TS 38.104 Table 6.5.2.2-1 for the element's alphabet: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
+        TS 38.104 Table 6.5.2.2-1 for the element's modulation: 8.75, 6.25, 4 and 1.75 % for QPSK to 256QAM
     precoding : a phase, and an amplitude within 6 dB, drawn for every group of four resource blocks and slot, of PDSCH
         and its DM-RS
-    second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; none
-        without
-    tdd : slots that repeat, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
-        which is silent; as many as divide a radio frame's. Empty is downlink alone
+    second_layer_db : power of a second layer (DM-RS port 1001) on the same elements against the first, -40..20; None
+        for one layer
+    tdd : pattern of slots, such as 'DDDSU': downlink, special (10 downlink symbols, then a gap and uplink), uplink,
+        which is not simulated; its length divides a radio frame's. Empty is downlink only
     csi_rs : whether the tracking reference signal (a CSI-RS of one port, density 3) is sent, in two slots of a frame
 
     Raises
@@ -315,8 +316,8 @@ class ResourceGrid:
 
 
 def _random_symbols(modulation: str, count: int, rng: np.random.Generator) -> np.ndarray:
-    alphabet = seq.constellation(modulation)
-    return alphabet[rng.integers(0, alphabet.size, count)]
+    points = seq.constellation(modulation)
+    return points[rng.integers(0, points.size, count)]
 
 
 def ssb_block(cell_id: int, i_ssb: int, rng: np.random.Generator) -> ResourceGrid:
@@ -417,7 +418,7 @@ def _place_pdsch(
         data[:, : config.coreset_symbols] = False
         data[:, DOWNLINK_SYMBOLS[kind] :] = False
         data[elements == Element.CSI_RS] = False
-        comb = np.zeros(data.shape, dtype=bool)  # of the DM-RS
+        comb = np.zeros(data.shape, dtype=bool)  # elements of the DM-RS
         comb[::2, dmrs] = np.repeat(block, 12, axis=0)[::2]
         data[:, dmrs] &= config.cdm_groups_without_data == 1
         data &= ~comb
@@ -438,7 +439,7 @@ def _layers(
     grid: ResourceGrid,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """(subcarriers, 14) one slot's PDSCH and DM-RS as an antenna hears them: one or two layers, precoded."""
+    """(subcarriers, 14) PDSCH and DM-RS of a slot as received by one antenna: one or two precoded layers."""
     pilots = seq.pdsch_dmrs(config.cell_id, slot, np.array(dmrs), config.resource_blocks)
     pilots = pilots.T * DMRS_AMPLITUDE[config.cdm_groups_without_data]
     total = np.zeros(data.shape, dtype=np.complex128)
@@ -449,7 +450,7 @@ def _layers(
     for layer in range(layers):
         one = np.zeros(data.shape, dtype=np.complex128)
         one[::2, dmrs] = pilots
-        if layer:  # port 1001: the other cover of the same comb, TS 38.211 Table 7.4.1.1.2-1
+        if layer:  # port 1001: the second orthogonal cover code of the comb, TS 38.211 Table 7.4.1.1.2-1
             one[2::4, dmrs] *= -1.0
         one[~comb] = 0.0
         one[data] = _payload(config, data, user, rng)
@@ -496,7 +497,7 @@ def _of_groups(config: NrConfig, values: np.ndarray) -> np.ndarray:
 def _payload(
     config: NrConfig, data: np.ndarray, user: np.ndarray | None, rng: np.random.Generator
 ) -> np.ndarray:
-    """Points of the elements in which ``data`` (subcarriers, 14) is True; ``user`` (subcarriers,) numbers alphabets."""
+    """Symbols of the elements where ``data`` (subcarriers, 14) is True; ``user`` (subcarriers,): modulation index."""
     if user is None:
         return _random_symbols(config.modulation, int(data.sum()), rng)
     drawn = np.stack([_random_symbols(name, int(data.sum()), rng) for name in seq.BITS_PER_SYMBOL])
@@ -511,9 +512,7 @@ def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
     """
     shape = (config.subcarriers, config.slots_per_frame * SYMBOLS_PER_SLOT)
     evm = None
-    if (
-        config.evm
-    ):  # what is not a user's own has the value of the carrier's alphabet, of the highest where users mix
+    if config.evm:  # outside the users' data, the EVM of the carrier's modulation; where users mix, of 256QAM
         rest = evm_fraction(config.evm, "256qam" if config.modulation == MIXED else config.modulation)
         evm = np.full(shape, rest)
     grid = ResourceGrid(np.zeros(shape, dtype=np.complex128), np.zeros(shape, dtype=np.uint8), evm)
@@ -527,9 +526,9 @@ def resource_grid(config: NrConfig, rng: np.random.Generator) -> ResourceGrid:
 
 
 def transmitted(grid: ResourceGrid, rng: np.random.Generator) -> np.ndarray:
-    """(subcarriers, symbols) the elements with the transmitter's error vectors, which symbols without anything lack.
+    """(subcarriers, symbols) elements with the transmitter's error vectors; empty symbols have none.
 
-    The error is white within the carrier: elements that carry nothing have it, too.
+    The error is white within the carrier: in other symbols, empty elements have it, too.
     """
     if grid.evm is None:
         return grid.values

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 GOLD_ADVANCE = 1600  # N_C of clause 5.2.1
-GOLD_DEGREE = 31
-BITS_PER_SYMBOL = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}
+GOLD_DEGREE = 31  # length of the shift registers, clause 5.2.1
+BITS_PER_SYMBOL = {"qpsk": 2, "16qam": 4, "64qam": 6, "256qam": 8}  # clauses 5.1.3 to 5.1.6
 
 
 def _extend_lfsr(state: np.ndarray, taps: tuple[int, ...], length: int) -> np.ndarray:
@@ -153,13 +153,13 @@ def csi_rs(cell_id: int, slot: int, symbol: int, length: int) -> np.ndarray:
 
 
 def constellation(modulation: str) -> np.ndarray:
-    """QAM alphabet of clause 5.1, unit mean power: (2**Q,) complex128, index = bits with b(0) as the MSB.
+    """QAM constellation of clause 5.1, unit mean power: (2**Q,) complex128, index = bits with b(0) as the MSB.
 
     Raises ValueError for anything but 'qpsk', '16qam', '64qam', '256qam'.
     """
     if modulation not in BITS_PER_SYMBOL:
         raise ValueError(
-            f"modulation {modulation!r} is no NR alphabet; choose one of {', '.join(BITS_PER_SYMBOL)}"
+            f"modulation {modulation!r} is no NR modulation; choose one of {', '.join(BITS_PER_SYMBOL)}"
         )
     bits = BITS_PER_SYMBOL[modulation]
     index = np.arange(1 << bits)

@@ -1,4 +1,4 @@
-"""Noise that a recording brings along, from the coherence of its OFDM's cyclic prefix."""
+"""Noise of a recording, estimated from the coherence of the cyclic prefix of its OFDM."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from scipy import ndimage
 
 __all__ = ["MOST_DB", "prefix_snr_db"]
 
-_CYCLE_S = 0.5e-3  # the long prefix comes that often in LTE and NR of any spacing
-_SPACINGS_HZ = (15e3, 30e3)
-_LONGEST_S = 40e-3  # two clocks 10 ppm apart slip by 0.4 us meanwhile, less than the rest of a prefix
-_WINDOW = 0.25  # of the prefix: echoes of the symbol before and the receiver's filter disturb its ends
-_CONTRAST = 6.0  # of the peak over its scatter; noise stays below 5, and so do tones and QPSK
-MOST_DB = 20.0  # beyond it the scatter of the data hides the noise
+_CYCLE_S = 0.5e-3  # period of the long cyclic prefix, s: LTE, and NR of any spacing
+_SPACINGS_HZ = (15e3, 30e3)  # subcarrier spacings of LTE and of NR in FR1 below 60 kHz
+_LONGEST_S = 40e-3  # longest recording in use, s: clocks 10 ppm apart slip by 0.4 us, less than a prefix
+_WINDOW = 0.25  # part of the prefix in use: multipath and the receiver's filter disturb its ends
+_CONTRAST = 6.0  # least peak of the correlation over its scatter: noise, tones and QPSK stay below 5
+MOST_DB = 20.0  # largest SNR that is estimated, dB: above it the scatter of the data hides the noise
 
 
 def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
-    """Power of the OFDM over the power of everything else, in decibels; None where no OFDM is found.
+    """Ratio of the OFDM's power to all other power, in decibels; None where no OFDM is found.
 
     In the prefix ``x[n] = s[n] + v[n]`` and ``x[n + N] = s[n] exp(j phi) + v[n + N]``. N samples are the inverse of
     the subcarrier spacing. The coherence ``gamma = |<x[n] x*[n+N]>| / <(|x[n]|^2 + |x[n+N]|^2) / 2>`` is then
@@ -33,8 +33,8 @@ def prefix_snr_db(samples: np.ndarray, rate_hz: float) -> float | None:
     Returns
     -------
     float or None
-        At most 20 dB, which stands for anything more. OFDM of 15 and 30 kHz spacing with the normal prefix is found
-        (LTE and 5G NR). What changes within a symbol (fading, phase noise) counts as noise, as for a demodulator.
+        At most 20 dB, which stands for 20 dB or more. Detects OFDM of 15 and 30 kHz spacing with the normal prefix (LTE
+        and 5G NR). Changes within a symbol (fading, phase noise) count as noise, as for a demodulator.
     """
     step_hz = _SPACINGS_HZ[-1]
     even_hz = max(step_hz, round(rate_hz / step_hz) * step_hz)  # whole samples in a symbol and in a cycle
@@ -59,12 +59,12 @@ def _contrast_and_coherence(
     cycles = (samples.size - useful) // cycle
     if cycles < 4:
         return 0.0, 0.0
-    early, late = samples[: cycles * cycle], samples[useful : useful + cycles * cycle]
-    product = (early * late.conj()).reshape(cycles, cycle).sum(axis=0)
-    power = (0.5 * (np.abs(early) ** 2 + np.abs(late) ** 2)).reshape(cycles, cycle).sum(axis=0)
+    prefix, tail = samples[: cycles * cycle], samples[useful : useful + cycles * cycle]
+    product = (prefix * tail.conj()).reshape(cycles, cycle).sum(axis=0)
+    power = (0.5 * (np.abs(prefix) ** 2 + np.abs(tail) ** 2)).reshape(cycles, cycle).sum(axis=0)
     prefix_s = 144 / 2048 / spacing_hz
     width = max(1, round(_WINDOW * prefix_s * rate_hz))
-    # a cycle begins with the long prefix; its other symbols follow evenly
+    # a cycle begins with the long prefix; its symbols are evenly spaced
     even = (1 / spacing_hz + prefix_s) * rate_hz
     starts = np.rint(np.arange(cycle // int(even)) * even).astype(int)
     summed, energy = (
@@ -73,10 +73,10 @@ def _contrast_and_coherence(
     )
     peak = int(np.abs(summed - summed.mean()).argmax())
     symbol = int(even)
-    # a whole number of symbols off, most prefixes still meet
+    # shifts by whole symbols also correlate: exclude their neighbourhood from the scatter
     distance = np.abs((np.arange(cycle) - peak + symbol // 2) % symbol - symbol // 2)
     elsewhere = summed[distance > 1.5 * prefix_s * rate_hz]
-    # a tone correlates everywhere
+    # subtract the mean elsewhere: a tone correlates at every shift
     size = abs(summed[peak] - elsewhere.mean())
     scatter = elsewhere.std()
     if not (scatter > 0 and energy[peak] > 0):

@@ -1,8 +1,8 @@
 """Placement of an emitter's waveform in the frame, at exact overlap and window SIR.
 
 An *emitter* makes a waveform of about unit mean power. *Placement* gates it to a fraction ``rho`` of the frame and
-scales it so that the power averaged over the whole window meets the SIR exactly. The two are separate so that every
-emitter, new ones too, obeys the same definition of SIR and overlap.
+scales it so that the power averaged over the frame meets the SIR exactly. They are separate so that one definition of
+SIR and overlap holds for every emitter.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ __all__ = ["Emitter", "Interferer", "interference_frame", "interference_frames"]
 
 
 class Emitter(Protocol):
-    """What placement needs of an emitter.
+    """Protocol of an emitter.
 
-    An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of that mean power
-    into ``span`` (complex64 or complex128) where that is faster than `samples`, and returns False if it wrote and drew
-    nothing.
+    An emitter may also have ``write(span, mean_power, rate_hz, rng) -> bool``. It writes samples of power
+    ``mean_power`` into ``span`` (complex64 or complex128) where this is faster than `samples`, and returns False if it
+    wrote and drew nothing.
     """
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """(count,) complex128 samples of about unit mean power, centred on the emitter's own carrier."""
+        """(count,) complex128 samples of about unit mean power, centred on the emitter's carrier."""
         ...
 
 
@@ -38,14 +38,14 @@ class Interferer:
     emitter : Emitter
         The waveform.
     sir_db : float
-        Signal-to-interference ratio, both powers averaged over the whole frame; a shorter burst at the same SIR
+        Signal-to-interference ratio, both powers averaged over the frame; a shorter burst at the same SIR
         is therefore stronger while it lasts.
     overlap : float
         Active fraction ``rho`` of the frame, 0..1; any value above 0 stands for at least one sample.
     start : float or None
         Burst start as a fraction of the frame; None draws it uniformly so that the burst lies inside the frame.
     free_running : bool
-        In a live jammer source: a burst grid unrelated to the sweep (`JammerStream`).
+        In a live jammer source: a burst grid that is not synchronised to the sweep (`JammerStream`).
     """
 
     emitter: Emitter
@@ -93,7 +93,9 @@ def _place(
         frame.view(frame.real.dtype)[:] = 0  # a quarter of the time of complex zeros
     if count == 0:
         return
-    if count == frame_samples:  # nothing would be drawn, and being told so takes a tenth of a burst's time
+    if (
+        count == frame_samples
+    ):  # the only start is 0; the generator's call would take a tenth of a burst's time
         first = 0
     elif interferer.start is None:
         first = int(rng.integers(0, frame_samples - count + 1))
@@ -146,6 +148,6 @@ def interference_frames(
 
 
 def _rescale(frame: np.ndarray, energy: float) -> np.ndarray:
-    """The same frame with that energy; silence stays silence."""
+    """The frame scaled to ``energy``; zeros stay zeros."""
     have = np.vdot(frame, frame).real
     return frame * np.sqrt(energy / have) if have > 0 else frame

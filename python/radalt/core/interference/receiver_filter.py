@@ -1,8 +1,8 @@
 """Channel filter and rate conversion of the radar's receiver, shared by all wideband emitters.
 
-An emitter wider than the radar's band must be filtered before it is sampled at the radar's rate; otherwise
-the parts outside fold in. The filter here is a linear-phase Kaiser FIR: flat up to half the receiver
-bandwidth, stop band from half the output rate on.
+An emitter wider than the radar's band must be filtered before it is sampled at the radar's rate; otherwise it aliases
+into the band. The filter is a linear-phase Kaiser FIR: flat up to half the receiver bandwidth, stop band from half the
+output rate on.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from ..fir import kaiser_lowpass
 
-PASSBAND_FRACTION = 0.9  # flat part of the band, of the output rate; as of a usual SDR decimator
-MAX_RATIO = 4096
+PASSBAND_FRACTION = 0.9  # flat bandwidth over the output rate: usual for an SDR's decimator
+MAX_RATIO = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
 
 
 def check_receiver(rate_hz: float, receiver_bandwidth_hz: float | None) -> float:
@@ -123,7 +123,7 @@ def resample_periodic(
 
 
 def oversampling(rate_hz: float, highest_hz: float, limit: int = 64) -> int:
-    """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, leaves the band clean.
+    """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, does not alias into the band.
 
     Raises ValueError if M exceeds `limit`.
     """
@@ -151,7 +151,7 @@ def decimate_window(samples: np.ndarray, rate_hz: float, factor: int, bandwidth_
     guard = window_guard(rate_hz, factor, bandwidth_hz)
     # The filter's delay must be a whole number of output samples: pad the taps in front.
     pad = -(taps.size // 2) % factor
-    # by transforms: a tenth of upfirdn's time for a sweep of 150 MHz, a third for a long window
+    # by FFTs: a tenth of upfirdn's time for a sweep of 150 MHz, a third for a long window
     from scipy import signal  # see core/fir.py
 
     received = signal.oaconvolve(samples, np.concatenate([np.zeros(pad), taps]))[::factor]

@@ -1,4 +1,4 @@
-"""A jammer's stream, frame by frame: what the jammer source blocks play."""
+"""Interference as a stream of frames, for the jammer source blocks."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ import numpy as np
 
 from ..programme import Programme
 from ..waveform import Waveform
-from .effects import ImpairedEmitter, Running
+from .effects import WINDOW_FRAMES, ImpairedEmitter, Running
 from .placement import Emitter, Interferer, interference_frames
 
 __all__ = ["Continued", "JammerStream"]
 
 
 class Continued:
-    """An emitter that runs on from frame to frame: one window spans many frames, and each call takes its next part.
+    """An emitter that is continuous from frame to frame: one window spans many frames, each call takes the next part.
 
-    Symbols, carrier phase and fading run on within a window; the next window is drawn anew. Not for emitters that place
-    their window where they are heard (``always_in_window``).
+    Symbols, carrier phase and fading are continuous within a window; the next window is drawn anew. Not for emitters
+    that draw windows in which they are received (``always_in_window``).
 
     Parameters
     ----------
     emitter : Emitter
     frame_samples : int
-        Samples from the start of one call's part to the next one's.
+        Samples between the starts of two calls.
     frames : int
         Frames in one window.
     repeats : bool
-        Whether the first window is repeated for ever, for an emitter whose period divides it.
+        Whether the first window is repeated without end, for an emitter whose period divides it.
     steady : bool
-        One gain for the window, as a transmitter has: the SIR holds over the window. Otherwise every frame is scaled
-        to the SIR, whatever is sent in it.
+        Constant gain over the window, as of a transmitter: the SIR holds over the window. Otherwise each frame is
+        scaled to the SIR.
     cycles : float
-        Cycles of the emitter's carrier in a window that is repeated; the carrier goes on where the window starts anew.
+        Cycles of the emitter's carrier in a repeated window, so that the carrier phase is continuous at its seam.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Continued:
         return self._window[first : first + count]
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """See `Emitter`: with the window's gain, if that is steady."""
+        """See `Emitter`: with the window's gain if ``steady``, else nothing is written."""
         if not self.steady:
             return False
         part = self.samples(span.size, rate_hz, rng)
@@ -79,7 +79,7 @@ class Continued:
 
 
 def _is_steady(emitter: Emitter) -> bool:
-    """Whether an emitter goes on with one gain."""
+    """Whether an emitter is continuous with constant gain."""
     return isinstance(emitter, (Continued, Running)) and emitter.steady
 
 
@@ -91,20 +91,20 @@ class JammerStream:
     waveform : Waveform
         Frame length and rate.
     interferers : sequence of Interferer
-        What is summed; may be empty (silence).
+        Interferers to sum; may be empty (silence).
     programme : Programme or None
-        Frames that are not trials stay silent; None plays from the first frame.
+        Silent in frames that are not trials; None transmits from the first frame.
     seed : int
-        Everything random follows from it.
+        Seed of everything random.
     free_running : bool
-        False: each burst lies within one sweep. True: the burst's time grid is offset against the sweep's by a random
-        part of a frame, as for an emitter that knows nothing of the radar. SIR and overlap then hold in its own
-        windows. Interference that fills whole frames runs on from frame to frame with one gain: without end if it
+        False: each burst lies within one sweep. True: the burst grid is offset against the sweep's by a random part of
+        a frame, as for an emitter that is not synchronised to the radar. SIR and overlap then hold in the grid's
+        windows. Interference with full overlap is continuous from frame to frame with constant gain: without end if it
         repeats (5G NR, recordings), else in windows of 40 frames. The total SIR then holds in the mean; with
         ``fading`` in the mean over the fading. Channels and oscillators of ``fading``, ``oscillator`` and
-        ``phase_noise`` go on either way.
+        ``phase_noise`` are continuous in both cases.
     total_sir_db : float or None
-        SIR of the sum; None leaves each interferer its own.
+        SIR of the sum; None keeps each interferer's SIR.
     """
 
     def __init__(
@@ -119,19 +119,19 @@ class JammerStream:
     ) -> None:
         self.waveform, self.programme = waveform, programme
         self._free_running = free_running
-        self._going_on: dict[int, Continued | Running] = {}  # by place
+        self._running: dict[int, Continued | Running] = {}  # by place
         self.play(interferers, total_sir_db)
         self._rng = np.random.default_rng([seed, 0x3A3])
         n = waveform.samples_per_frame
         self._shift = int(self._rng.integers(0, n)) if free_running else 0
         self._carry = np.zeros(self._shift, dtype=np.complex64)
         self.frame_index = 0
-        # looked up once a frame: bytes answer ten times as fast as arrays
+        # indexed once per frame: bytes are ten times as fast as arrays
         frames = 0 if programme is None else programme.total_frames
         self._trial = b"" if programme is None else programme.is_trial(np.arange(frames)).tobytes()
 
     def play(self, interferers: Sequence[Interferer], total_sir_db: float | None = None) -> None:
-        """Change what is summed, and its SIR, from the next frame on; emitters that run on do not start anew."""
+        """Change the interferers and their SIR from the next frame on; continuous emitters are not restarted."""
         self.interferers, self.total_sir_db = tuple(interferers), total_sir_db
         self._playing, self._scaled_to_db = self.interferers, total_sir_db
         if not self._free_running:
@@ -139,42 +139,42 @@ class JammerStream:
             return
         self._playing = tuple(self._continued(k, one) for k, one in enumerate(interferers))
         if total_sir_db is not None and all(_is_steady(i.emitter) for i in self._playing):
-            # scaled frame by frame the sum would step where frames meet
+            # a scale per frame would make the sum step between frames
             excess_db = total_sir_db + 10.0 * np.log10(sum(10.0 ** (-i.sir_db / 10.0) for i in interferers))
             self._playing = tuple(replace(i, sir_db=i.sir_db + excess_db) for i in self._playing)
             self._scaled_to_db = None
 
     def _continued(self, place: int, interferer: Interferer) -> Interferer:
-        """The same interferer, running on from frame to frame if it fills whole frames."""
-        emitter, going_on = interferer.emitter, self._going_on.get(place)
-        whole = interferer.overlap == 1 and not getattr(emitter, "always_in_window", False)
+        """The interferer, made continuous from frame to frame if it has full overlap."""
+        emitter, running = interferer.emitter, self._running.get(place)
+        full_overlap = interferer.overlap == 1 and not getattr(emitter, "always_in_window", False)
         if isinstance(emitter, ImpairedEmitter):
-            return self._moving(place, interferer, steady=whole)
-        if not whole:
+            return self._moving(place, interferer, steady=full_overlap)
+        if not full_overlap:
             return interferer
-        if going_on is None or going_on.emitter is not emitter:
+        if running is None or running.emitter is not emitter:
             frames = getattr(emitter, "period_s", 0.0) / self.waveform.sweep_s
             repeats = frames >= 1 and frames == round(frames)
-            count = round(frames) if repeats else 40
+            count = round(frames) if repeats else WINDOW_FRAMES
             n = self.waveform.samples_per_frame
             cycles = getattr(emitter, "carrier_hz", 0.0) * count * self.waveform.sweep_s if repeats else 0.0
-            going_on = Continued(emitter, n, count, repeats=repeats, steady=True, cycles=cycles)
-            self._going_on[place] = going_on
-        return replace(interferer, emitter=going_on)
+            running = Continued(emitter, n, count, repeats=repeats, steady=True, cycles=cycles)
+            self._running[place] = running
+        return replace(interferer, emitter=running)
 
     def _moving(self, place: int, interferer: Interferer, *, steady: bool) -> Interferer:
-        """The same interferer, its channel and oscillators running on from frame to frame, if it has any."""
-        emitter, going_on = interferer.emitter, self._going_on.get(place)
+        """The interferer with its channel and oscillators, if any, made continuous from frame to frame."""
+        emitter, running = interferer.emitter, self._running.get(place)
         if not isinstance(emitter, ImpairedEmitter):
             return interferer
-        if going_on is None or going_on.emitter is not emitter:
-            going_on = Running(emitter, self.waveform.samples_per_frame)
-            self._going_on[place] = going_on
-        going_on.steady = steady  # a burst goes through the same channel as what filled the frame before it
-        return replace(interferer, emitter=going_on)
+        if running is None or running.emitter is not emitter:
+            running = Running(emitter, self.waveform.samples_per_frame)
+            self._running[place] = running
+        running.steady = steady  # bursts and full overlap share the channel when the overlap is changed
+        return replace(interferer, emitter=running)
 
     def next_frame(self, out: np.ndarray | None = None) -> np.ndarray:
-        """(N,) complex64: the next sweep's worth of interference, in ``out`` if that is given."""
+        """(N,) complex64: interference of the next frame, in ``out`` if that is given."""
         index = self.frame_index
         self.frame_index += 1
         n = self.waveform.samples_per_frame

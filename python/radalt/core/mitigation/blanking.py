@@ -6,7 +6,8 @@ import numpy as np
 from scipy import fft
 
 from ..fir import cosine_window
-from ..waveform import Waveform, altitude_to_delay_s
+from ..returns.point import point_return
+from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle, peak_scale, unit_peak
 
 __all__ = ["Blanking"]
@@ -70,12 +71,9 @@ class Blanking(Mitigation):
 
     def _ridge_mask(self) -> np.ndarray:
         """(hops, window) bool: cells that a return between 0 and the highest altitude can occupy."""
-        delays = np.linspace(0.0, float(altitude_to_delay_s(self.max_altitude_m)), 8)
         mask = np.zeros((self._hops, self.window), dtype=bool)
-        for delay in delays:
-            t = self.waveform.sample_times_s - delay
-            phase = self.waveform.phase_cycles(t)
-            power = np.abs(self._stft(np.exp(2j * np.pi * phase).astype(np.complex64))) ** 2
+        for altitude in np.linspace(0.0, self.max_altitude_m, 8):
+            power = np.abs(self._stft(point_return(self.waveform, altitude))) ** 2
             mask |= power > 1e-3 * np.median(power.max(axis=1))
         return mask
 

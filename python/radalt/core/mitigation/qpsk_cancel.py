@@ -8,7 +8,7 @@ import numpy as np
 
 from ..waveform import Waveform
 from .base import Mitigation, MitigationError, PlotStyle
-from .ofdm.tones import without_tones
+from .ofdm.tone_removal import without_tones
 from .outcome import PASSED, Outcome
 from .qpsk.cma_equaliser import CmaEqualiser
 from .qpsk.pulse_estimation import estimate_pulse

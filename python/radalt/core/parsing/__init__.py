@@ -1,6 +1,6 @@
-"""What comes from outside, on its way in: files, YAML, numbers, mappings into typed, validated dataclasses, and back.
+"""Input from users: files, YAML and numbers, as typed, validated dataclasses, and back to plain mappings.
 
-- `files`: regular files of bounded size, and of YAML the part that means one thing only
+- `files`: regular files of bounded size, and a strict YAML reader
 - `mappings`: typed and validated dataclasses from mappings
 - `messages`: the error of unusable input, and values for messages
 """

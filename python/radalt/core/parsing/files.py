@@ -1,4 +1,4 @@
-"""The one way in for files: regular ones of bounded size, and of YAML the part that means one thing only."""
+"""Reading files that users name: regular files of bounded size, and YAML by a strict reader."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from .messages import CONTROL, InputError, shown
 
 __all__ = ["check_file", "load_yaml", "read_bytes", "read_text"]
 
-_DIGITS = 19  # of an integer in YAML
-_MEGA = 1 << 20
-_YAML_BYTES = _MEGA  # ten times the longest of use; a reader written in Python takes 15 s for it
-_DEPTH, _NODES = 40, 1_000_000  # of a YAML document, aliases followed
+_DIGITS = 19  # longest integer in YAML, digits: as many as 64 bits hold
+_MEGA = 1 << 20  # bytes in a MiB
+_YAML_BYTES = _MEGA  # largest YAML file, bytes: ten times the longest scene; PyYAML takes 15 s for it
+# deepest nesting and most values of a YAML document, aliases expanded: far above any scene, below Python's stack
+_DEPTH, _NODES = 40, 1_000_000
 _TAGS = ("str", "int", "float", "bool", "null", "seq", "map")
 
 
 def check_file(path: Path | str, *, most_bytes: int, what: str, remedy: str = "name another file") -> Path:
-    """A regular file of bounded size, nothing of it read.
+    """Check that a path is a regular file of bounded size, without reading it.
 
     Parameters
     ----------
@@ -56,11 +57,11 @@ def check_file(path: Path | str, *, most_bytes: int, what: str, remedy: str = "n
 
 
 def read_bytes(path: Path | str, *, most_bytes: int, what: str, remedy: str = "name another file") -> bytes:
-    """Content of such a file; see `check_file`."""
+    """Content of a regular file of bounded size; parameters and errors as in `check_file`."""
     path = check_file(path, most_bytes=most_bytes, what=what, remedy=remedy)
     try:
         with path.open("rb") as file:
-            return file.read(most_bytes)  # no more, should it have grown meanwhile
+            return file.read(most_bytes)  # the file may have grown since its size was checked
     except OSError as error:
         raise _unreadable(path, what, error, remedy) from None
 
@@ -85,12 +86,12 @@ def _name(path: Path | str) -> str:
 
 
 def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") -> Any:
-    """What a YAML file holds, read by the strictest of readers: plain values, each key once.
+    """Content of a YAML file, by a strict reader: plain values, each key once.
 
-    Refused besides what is not YAML: a key twice in one mapping (the last would win in silence), other tags than
-    those of JSON's types, more than 40 levels, aliases that multiply to more than a million values or hold themselves,
-    integers of more than 19 digits, control characters. A date stays text, and so does 1:30, which YAML 1.1 would read
-    as 90.
+    These are errors beside invalid YAML: a key twice in one mapping (YAML keeps the last without a word), tags other
+    than those of JSON's types, more than 40 levels, aliases that expand to more than a million values or refer to
+    themselves, integers of more than 19 digits, control characters. Dates stay text, and so does 1:30, which YAML 1.1
+    defines as 90.
 
     Raises
     ------
@@ -101,8 +102,8 @@ def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") 
 
     text = read_text(path, most_bytes=_YAML_BYTES, what=what, remedy=remedy)
     try:
-        return yaml.load(text, Loader=_loader())  # a SafeLoader that takes less
-    except RecursionError:  # levels of aliases are counted after they were followed
+        return yaml.load(text, Loader=_loader())  # a subclass of SafeLoader
+    except RecursionError:  # nested aliases are counted only after they are expanded
         raise InputError(f"{what} {_name(path)}: not valid YAML: more than {_DEPTH} levels") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -113,7 +114,7 @@ def load_yaml(path: Path | str, *, what: str, remedy: str = "name a YAML file") 
 
 @functools.cache
 def _loader() -> type:
-    """The reader of `load_yaml`; made when YAML is first read."""
+    """The YAML loader class, built on first use since PyYAML is imported lazily."""
     import yaml
 
     def refuse(node: Any, problem: str) -> typing.NoReturn:
@@ -166,7 +167,7 @@ def _loader() -> type:
                 refuse(node, f"the number {shown(value)} has more than {_DIGITS} digits")
             try:
                 return construct(loader, node)
-            except (ValueError, KeyError, OverflowError, IndexError):  # IndexError: of "_" no digit is left
+            except (ValueError, KeyError, OverflowError, IndexError):  # IndexError: "_" has no digit
                 refuse(node, f"{shown(value)} is no {kind}")
 
         return made
@@ -188,7 +189,7 @@ def _loader() -> type:
 
 
 def _expanded(node: Any, known: dict[int, tuple[float, float]]) -> tuple[float, float]:
-    """Values and levels of a composed YAML node with every alias followed; infinite where it holds itself."""
+    """Values and levels of a composed YAML node with its aliases expanded; infinite where it refers to itself."""
     if not isinstance(node.value, list):
         return 1, 1
     if id(node) not in known:

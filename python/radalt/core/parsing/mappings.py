@@ -1,7 +1,7 @@
 """Mappings into typed, validated dataclasses and back: one mechanism for every section of a scene.
 
-A wrong key, unit, range or type gives one line that names key, value and what is allowed. Bounds on numbers that hold
-for every quantity are here, too.
+A wrong key, unit, range or type gives one line that names key, value and what is allowed. The bounds that hold for
+every quantity are defined here.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from .messages import CONTROL, shown
 
 __all__ = ["LARGEST", "arguments", "build", "convert", "plain", "quantity", "whole"]
 
-LARGEST = 1e12  # no quantity of a scene or an option is larger, whatever its unit
-# what a quantity can be at most, either way, by the unit its name ends in; wider than any use, so that powers of ten,
-# squares and tables made from it stay numbers
+LARGEST = 1e12  # largest magnitude of a quantity in any unit: its square stays finite in float32
+# largest magnitude by the unit in which a name ends; wider than any use, and powers of ten, squares and tables of it
+# stay finite
 _UNITS = {
     "_db": 200.0,
     "_dbi": 200.0,
@@ -41,7 +41,7 @@ _UNITS = {
     "_m_per_s": 1e5,
 }
 _UNIT = re.compile(r"(_m_per_s|_[a-z]+)(?:\[\d+\])*$")
-_WHOLE = 2**63 - 1
+_WHOLE = 2**63 - 1  # largest integer: int64
 
 
 def whole(value: Any, where: str, low: int, high: int, remedy: str = "") -> int:
@@ -55,7 +55,7 @@ def whole(value: Any, where: str, low: int, high: int, remedy: str = "") -> int:
 def build(
     cls: type, data: Any, where: str, special: dict[str, Callable[[Any, str], Any]] | None = None
 ) -> Any:
-    """Dataclass from a mapping: keys, types and ranges are checked, ``__post_init__`` has the last word.
+    """Dataclass from a mapping: keys and types are checked here, ranges by its ``__post_init__``.
 
     Parameters
     ----------
@@ -128,20 +128,20 @@ def convert(hint: Any, value: Any, where: str) -> Any:
 
 
 def _fitting(options: list[Any], value: Any) -> Any:
-    """Of several dataclasses the one that has all keys of the mapping; the first option otherwise."""
+    """The option of a union that fits: the dataclass with all keys of the mapping, else the first."""
     if isinstance(value, dict):
         for option in options:
             if dataclasses.is_dataclass(option) and value.keys() <= {
                 f.name for f in dataclasses.fields(option)
             }:
                 return option
-    if str in options and isinstance(value, str):  # a word, or a number that YAML reads as text
+    if str in options and isinstance(value, str):  # a word, or a number that YAML gives as text
         return str if math.isnan(_number(value)) else next((o for o in options if o is not str), str)
     return options[0]
 
 
 def _number(text: str) -> float:
-    """What a text says as a number; NaN if it says none."""
+    """A text as a number; NaN if it is none."""
     try:
         return float(text)
     except ValueError:
@@ -150,7 +150,7 @@ def _number(text: str) -> float:
 
 def _scalar(hint: Any, value: Any, where: str) -> Any:
     if hint is float:
-        # YAML 1.1 reads 7.5e6 (no sign in the exponent) as text; users mean the number
+        # YAML 1.1 takes 7.5e6 (no sign in the exponent) for text; users mean the number
         if isinstance(value, str):
             try:
                 value = float(value)
@@ -198,7 +198,7 @@ def quantity(value: Any, where: str) -> float:
     """
     unit = _UNIT.search(where)
     most = _UNITS.get(unit[1], LARGEST) if unit else LARGEST
-    # an integer of hundreds of digits is no float: compared before it becomes one
+    # compare first: an integer of hundreds of digits does not convert to float
     if not -most <= value <= most:
         finite = math.isfinite(_float(value))
         allowed = f"a number within {-most:g}..{most:g}" if finite else "a finite number"
@@ -207,7 +207,7 @@ def quantity(value: Any, where: str) -> float:
 
 
 def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -> dict[str, Any]:
-    """Keyword arguments as the function's annotations have them; what it does not know stays, for it to refuse.
+    """Keyword arguments converted by the function's annotations; unknown ones stay, and the function refuses them.
 
     Raises
     ------
@@ -224,8 +224,8 @@ def arguments(function: Callable[..., Any], given: dict[str, Any], where: str) -
 
 
 def _hints(owner: Any) -> dict[str, Any]:
-    """Annotations of a class or function; what exists for type checkers alone is left out, and converts nothing."""
-    with contextlib.suppress(Exception):  # somebody else's annotations: anything can come
+    """Resolvable annotations of a class or function; those for type checkers alone are left out."""
+    with contextlib.suppress(Exception):  # annotations of plugins may raise anything
         return typing.get_type_hints(owner)
     found: dict[str, Any] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else [owner]:
@@ -238,7 +238,7 @@ def _hints(owner: Any) -> dict[str, Any]:
 
 
 def _float(value: Any) -> float:
-    """As a float, of any size: what is too large for one is the largest."""
+    """As a float; an integer beyond its range becomes the largest float."""
     try:
         return float(value)
     except OverflowError:

@@ -1,4 +1,4 @@
-"""Words for messages: the one error of unusable input, and any value on one line."""
+"""Messages about unusable input: the error class, and values on one line."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ __all__ = ["CONTROL", "InputError", "shown"]
 
 # a NUL ends a file name, others change a terminal; lone surrogates cannot be written
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+# limits of a value in a message, so that a line has room for the limit and the remedy, too
 _SHOWN = reprlib.Repr()
 _SHOWN.maxlevel, _SHOWN.maxstring, _SHOWN.maxother, _SHOWN.maxlong = 2, 60, 60, 40
 _SHOWN.maxlist = _SHOWN.maxtuple = _SHOWN.maxdict = _SHOWN.maxset = 4

@@ -1,11 +1,11 @@
 """Loopback calibration: the fixed latency between transmitter and receiver, by radio, master clock and rate.
 
 A radio's latency is the same at every start with a common start time, and depends on the radio, its master clock and
-its rate. It is measured once with a direct cable (and attenuators) from TX to RX, stored, and subtracted from every
-later measurement, so that what remains is the path outside the radio.
+its rate. It is measured once with a direct cable (and attenuators) from TX to RX and stored. Every later measurement
+subtracts it, so that the path outside the radio remains.
 
-The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples. Entries of earlier versions,
-``<master clock>/<rate>``, name no radio: they are kept, and used for none.
+The file maps ``<type>/<serial>/<master clock>/<rate>`` to samples. Entries ``<master clock>/<rate>`` name no radio:
+they are kept and never used.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-_MOST_SAMPLES = 1e9
+_MOST_SAMPLES = 1e9  # largest magnitude of a latency, samples: two minutes at 7.5 MS/s
 
 
 class CalibrationError(ValueError):
@@ -34,14 +34,14 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class CalibrationKey:
-    """What a latency belongs to.
+    """Radio, master clock and rate to which a latency belongs.
 
     Parameters
     ----------
     device_type : str
-        What the radio calls itself (``B210``).
+        Type that the radio reports (``B210``).
     serial : str
-        Its serial number; empty where it tells none, and then nothing is stored or found.
+        Serial number; empty where the radio reports none, and then nothing is stored or found.
     master_clock_hz, rate_hz : float
     """
 
@@ -55,7 +55,7 @@ class CalibrationKey:
 
     @property
     def without_radio(self) -> str:
-        """The key of earlier versions, which held for any radio."""
+        """The key without type and serial number, ``<master clock>/<rate>``."""
         return f"{self.master_clock_hz:.0f}/{self.rate_hz:.0f}"
 
 
@@ -66,7 +66,7 @@ def calibration_path() -> Path:
 
 
 def _latency(value: object) -> bool:
-    """Whether it can be a latency: a finite number of samples, within seconds."""
+    """Whether a value can be a latency: a finite number of samples within `_MOST_SAMPLES`."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _MOST_SAMPLES
 
 
@@ -87,13 +87,12 @@ def _read(path: Path) -> dict[str, float]:
 
 
 def load_latency_samples(key: CalibrationKey, path: Path | str | None = None) -> float | None:
-    """Stored latency in samples, fraction included; None where this radio was never calibrated so.
+    """Stored latency in samples, fraction included; None without a calibration of this radio, clock and rate.
 
     Raises
     ------
     CalibrationError
-        If the file exists but cannot be used, or holds for this clock and rate nothing but an entry of an earlier
-        version, which may be another radio's.
+        If the file exists but cannot be used, or if its only entry for this clock and rate names no radio.
     """
     path = Path(path) if path else calibration_path()
     table = _read(path)
@@ -121,7 +120,7 @@ def store_latency_samples(
 
     if not key.serial:
         raise CalibrationError(
-            f"calibration: this {key.device_type} tells no serial number; set radio.radar_serial in the scene"
+            f"calibration: this {key.device_type} reports no serial number; set radio.radar_serial in the scene"
         )
     path = Path(path) if path else calibration_path()
     table = _read(path) | {str(key): round(float(latency_samples), 6)}

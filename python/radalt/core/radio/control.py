@@ -1,4 +1,4 @@
-"""Requests of the control socket: JSON in, a checked request or one line about what is wrong out.
+"""Requests of the control socket: JSON into a checked request, or one line about the error.
 
 {"version": 1, "command": "get"}
 {"version": 1, "command": "set", "altitude_m": 200, "overlap": 0.5, "sir_db": -20, "methods": ["none", "tcae"]}
@@ -24,10 +24,12 @@ __all__ = [
     "parse_request",
 ]
 
-CONTROL_VERSION = 1
+CONTROL_VERSION = 1  # of the protocol above
 COMMANDS = ("get", "set", "reacquire", "stop")
-MAX_REQUEST_BYTES = 65_536
-SIR_LIMIT_DB = 100.0
+MAX_REQUEST_BYTES = 65_536  # longest request, bytes: a thousand times a usual one
+SIR_LIMIT_DB = (
+    100.0  # largest magnitude of an SIR, dB: beyond every method's break-point and every converter's range
+)
 
 
 class RequestError(ValueError):
@@ -36,7 +38,7 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True)
 class Request:
-    """A checked request: the command and, for ``set``, what is to be changed."""
+    """A checked request: the command and, for ``set``, the values to change."""
 
     command: str
     changes: dict[str, Any] = field(default_factory=dict)
@@ -50,11 +52,11 @@ def parse_request(text: bytes, *, max_altitude_m: float, methods: Sequence[str],
     text : bytes
         UTF-8 JSON object, each key once.
     max_altitude_m : float
-        Highest altitude the altimeter looks for.
+        Largest altitude of the altimeter's search.
     methods : sequence of str
-        Methods that the flowgraph holds.
+        Methods in the flowgraph.
     jammer : bool
-        Whether it holds a jammer.
+        Whether the flowgraph has a jammer.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _number(key: str, value: Any, low: float, high: float) -> float:
-    # compared as it came: an integer of hundreds of digits is no float
+    # compare without conversion: an integer of hundreds of digits does not convert to float
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not low <= value <= high:
         raise RequestError(f"{key} is {shown(value)}; it has to be a number within {low:g}..{high:g}")
     return float(value)

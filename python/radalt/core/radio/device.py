@@ -1,6 +1,6 @@
-"""What a radio can do and stand: one `Device` a type, known by its name in a scene's ``radio.device``.
+"""Ranges and limits of radios: one `Device` per type, by its name in a scene's ``radio.device``.
 
-This file imports nothing of the package but its plugins: the scene, which stands before the other radio code, reads it.
+Scenes import this file, and the other radio code imports scenes: it imports only the plugins of this package.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ class Device:
     Attributes
     ----------
     name : str
-        In a scene.
+        Name in a scene.
     title : str
-        In messages.
+        Name in messages.
     uhd_type : str
         UHD's device argument ``type``.
     uhd_name : str
-        What UHD calls the motherboard (``mboard_id``): a radio that calls itself otherwise is refused.
+        UHD's name of the motherboard (``mboard_id``): a radio with another name is refused.
     tuning_hz, master_clock_hz, rate_hz : (float, float)
         Centre frequencies, master clocks and sample rates.
     tx_gain_db, rx_gain_db : (float, float)
@@ -34,7 +34,7 @@ class Device:
     max_rx_dbm : float
         Highest input that does no damage.
     tx_antenna, rx_antenna : str
-        Ports; not the same one, since the radar transmits and receives at once.
+        Ports, distinct since the radar transmits and receives at once.
     """
 
     name: str
@@ -72,7 +72,7 @@ B210 = Device(
     rate_hz=(5e6 / 512, 61.44e6),  # the slowest clock through the longest decimation
     tx_gain_db=(0.0, 89.75),
     rx_gain_db=(0.0, 76.0),
-    max_tx_dbm=20.0,  # at 4.3 GHz a real one stays some decibels below
+    max_tx_dbm=20.0,  # an upper bound: some decibels less at 4.3 GHz
     max_rx_dbm=-15.0,
     tx_antenna="TX/RX",
     rx_antenna="RX2",
@@ -81,7 +81,7 @@ DEVICES: dict[str, Device] = {}
 
 
 def register(new: Device) -> Device:
-    """Let scenes name a radio from now on; returns it.
+    """Make a radio known to scenes; returns it.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Addresses that users connect to, and a listener that bounds what arrives there before ZMQ sees it.
+"""Public endpoints, and a listener that bounds their input before ZMQ receives it.
 
-libzmq gathers a message of parts whole, without limit, before anybody can look at it; it keeps every subscription and
-every idle connection; and it unlinks an ``ipc://`` path before it binds it. So it listens behind a private socket, and
-this listener stands in front.
+libzmq collects a multipart message without limit before it delivers it, keeps every subscription and every idle
+connection, and unlinks an ``ipc://`` path before it binds it. It therefore binds a private socket, and this listener
+relays the public endpoint to it.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ..parsing import shown
 
 __all__ = ["BoundedListener", "check_endpoint"]
 
-CONNECTIONS = 16  # at once, four descriptors each; one more drops the one that has been silent for longest
-CHUNK_BYTES = 65_536
-_DELIVERY_S = 0.5  # for what was sent before the end, to a peer that takes it
+CONNECTIONS = 16  # most connections, four descriptors each; one more closes the one idle for longest
+CHUNK_BYTES = 65_536  # bytes per read from a connection: the default size of a pipe
+_DELIVERY_S = 0.5  # s, for what was sent before the end, to a peer that takes it
 _ENDPOINT = re.compile(r"ipc://(?P<path>.+)|inproc://.+|tcp://(?P<host>[^\s/]+):(?P<port>\d{1,5}|\*)")
 _LOOPBACK = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
-_PONG_BYTES = 32  # ZMTP answers a heartbeat with at most 25 bytes (RFC 37), which is no reply
-_PATH_BYTES = 100  # the system takes 107
+_PONG_BYTES = 32  # longest write that is no reply, bytes: ZMTP answers a heartbeat with at most 25 (RFC 37)
+_PATH_BYTES = 100  # longest path of a Unix socket, bytes: Linux allows 107
 
 
 def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
@@ -58,29 +58,29 @@ def check_endpoint(name: str, endpoint: str, *, network: bool) -> None:
 
 
 class BoundedListener:
-    """Passes bytes between those who connect to an endpoint and a ZMQ socket bound to `behind`.
+    """Relays bytes between the clients of an endpoint and a ZMQ socket bound to `behind`.
 
     A connection is closed when its peer has sent more than ``limit_bytes``: since the last answer where
-    ``answered``, else in all (a subscriber only sends its subscriptions). A peer that does not take what is sent
-    holds up nobody but itself: ZMQ drops messages for it.
+    ``answered``, else in total (a subscriber only sends its subscriptions). A peer that does not receive delays only
+    itself: ZMQ drops messages for it.
 
     Parameters
     ----------
     name : str
-        For messages.
+        Name of the endpoint in messages.
     endpoint : str
-        ``tcp://ADDRESS:PORT`` (``*`` for any of either), ``ipc://FILE`` or ``inproc://NAME``, which is not listened on.
+        ``tcp://ADDRESS:PORT`` (``*`` for any of either), ``ipc://FILE`` or ``inproc://NAME``, which is not relayed.
     limit_bytes : int
     answered : bool
 
     Attributes
     ----------
     behind : str
-        Endpoint for the ZMQ socket. Bind it after this is made.
+        Endpoint for the ZMQ socket, to be bound after the listener is created.
     address : str
-        What clients connect to: the endpoint with its port.
+        Address for clients: the endpoint with its port.
     refused : int
-        Connections closed for what they sent, or dropped for a newer one.
+        Connections closed for too many bytes, or for a newer connection.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class BoundedListener:
 
     @property
     def alive(self) -> bool:
-        """Whether peers can still be heard."""
+        """Whether the listener runs."""
         return self._loop is None or self._thread.is_alive()
 
     def close(self) -> None:
@@ -147,7 +147,7 @@ class BoundedListener:
         return listening
 
     def _listen_at(self, path: str) -> socket.socket:
-        """A Unix socket at ``path``. A dead one that lies there is replaced, anything else refused."""
+        """A Unix socket at ``path``. A stale socket is replaced, any other file is refused."""
         listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             if path.startswith("@"):  # Linux's abstract names: no file, and bound once only
@@ -231,7 +231,7 @@ class BoundedListener:
                     pump.cancel()
                 await asyncio.gather(*both, return_exceptions=True)
         except OSError:
-            pass  # either side has gone
+            pass  # a peer has closed the connection
         finally:
             self._open.pop(task, None)
             for end in filter(None, (writer, inner)):
@@ -264,7 +264,7 @@ class BoundedListener:
 
 @contextlib.contextmanager
 def _exclusive(folder: Path):  # noqa: ANN202 - a context
-    """Hold a folder against another program that takes a socket's place in it at the same time."""
+    """Lock a folder against other programs that replace a socket in it at the same time."""
     import fcntl
 
     descriptor = os.open(folder, os.O_RDONLY)

@@ -7,8 +7,9 @@ from .levels import rx_level_dbm
 
 __all__ = ["InterlockError", "check_levels", "check_radio", "require_enclosure"]
 
-_ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)
-_MIN_CABLED_ATTENUATION_DB = 30.0  # whatever the gains: one mistyped gain must not reach the receiver's limit
+_ALTIMETER_BAND_HZ = (4.2e9, 4.4e9)  # ITU Radio Regulations
+# least attenuation of a cabled set-up at any gain, dB: a mistyped gain must not reach the receiver's limit
+_MIN_CABLED_ATTENUATION_DB = 30.0
 
 
 class InterlockError(ValueError):
@@ -23,14 +24,14 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
     scene : Scene
         ``radio.enclosure`` has to be ``cabled`` (with its ``attenuation_db``) or ``shielded``.
     transmit : bool
-        What the command line says (``--transmit``).
+        The command line's ``--transmit``.
     radios : bool
         False where the flowgraph holds no radio (simulation): nothing to refuse.
 
     Raises
     ------
     InterlockError
-        Without an enclosure, with numbers that the radios cannot carry out, with too little attenuation for the gains,
+        Without an enclosure, with numbers outside the radios' ranges, with too little attenuation for the gains,
         or without ``transmit``.
     """
     if not radios:
@@ -49,15 +50,15 @@ def require_enclosure(scene: Scene, transmit: bool, *, radios: bool = True) -> N
 
 
 def check_radio(scene: Scene) -> None:
-    """Refuse numbers of ``radio`` and ``waveform`` that the scene's radios cannot carry out together.
+    """Refuse combinations of ``radio`` and ``waveform`` that the scene's radios cannot carry out.
 
-    Each number's own range is `RadioSpec`'s; here is what only the whole scene shows.
+    `RadioSpec` checks the range of each number.
 
     Raises
     ------
     InterlockError
-        If the sweep leaves what the radios tune to, or its rate their rates; if both transmitters may be one device,
-        or the master clock does not divide to the rate or has no room for the LO offset.
+        If the sweep leaves the radios' tuning range, or its rate their rates; if both transmitters may be one device,
+        or the master clock is no multiple of the rate or has no room for the LO offset.
     """
     radio, w, limits = scene.radio, scene.waveform, scene.radio.limits
     for name, low, high, (bottom, top) in (
@@ -96,7 +97,7 @@ def check_levels(scene: Scene) -> None:
     Raises
     ------
     InterlockError
-        If a cabled set-up states less than 30 dB, or more reaches the receiver than it stands (`rx_level_dbm`).
+        If a cabled set-up states less than 30 dB, or the receiver's input exceeds its limit (`rx_level_dbm`).
     """
     radio, limits = scene.radio, scene.radio.limits
     if radio.enclosure == "cabled" and radio.attenuation_db < _MIN_CABLED_ATTENUATION_DB:
@@ -115,7 +116,7 @@ def check_levels(scene: Scene) -> None:
 
 
 def _why(scene: Scene) -> str:
-    """What makes open transmission unlawful at the scene's sweep."""
+    """Reason why open transmission is unlawful at the scene's frequencies."""
     w = scene.waveform
     low, high = w.carrier_hz - w.rate_hz / 2, w.carrier_hz + w.rate_hz / 2
     if low < _ALTIMETER_BAND_HZ[1] and high > _ALTIMETER_BAND_HZ[0]:

@@ -1,7 +1,6 @@
-"""Power levels of the two radios: what leaves the transmitters, what reaches the receiver, which digital drive gives
-the wanted SIR.
+"""Power levels of the two radios: at the transmitters, at the receiver, and the digital drive for an SIR.
 
-The model is an upper bound, meant for the interlock and not for metrology: a radio gives at most its `Device`'s
+The model is an upper bound for the interlock, not for metrology: a radio transmits at most its `Device`'s
 ``max_tx_dbm`` at its highest transmit gain, every decibel of gain is a decibel of power, and a full-scale tone is the
 strongest signal.
 """
@@ -23,9 +22,13 @@ __all__ = [
     "rx_level_dbm",
 ]
 
-_HEADROOM = 0.7  # of the converter's full scale, so that interpolation filters do not overshoot it
-_CREST_MARGIN = 1.25  # on the largest rail seen in the frames that were looked at
-_LOOK_FRAMES = 24
+_HEADROOM = (
+    0.7  # largest sample over the converter's full scale: interpolation filters overshoot by up to 3 dB
+)
+_CREST_MARGIN = 1.25  # margin on the largest rail in `_CREST_FRAMES` frames: longer runs have larger peaks
+_CREST_FRAMES = (
+    24  # frames in which the jammer's peak and power are measured: 180,000 samples at the default rate
+)
 
 
 def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
@@ -45,14 +48,14 @@ def rx_level_dbm(radio: RadioSpec, jammer: bool) -> float:
 
 @dataclass(frozen=True)
 class Drive:
-    """Digital full scale of both transmitters: the sample value that drives the converter fully.
+    """Digital full scale of both transmitters: the sample value at the converter's full scale.
 
     Attributes
     ----------
     radar_full_scale, jammer_full_scale : float
-        For UHD's stream argument ``fullscale``; a sample of that value is the converter's largest.
+        Values of UHD's stream argument ``fullscale``.
     radar_dbm, jammer_dbm : float
-        Mean power at each transmitter's connector by the model (jammer: averaged over the frame); NaN without jammer.
+        Mean power at each transmitter's connector by the model (jammer: averaged over frames); NaN without jammer.
     """
 
     radar_full_scale: float
@@ -64,8 +67,8 @@ class Drive:
 def drive(scene: Scene) -> Drive:
     """Scale both transmitters together so that neither clips and the SIR at the receiver is the scene's.
 
-    The blocks make a radar of unit amplitude and a jammer at the SIR relative to it. A difference of transmit gains is
-    taken out of the jammer's digital scale: ``F_j = F_r 10^((g_j - g_r)/20)``. Equal path losses from both
+    The blocks generate a radar of unit amplitude and a jammer at the SIR relative to it. The jammer's digital scale
+    compensates a difference of transmit gains: ``F_j = F_r 10^((g_j - g_r)/20)``. Equal path losses from both
     transmitters are assumed.
     """
     radio = scene.radio
@@ -96,10 +99,10 @@ def jammer_stream_args(scene: Scene) -> str:
 
 
 def _jammer_peak_and_power(scene: Scene) -> tuple[float, float]:
-    """Largest rail, with margin, and mean power of the jammer over some frames of the scene's own seed."""
+    """Largest rail, with margin, and mean power of the jammer over `_CREST_FRAMES` frames of the scene's seed."""
     stream = JammerStream(
         scene.waveform, scene.interference, seed=scene.seed, total_sir_db=scene.total_sir_db
     )
-    frames = np.concatenate([stream.next_frame() for _ in range(_LOOK_FRAMES)])
+    frames = np.concatenate([stream.next_frame() for _ in range(_CREST_FRAMES)])
     peak = float(np.abs(frames.view(np.float32)).max())
     return _CREST_MARGIN * peak, float(np.mean(np.abs(frames) ** 2))

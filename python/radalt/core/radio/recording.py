@@ -1,4 +1,4 @@
-"""SigMF recordings of received IQ: what a run wrote, and what others recorded (sigmf.org, version 1).
+"""SigMF recordings of received IQ, by this and by other programs (sigmf.org, version 1).
 
 The samples are ``cf32_le``. Each stretch without loss is one capture whose ``core:global_index`` is the sample counter
 since the transmitter's start, so that a replay sees the same gaps. The namespace ``radalt`` adds the scene (global)
@@ -23,15 +23,20 @@ from ..sigmf_file import SigmfFile, open_sigmf
 
 __all__ = ["RADIO_KEYS", "Capture", "RecordingError", "Stretch", "open_capture", "write_metadata"]
 
-_BLOCK = 1 << 18  # samples read at a time
-_MAX_TERM = 4096  # of the resampling ratio
-_RATE_PPM = 20.0  # how far a stated rate may be off such a ratio: what programs round, and crystals differ by
-_MAX_RAISE = 16  # of the rate; what was recorded slower does not hold the sweep
-_TIMED = 0.25  # samples: 5 m of altitude, what a frame may be off and still be right
+_BLOCK = 1 << 18  # samples per read: 2 MB
+_MAX_TERM = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
+_RATE_PPM = (
+    20.0  # largest error of a stated rate against such a ratio, ppm: rounding, and tolerance of crystals
+)
+_MAX_RAISE = 16  # largest increase of the rate: a slower recording does not hold the sweep
+_TIMED = (
+    0.25  # largest timing error after a gap, samples: 5 m of altitude, the criterion of a correct detection
+)
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,18}))?Z?")
-_MOST_INDEX = 1 << 60
+_MOST_INDEX = 1 << 60  # largest sample counter: sums of two stay within 64 bits
+# valid values of `RADIO_KEYS`: as of a calibration, and beyond every converter's scale
 _RADIO_RANGES = {"calibration_samples": (-1e9, 1e9), "full_scale": (1e-9, 1e9)}
-# a replay of a radio's recording needs them: the calibrated latency, where one was subtracted, and the rail
+# for the replay of a radio's recording: the calibrated latency, where one was subtracted, and the full scale
 RADIO_KEYS = ("calibration_samples", "full_scale")
 
 
@@ -67,14 +72,14 @@ def write_metadata(
     data_file : Path
         ``.sigmf-data`` that holds complex64 samples.
     scene : Scene
-        As flown.
+        Scene of the run.
     stretches : list of Stretch
     latency_samples : float
         Receiver samples from the counter's zero to the start of sweep 0.
     recorder : str
-        Program that recorded.
+        Name of the recording program.
     radio : mapping, optional
-        Of a radio, any of `RADIO_KEYS`: what the segmenter was told besides the scene.
+        Any of `RADIO_KEYS`, for a recording by radio: settings of the segmenter that the scene does not give.
     """
     import sigmf
 
@@ -152,12 +157,12 @@ class Capture:
     rate_hz : float
     datatype : str
     scene : Scene or None
-        As flown, in a recording of this program; None in any other.
+        Scene of the run, in a recording by this program; None in any other.
     stretches : tuple of Stretch
     radio : dict
-        Of a recording off a radio: what `write_metadata` was given.
+        ``radio`` of `write_metadata`, for a recording by radio.
     notes : list of str
-        What was assumed, or left out, one line each.
+        Assumptions and omissions, one line each.
     """
 
     def __init__(self, file: SigmfFile, scene: Scene | None, radio: dict[str, float]) -> None:
@@ -190,7 +195,7 @@ class Capture:
         return tuple(out)
 
     def _lost_by_time(self, captures: list[dict[str, Any]], starts: list[int], k: int) -> int | None:
-        """Samples lost before capture ``k`` by ``core:datetime``; None where that is too coarse to go on after them."""
+        """Samples lost before capture ``k`` by ``core:datetime``; None where its resolution is too coarse."""
         times = [_time(captures[j].get("core:datetime")) for j in (0, k)]
         if k == 0 or None in times:
             return 0
@@ -212,7 +217,7 @@ class Capture:
         return round(lost)
 
     def blocks(self, rate_hz: float) -> Iterator[tuple[int, np.ndarray]]:
-        """(sample counter, complex64 samples) at ``rate_hz`` in order, a quarter of a million at a time at most.
+        """(sample counter, complex64 samples) at ``rate_hz`` in order, at most 2^18 at a time.
 
         Other rates are resampled by the nearest ratio of whole numbers up to 4096 (polyphase, Kaiser window). A counter
         that does not continue the one before marks lost samples.
@@ -269,7 +274,7 @@ class Capture:
             yield block[skip : skip + count].astype(np.complex64)
 
     def what_is_missing(self) -> str:
-        """Why nothing can be found in the samples, in words; empty where there are samples to look at."""
+        """Why the samples hold no signal, in words; empty where they may hold one."""
         finite = False
         for stretch in self.stretches:
             end = stretch.file_start + stretch.count
@@ -340,7 +345,7 @@ def _checked(file: SigmfFile) -> Capture:
 
 
 def _check_ours(file: SigmfFile, scene: Scene) -> None:
-    """A recording with our scene is as we write it, or its metadata were changed: then it says what is not so."""
+    """Refuse a recording with ``radalt:scene`` whose format or rate differs from what `write_metadata` writes."""
     meta, datatype, rate_hz = file.path, file.datatype, file.rate_hz
     if datatype != "cf32_le":
         raise RecordingError(

@@ -1,7 +1,7 @@
-"""What stands in the stream before a transmitter: zeros, until everything that allows transmission holds.
+"""Transmit gate in the stream before a transmitter: zeros unless every condition for transmission holds.
 
-The interlock at the start of a flowgraph (`require_enclosure`) can be disabled with its snippet, or never run where the
-generated class is used by another program. The gate cannot: samples reach the radio through it or not at all.
+The interlock at the start of a flowgraph (`require_enclosure`) can be disabled with its snippet, and does not run where
+another program uses the generated class. The gate cannot be bypassed: samples reach the radio through it only.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from .interlock import InterlockError, require_enclosure
 
 __all__ = ["WATCHDOG_S", "TransmitGate"]
 
-WATCHDOG_S = 1.0  # a controlled gate that hears nothing for this long passes zeros from then on
+WATCHDOG_S = 1.0  # longest silence of remote control, s; after it a controlled gate passes zeros
 
 
 class TransmitGate:
     """Samples pass unchanged while transmission is allowed; zeros come out otherwise.
 
-    It is allowed while all of this holds:
+    Transmission is allowed while all of these hold:
 
     - the scene states an enclosure, its numbers are plausible and ``transmit`` is set (`require_enclosure`, asked once)
     - where the flowgraph is controlled from outside, `beat` has been called within the last ``watchdog_s``
-    - nobody has called `close`, and every sample so far was finite and within `full_scale`.
+    - `close` has not been called, and every sample so far was finite and within `full_scale`.
 
     A gate closes for good when a beat is missing, when `close` is called, or at a sample that is not finite or
-    beyond full scale. Who has lost control starts the program again.
+    beyond full scale. Restart the program to transmit again.
 
     Parameters
     ----------
     scene : Scene
     transmit : bool
-        What the command line (``--transmit``), or the flowgraph's parameter, says.
+        The command line's ``--transmit``, or the flowgraph's parameter.
     controlled : bool
-        Whether the flowgraph has a remote control, which has to beat.
+        Whether the flowgraph has a remote control, which has to call `beat`.
     watchdog_s : float
         Longest time between two beats, seconds.
     clock : callable
@@ -66,15 +66,15 @@ class TransmitGate:
         self._beat_s: float | None = None
         self._closed: str | None = None
         self.zeroed_samples = 0
-        self.full_scale = float("inf")  # largest value of I and Q, which the radios' set-up knows
+        self.full_scale = float("inf")  # largest value of I and Q; the radios' set-up sets it
         try:
             require_enclosure(scene, transmit is True)
         except InterlockError as error:
             self._closed = str(error)
 
     def beat(self) -> None:
-        """Control is alive; from the first beat on the next has to come within ``watchdog_s``."""
-        self._lapse()  # a beat that comes too late opens nothing
+        """Signal that control is alive; the next beat has to follow within ``watchdog_s``."""
+        self._lapse()  # a beat after the limit does not open the gate
         self._beat_s, self._controlled = self._clock(), True
 
     def close(self, why: str) -> None:
@@ -83,7 +83,7 @@ class TransmitGate:
 
     @property
     def why_closed(self) -> str | None:
-        """One line on why zeros come out; None while samples pass."""
+        """Reason for zeros, one line; None while samples pass."""
         self._lapse()
         if self._closed is None and self._controlled and self._beat_s is None:
             return "transmit waits for remote control to come up"
@@ -99,7 +99,9 @@ class TransmitGate:
         """(n,) complex64 ``samples``, or zeros, into ``out`` of the same shape."""
         if self.why_closed is None and len(samples):
             rails = samples.view(np.float32)
-            largest = max(float(rails.max()), -float(rails.min()))  # NaN stays NaN, and is within nothing
+            largest = max(
+                float(rails.max()), -float(rails.min())
+            )  # NaN propagates and fails every comparison
             if not np.isfinite(largest):
                 # UHD's conversion of NaN to the converter's integers is undefined
                 self.close("transmit stopped: a sample that is not finite; start again")

@@ -81,8 +81,9 @@ class Altimeter(BeatSpectra):
                 f"vertical_speed_m_per_s is {low:g}..{high:g}; it has to rise and to lie within +/-{limit:g} m/s, "
                 "altimeter.max_vertical_speed_m_per_s"
             )
-        # up and down cell of one return differ by twice its Doppler
-        doppler = 2.0 * self.waveform.vertical_speed_to_doppler_hz(np.array([low, high])) / self.cell_hz
+        # up and down cell of one return differ by twice its Doppler, two ramps of one slope not at all
+        apart = 2.0 if self.waveform.separates_doppler else 0.0
+        doppler = apart * self.waveform.vertical_speed_to_doppler_hz(np.array([low, high])) / self.cell_hz
         least, most = (round(float(cells)) for cells in doppler)
         if (least, most) not in self._searches:
             if len(self._searches) >= 256:
@@ -211,6 +212,7 @@ class Altimeter(BeatSpectra):
         Returns
         -------
         (n,) structured array of `RESULT_DTYPE`; where ``valid`` is false ``reason`` says why and ``altitude_m`` is NaN.
+        Of a sawtooth ``vertical_speed_m_per_s`` is NaN, and ``altitude_m`` is that of `Waveform.doppler_lead_s` later.
         ``ambiguity_db`` is the likelihood of the pair of cells over that of the best rival, which has a cell beyond the
         main lobe in at least one half sweep. In white noise the rival is ``10^(ambiguity_db/10)`` times less likely.
         ``peak_to_sidelobe_db`` is the power of the forced decision's main lobe over the strongest cell beside it, in
@@ -253,8 +255,11 @@ class Altimeter(BeatSpectra):
         reason = np.where(ok & ~inside, Reason.OUT_OF_RANGE, found.reason)
         ok &= inside
         out["altitude_m"] = out["forced_altitude_m"] = altitude
-        out["vertical_speed_m_per_s"] = self.waveform.beats_to_vertical_speed_m_per_s(up, -down)
-        out["beat_up_hz"], out["beat_down_hz"] = up, -down
+        first, second = self.waveform.half_slopes
+        out["beat_up_hz"], out["beat_down_hz"] = first * up, second * down
+        out["vertical_speed_m_per_s"] = (
+            self.waveform.beats_to_vertical_speed_m_per_s(up, -down) if first != second else np.nan
+        )
         out["snr_db"] = self._snr_db(found)
         out["ambiguity_db"] = np.minimum(10.0 / np.log(10.0) * found.lead, _CLEAR_DB)
         out["peak_to_sidelobe_db"] = self._peak_to_sidelobe_db(spectra.power, found.pair)

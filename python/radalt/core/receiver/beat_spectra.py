@@ -43,7 +43,7 @@ class Spectra:
     Attributes
     ----------
     power : (n, 2, J) float32
-        Power by half sweep (0 up, 1 down) and cell, of frames divided by ``scale``.
+        Power by half sweep (of a triangle 0 up, 1 down) and cell, of frames divided by ``scale``.
     support : (n, 2) float64
         Share of each half sweep that its noise lasts for (`support_of`).
     beat_hz : (J,) float64
@@ -113,10 +113,11 @@ class BeatSpectra:
         self._step = self.cell_hz * w.half_sweep_s / self._shape.size
         t = w.sample_times_s[:half]
         # up: conj(rx) ref has the beat at +(k tau + f_D); its spectrum is the mirror of rx conj(ref), so both halves
-        # mix with conj(ref) and the up half is shifted by +centre (and read backwards), the down half by -centre
+        # mix with conj(ref); a rising half is shifted by +centre (and read backwards), a falling one by -centre
         table = np.conj(w.reference.astype(np.complex128)).reshape(2, half)
         turn = np.exp(2j * np.pi * self.centre_hz * t)
-        table = table * np.stack([turn, np.conj(turn)]) * (window / window.sum())
+        turns = np.stack([turn if slope > 0 else np.conj(turn) for slope in w.half_slopes])
+        table = table * turns * (window / window.sum())
         self._table = table.astype(np.complex64)
         turns = np.exp(-2j * np.pi * self._bins * self.cell_hz / w.rate_hz)
         response = np.polynomial.polynomial.polyval(turns, self.decimator.taps)
@@ -196,11 +197,14 @@ class BeatSpectra:
     def _cells(self, low: np.ndarray) -> np.ndarray:
         """(n, 2, J) complex64 beat cells of decimated half sweeps, both with positive beats.
 
-        The up sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
+        A rising sweep's are the conjugates: its beats are the mirror's, so its samples are conjugated first.
         """
         padded = np.zeros((len(low), 2, self.fft_size), dtype=np.complex64)
-        np.conjugate(low[:, 0], out=padded[:, 0, : self.outputs])
-        padded[:, 1, : self.outputs] = low[:, 1]
+        for half, slope in enumerate(self.waveform.half_slopes):
+            if slope > 0:
+                np.conjugate(low[:, half], out=padded[:, half, : self.outputs])
+            else:
+                padded[:, half, : self.outputs] = low[:, half]
         # a product per frame: BLAS rounds differently with the number of rows
         blind = None if self._head is None else padded[..., self._head[0]] @ self._head[2]
         spectrum = fft.fft(padded, axis=-1, overwrite_x=True)

@@ -40,7 +40,9 @@ class Gate:
 
     def __init__(self, tables: Integrator, pfa: float) -> None:
         self.tables, self.pfa = tables, pfa
-        self._widest_m = _WIDEST_CELLS * tables.waveform.range_resolution_m
+        # a narrow cell is crossed within an output
+        output_s = tables.frames * tables.waveform.sweep_s
+        self._widest_m = max(_WIDEST_CELLS * tables.waveform.range_resolution_m, tables.max_speed * output_s)
         # a speed lies that far from its row's at most: a row per cell (and rounding), or a row per speed under test
         self._row_m_per_s = (
             1.01 * tables.speed_per_cell if tables.doppler else np.diff(tables.speeds).max(initial=0.0)

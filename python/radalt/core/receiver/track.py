@@ -95,8 +95,9 @@ class Evidence:
         if self.mean is None:
             self.mean, self.variance = mean, variance
             return
-        self.mean = (1.0 - share) * self.mean + share * mean
-        self.variance = (1.0 - share) ** 2 * self.variance + share**2 * variance
+        new = np.isnan(self.mean)  # a track that moves brings cells into the beat band that lay beyond it
+        self.mean = np.where(new, mean, (1.0 - share) * self.mean + share * mean)
+        self.variance = np.where(new, variance, (1.0 - share) ** 2 * self.variance + share**2 * variance)
 
     def farthest(
         self, sigmas: float, apart: tuple[int, int], lobe: float, span: tuple[float, float]

@@ -84,12 +84,12 @@ class AltitudeTracker:
         noise: bool = True,
     ) -> None:
         self.settings = settings
-        self.sweep_s = altimeter.waveform.sweep_s
+        self.sweep_s, self._doppler_lead_s = altimeter.waveform.sweep_s, altimeter.waveform.doppler_lead_s
         self.frames = round(settings.output_s / self.sweep_s)
         self.integrator = Integrator(
             altimeter,
             self.frames,
-            doppler=settings.doppler is not False,
+            doppler=settings.doppler is not False and altimeter.waveform.separates_doppler,
             max_speed_m_per_s=settings.max_vertical_speed_m_per_s,
         )
         lowest_start_m = (
@@ -258,7 +258,8 @@ class AltitudeTracker:
         return Scan(
             block,
             middle=last - self.frames + 1 + block.middle,
-            lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s,
+            # a sawtooth measures the altitude of an instant ahead of the block's middle, or behind it
+            lead_s=(self.frames - 0.5 - block.middle) * self.sweep_s - self._doppler_lead_s,
             residual_m=float(delay_to_altitude_m(self._offset_s[at[-1]])),
             sum_received=(lambda: Block(self.integrator, self._received[at], at.astype(float)))
             if self._beside

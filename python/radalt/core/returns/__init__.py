@@ -1,1 +1,1 @@
-"""What comes back from the ground: point targets, the altitudes of a landing, terrain."""
+"""Radar returns: point targets, the altitudes of a landing, terrain."""

@@ -1,7 +1,6 @@
-"""What is flown over what, with which radar: the part of a scene or study that describes a landing.
+"""Settings of a landing: trajectory, terrain, antenna, ground and link.
 
-Plain settings; the terrain code is imported only when something is made from them, so a scene that has none of it
-never loads it.
+The terrain code is imported only when objects are created from the settings, so scenes without terrain never load it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ __all__ = ["AntennaSpec", "GroundSpec", "LandingSpec", "LinkSpec", "TerrainSpec"
 
 @dataclass(frozen=True)
 class TrajectorySpec:
-    """Which flight.
+    """Trajectory of the aircraft.
 
     Parameters
     ----------
@@ -33,13 +32,13 @@ class TrajectorySpec:
     altitude_offset_m : float
         Added to the file's altitudes: minus the geoid undulation where they are above the ellipsoid.
     angle_of_attack_deg : float
-        Pitch above the path's own angle.
+        Pitch above the path angle.
     max_gap_s : float
         Longest gap between two rows that is interpolated.
     start_s : float or None
-        Where the flight begins, in the file's time; None: at its first row.
+        Start of the flight, in the file's time; None: the first row.
     end_s : float or None
-        Where it ends; None: at its last row.
+        End of the flight, in the file's time; None: the last row.
     """
 
     file: str = "approach_kord_10c.csv"
@@ -54,14 +53,14 @@ class TrajectorySpec:
 
 @dataclass(frozen=True)
 class TerrainSpec:
-    """Which ground.
+    """Terrain model.
 
     Parameters
     ----------
     files : tuple of str
-        DTED files, as many cells as the flight crosses; none for a flat earth.
+        DTED files of all cells that the flight crosses; none for a flat earth.
     void : str
-        What to do about posts without a height: ``"error"`` refuses them, ``"fill"`` interpolates.
+        Posts without a height: ``"error"`` refuses them, ``"fill"`` interpolates.
     flat_m : float
         Elevation of the flat earth above mean sea level.
     """
@@ -84,7 +83,7 @@ class AntennaSpec:
     two_way : bool
         The beamwidth is that of transmission and reception together.
     pattern : str or None
-        File of a measured pattern, in place of the Gaussian beam.
+        File of a measured pattern, instead of the Gaussian beam.
     tilt_deg : float
         Tilt of the antenna against the aircraft's vertical axis.
     """
@@ -98,7 +97,7 @@ class AntennaSpec:
 
 @dataclass(frozen=True)
 class GroundSpec:
-    """How the ground reflects.
+    """Reflectivity of the ground.
 
     Parameters
     ----------
@@ -126,7 +125,7 @@ class LinkSpec:
     losses_db : float
         Cable and other losses, both ways together.
     noise_figure_db : float
-        Of the receiver.
+        Noise figure of the receiver.
     """
 
     transmit_w: float = 0.4
@@ -136,14 +135,14 @@ class LinkSpec:
 
 @dataclass(frozen=True)
 class LandingSpec:
-    """A landing: what is flown over what, with which antenna and transmitter.
+    """A landing: trajectory over terrain, with antenna, ground and link.
 
     Parameters
     ----------
     trajectory, terrain, antenna, ground, link
         See their classes.
     folder : str
-        Where relative file names are looked up; empty for the shipped ``flowgraphs/landing``.
+        Folder of relative file names; empty for the shipped ``flowgraphs/landing``.
 
     Examples
     --------
@@ -183,7 +182,7 @@ class LandingSpec:
         )
 
     def window_s(self, flight: Trajectory, margin_s: float) -> tuple[float, float]:
-        """First and last instant used, ``margin_s`` inside the flight or its cut; raises `TrajectoryError`."""
+        """First and last instant in use, ``margin_s`` inside ``start_s..end_s``; raises `TrajectoryError`."""
         from .terrain import TrajectoryError
 
         spec = self.trajectory

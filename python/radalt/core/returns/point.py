@@ -23,7 +23,8 @@ def point_return(
     Parameters
     ----------
     waveform : Waveform
-        The sweep; it is periodic, so the first ``tau`` seconds hold the previous sweep's tail.
+        The sweep; it is periodic, so the first ``tau`` seconds hold the previous sweep's tail. Of a deramping altimeter
+        (`core.deramp.IfWaveform`) the return comes mixed with the sweep, without that tail.
     altitude_m : (n,) or scalar
         Range ``R`` in metres at the middle of the frame (the instant the up/down mean refers to), >= 0.
     vertical_speed_m_per_s : (n,) or scalar
@@ -45,5 +46,11 @@ def point_return(
     else:
         delay_s = altitude_to_delay_s(altitude)
     total = waveform.phase_cycles(t - delay_s, index) - np.mod(waveform.carrier_hz * delay_s, 1.0) + phase
+    if waveform.deramped:
+        total = total - waveform.phase_cycles(t)
     out = exp_cycles(total, dtype)
+    if (
+        waveform.deramped
+    ):  # what is still on the ramp before passes the IF filter for an instant only: left out
+        out[np.mod(t, waveform.half_sweep_s) < delay_s + 2.0 / waveform.rate_hz] = 0
     return out[0] if np.ndim(parts[0]) == 0 else out

@@ -1,4 +1,4 @@
-"""Scenes: one YAML file says everything that a run depends on."""
+"""Scenes: one YAML file describes everything on which a run depends."""
 
 from .reading import (
     SceneError,

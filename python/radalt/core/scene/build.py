@@ -1,4 +1,4 @@
-"""The parts of the signal path as a scene describes them: the same objects in a flowgraph's blocks and without one."""
+"""Objects of the signal path from a scene, for the blocks of a flowgraph and for runs without one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["channel_of", "jammer_of", "segmenter_of", "sweeps_of"]
 
 
 def sweeps_of(scene: Scene) -> SentSweeps:
-    """What the radar transmits."""
+    """Transmitted sweeps of the radar."""
     synthetic = scene.altitude.mode == "synthetic"
     return SentSweeps(scene.waveform, SentAltitudes(scene.altitude.programme), synthetic=synthetic)
 

@@ -1,4 +1,4 @@
-"""What a live view shows: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
+"""Displays of a live view: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .scene import Scene
 
 __all__ = ["AltitudeStrip", "RangeProfile", "by_hand"]
 
-_FLOOR_DB = -200.0  # stands for no power at all
+_FLOOR_DB = -200.0  # value shown for zero power, dB
 
 
 def by_hand(scene: Scene) -> Scene:
     """The scene for a flowgraph without end whose altitude a person sets.
 
-    Altitudes are synthetic point returns up to what the altimeter may look for (1500 m unless the scene says), the
-    preamble (altitude zero, jammer silent) comes once, and what the simulated channel can only play over a run of known
-    length, lost samples and the jammer's clock drift, is off. So is leakage, which a beat shift would move with the
+    Altitudes are synthetic point returns up to the altimeter's largest altitude (1500 m unless the scene gives one).
+    There is one preamble (altitude zero, jammer silent). Lost samples and the jammer's clock drift are off, since the
+    simulated channel needs the length of the run for them. Leakage is off, since a beat shift would move it with the
     return.
     """
     altitude = dataclasses.replace(
@@ -47,13 +47,13 @@ class RangeProfile:
     """Beat spectrum and CFAR threshold of frames in decibels, over altitude.
 
     The profile is the mean power of both half sweeps, 0 dB being a return of unit amplitude. The threshold drawn is
-    ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise of two half sweeps that are alike and have the joint
-    significance found; ``r_T`` is the same for the altimeter's joint threshold. So the profile exceeds the threshold
-    where the joint significance exceeds the altimeter's threshold (a target without Doppler).
+    ``profile - 10 log10(r / r_T)``. ``r`` is the power over noise at which two equal half sweeps have the joint
+    significance found; ``r_T`` is the power over noise at the altimeter's joint threshold. The profile therefore
+    exceeds the threshold where the joint significance exceeds the altimeter's threshold (a target without Doppler).
 
-    It is the altimeter's first look. Its second looks concern the cell found alone and are not drawn: a higher level
-    where the cells beyond the span are quieter, a lower threshold for noise that lasts without a gap, and a level
-    without a return's own side lobes (`PairSearch`).
+    This is the altimeter's first test. Its further tests of the detected cell are not drawn: a higher level where the
+    cells beyond the span have less power, a lower threshold for continuous noise, and a level without the return's side
+    lobes (`PairSearch`).
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class RangeProfile:
         """Profile and threshold of ``(n, N)`` frames: two (n, points) float32 arrays in dB."""
         spectra = self.altimeter.spectra(frames)
         cells = self.altimeter.significance(spectra)
-        # K log(1 + r/K) of both half sweeps alike, turned back into power over noise r
+        # joint significance K log(1 + r/K) of two equal half sweeps, solved for the power over noise r
         looks = 2.0 * cells.looks.mean(axis=1, keepdims=True)
         ratio = np.expm1(cells.value.sum(axis=1) / looks)
         needed = np.expm1((self.altimeter.pair_threshold - cells.spared[:, None]) / looks)
@@ -117,23 +117,23 @@ class RangeProfile:
             return 10.0 * np.log10(power * spectra.scale[:, None].astype(float) ** 2)
 
     def _resample(self, cells_db: np.ndarray) -> np.ndarray:
-        """(n, points) values between cells; what is not finite shows as no power."""
+        """(n, points) values interpolated between cells; non-finite ones become `_FLOOR_DB`."""
         cells_db = np.where(np.isfinite(cells_db), cells_db, _FLOOR_DB)
         left, right = cells_db[:, self._cell], cells_db[:, self._cell + 1]
         return (left + self._part * (right - left)).astype(np.float32)
 
 
 class AltitudeStrip:
-    """The last seconds of several altitudes, rolling: one row a trace, newest value last.
+    """The last seconds of several altitudes, rolling: one row per trace, newest value last.
 
     Parameters
     ----------
     traces : int
         Number of rows.
     points : int
-        Values kept a row.
+        Values per row.
     every : int
-        Frames between two values; the frame in between is not shown, as it is (never averaged, an error stays visible).
+        Frames per value; the others are dropped, never averaged, so that an error stays visible.
     """
 
     def __init__(self, traces: int, points: int = 512, every: int = 20) -> None:
@@ -145,7 +145,7 @@ class AltitudeStrip:
         self._every, self._seen = every, 0
 
     def push(self, altitudes_m: np.ndarray) -> int:
-        """Take ``(traces, n)`` altitudes of n frames; returns how many values each row has moved on by."""
+        """Append ``(traces, n)`` altitudes of n frames; returns the number of new values per row."""
         first = -self._seen % self._every
         self._seen += altitudes_m.shape[1]
         taken = altitudes_m[:, first :: self._every][:, -self._rows.shape[1] :]

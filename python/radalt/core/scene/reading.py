@@ -30,7 +30,7 @@ __all__ = [
     "scene_to_mapping",
 ]
 
-_MOST_SIR_DB = 200.0
+_MOST_SIR_DB = 200.0  # largest magnitude of an SIR, dB: the bound of every quantity in decibels
 _PLACEMENT = ("sir_db", "overlap", "start", "free_running")
 
 
@@ -61,7 +61,7 @@ def load_scene(name: str | Path) -> Scene:
 
 def parse_scene(data: dict[str, Any], *, source: str = "scene") -> Scene:
     """A validated `Scene` from nested mappings as YAML gives them."""
-    if isinstance(data, dict) and "return" in data:  # a word that Python keeps for itself
+    if isinstance(data, dict) and "return" in data:  # a keyword of Python
         data = {("return_model" if key == "return" else key): value for key, value in data.items()}
     try:
         data, pfa = without_pfa(data)
@@ -93,7 +93,7 @@ def _with_landing(scene: Scene) -> Scene:
 
 
 def interference_from_yaml(value: Any, where: str) -> tuple[Interferer, ...]:
-    """``{kind: {...}}`` or a list of such mappings."""
+    """Interferers of ``{kind: {...}}``, or of a list of mappings of this form."""
     if value is None:
         return ()
     if isinstance(value, dict):
@@ -133,7 +133,7 @@ def scene_from_parameters(
     sir_db: float | str | None = None,
     seed: int | str | None = None,
 ) -> Scene:
-    """A scene as flowgraph parameters name it: numbers, as such or as text; None or ``"scene"`` keeps the scene's own.
+    """A scene by flowgraph parameters: numbers, or numbers as text; None or ``"scene"`` keeps the scene's value.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def scene_from_parameters(
 
 
 def scene_to_mapping(scene: Scene) -> dict[str, Any]:
-    """A scene as plain mappings, lists and numbers; `parse_scene` gives the same scene back."""
+    """A scene as plain mappings, lists and numbers; the inverse of `parse_scene`."""
     mapping = {f.name: plain(getattr(scene, f.name)) for f in dataclasses.fields(scene)}
     mapping["return"] = mapping.pop("return_model")
     mapping["interference"] = [interferer_to_mapping(i) for i in scene.interference]

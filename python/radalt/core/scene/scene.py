@@ -23,25 +23,28 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene", "burst_db"]
 
+_MOST_SAMPLES = 1 << 20  # longest frame in a flowgraph, samples: 8 MB, 140 default frames
+_FRAMES_HELD = 128  # frames in the buffers of a flowgraph with a few methods, for the error on memory
+
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything a run depends on.
+    """Everything on which a run depends.
 
     Parameters
     ----------
     name, description : str
-        For reports.
+        Name and description in reports.
     landing : LandingSpec or None
         An approach over terrain; it gives the altitudes, unless ``altitude.programme_m`` does.
     return_model : str
-        ``return`` in a file: ``point``, or ``terrain`` for the extended return of the ground under the landing.
+        Key ``return`` in a file: ``point``, or ``terrain`` for the extended ground return of the landing.
     methods : tuple of str
         Mitigation methods that are compared on the same frames.
     method_options : dict
         Options by method, such as ``tcae: {model: my.onnx}``.
     seed : int
-        Everything random follows from it.
+        Seed of everything random.
     """
 
     name: str = "scene"
@@ -65,6 +68,7 @@ class Scene:
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:
             raise ValueError(f"seed is {shown(self.seed)}; it has to be 0 or above and of at most 18 digits")
+        self._check_frames()
         self._check_methods()
         self._check_leakage()
         top = self.altimeter_settings.max_altitude_m
@@ -89,6 +93,18 @@ class Scene:
                 f"altitude.programme_m reaches {highest:g} m, above altimeter.max_altitude_m {top:g}; raise that limit "
                 "or lower the altitude"
             )
+
+    def _check_frames(self) -> None:
+        """Check that a flowgraph's buffers hold the frames, and that the sweep is a triangle (it has a beat shift)."""
+        w = self.waveform
+        if w.samples_per_frame > _MOST_SAMPLES:
+            raise ValueError(
+                f"waveform.sweep_s {w.sweep_s:g} at rate_hz {w.rate_hz:g} makes frames of {w.samples_per_frame} "
+                f"samples, {w.samples_per_frame * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most "
+                f"{_MOST_SAMPLES} samples"
+            )
+        if not w.separates_doppler:
+            raise ValueError(f"waveform.shape is {w.shape!r}; a scene plays a triangle")
 
     def _check_leakage(self) -> None:
         """Leakage needs true delays: a beat shift moves it with the return, and 0 m is the return of the preamble."""
@@ -135,7 +151,7 @@ class Scene:
                 )
 
     def _name_methods(self) -> None:
-        """Methods of the user's own names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""
+        """Register methods under the user's names: ``method_options: {mine: {method: tcae, model: my.onnx}}``."""
         from ..mitigation import name_method
 
         for name, options in self.method_options.items():
@@ -143,15 +159,15 @@ class Scene:
                 name_method(name, options["method"])
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Unpickled in another process, names mean there what they mean here."""
+        """Register the user's method names in the process that unpickles the scene."""
         self.__dict__.update(state)
         self._name_methods()
 
     @property
     def altimeter_settings(self) -> AltimeterSettings:
-        """The altimeter's settings with the search span that the scene leaves open taken from what it flies."""
+        """Settings of the altimeter; an open search span is taken from the scene's altitudes."""
         highest = max(self.altitude.programme_m, default=0.0)
-        # the ground lies beyond its nearest point, and closes at its own rate
+        # terrain extends beyond its nearest point, and its range rate differs from the aircraft's
         if self.return_model == "terrain":
             return self.altimeter.resolved(self.waveform, highest_altitude_m=1.5 * highest)
         return self.altimeter.resolved(
@@ -162,9 +178,9 @@ class Scene:
 
     @property
     def tracker_settings(self) -> TrackerSettings:
-        """The tracker's settings, with Doppler where the scene plays it: a beat shift has none.
+        """Settings of the tracker, with Doppler where the scene has it: a beat shift has none.
 
-        A track may start at any altitude, unless the scene plays leakage that the receiver does not know.
+        A track may start at any altitude, unless the scene has leakage that the receiver does not know.
         """
         plays = self.altitude.mode == "true_delay" or self.return_model == "terrain"
         given = {name: getattr(self.tracker, name) for name in ("doppler", "leakage_m")}
@@ -179,7 +195,7 @@ class Scene:
 
     @property
     def has_noise(self) -> bool:
-        """Whether received frames carry noise: equal ones are then a frozen receiver's."""
+        """Whether received frames contain noise: two equal frames then mean a frozen receiver."""
         return self.channel.snr_db is not None
 
     @property
@@ -195,7 +211,7 @@ class Scene:
         snr_db: float | None = None,
         seed: int | None = None,
     ) -> Scene:
-        """The same scene at one point of a sweep.
+        """The scene at one point of a sweep over overlap, SIR and SNR.
 
         Overlap and SIR apply to every interferer; with several, each keeps its SIR relative to the first and the sum
         meets ``sir_db``.
@@ -221,7 +237,7 @@ class Scene:
 
     @property
     def sir_db(self) -> float:
-        """SIR of all interference together, over the whole frame; infinite without any."""
+        """SIR of all interference together, averaged over the frame; infinite without any."""
         if not self.interference:
             return float("inf")
         if self.total_sir_db is not None:
@@ -230,7 +246,7 @@ class Scene:
 
     @property
     def burst_db(self) -> float:
-        """Power of the interference while it lasts over the return's, in decibels, all bursts at once."""
+        """Power of all bursts while they last, over the return's, in decibels."""
         return burst_db(self.sir_db, max((i.overlap for i in self.interference), default=0.0))
 
     @property
@@ -242,5 +258,5 @@ class Scene:
 
 
 def burst_db(sir_db: float, overlap: float) -> float:
-    """Power of a burst over the return's, in decibels, from the SIR of the whole frame and the burst's share of it."""
+    """Power of a burst over the return's, in decibels, from the frame's SIR and the overlap."""
     return -sir_db - 10.0 * math.log10(max(overlap, 1e-6))

@@ -1,4 +1,4 @@
-"""Sections of a scene that are its own: altitudes, the sweep over overlap, radios (docs/design.md)."""
+"""Sections of a scene: altitudes, the sweep over overlap, radios (docs/design.md)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..radio.device import Device, device
 __all__ = ["AltitudeSpec", "RadioSpec", "SweepSpec"]
 
 _SERIAL = re.compile("[A-Za-z0-9]{0,32}")
-_MOST_ATTENUATION_DB = 150.0  # of a bench: beyond it nothing is left above the noise
+_MOST_ATTENUATION_DB = 150.0  # largest attenuation of a set-up, dB: beyond it no signal is above the noise
 
 
 @dataclass(frozen=True)
 class AltitudeSpec:
-    """Which altitudes are flown, and how they are produced.
+    """Altitudes of a run, and how they are produced.
 
     Parameters
     ----------
@@ -26,19 +26,19 @@ class AltitudeSpec:
     frames : int
         Frames at each altitude (trials).
     mode : str
-        ``"synthetic"`` shifts the beat in the source (works on the air), ``"true_delay"`` is played by the simulated
-        channel.
+        ``"synthetic"`` shifts the beat in the source (works over the air), ``"true_delay"`` delays the return in the
+        simulated channel.
     vertical_speed_m_per_s : float
         Range rate, for true delays.
     preamble_frames : int
-        Frames before the first altitude, at synthetic altitude zero and with the jammer silent: the segmenter takes its
-        timing in them.
+        Frames before the first altitude, at synthetic altitude zero and with the jammer silent, for the segmenter's
+        timing.
     sync_every_frames : int
-        Trials between further such sections; 0 for none.
+        Trials between further synchronisation sections; 0 for none.
     sync_frames : int
-        Length of a further section.
+        Length of a further synchronisation section.
     hold_last : bool
-        Stay at the last altitude for ever; for altitudes set by hand.
+        Stay at the last altitude without end; for altitudes set by hand.
     landing_frames : int
         Frames over which the scene's ``landing`` is flown, if it has one (a time lapse of the approach).
     """
@@ -83,7 +83,7 @@ class AltitudeSpec:
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """Points of an evaluation: every overlap at every SIR at every SNR. An empty list leaves the scene's own value.
+    """Points of an evaluation: every overlap at every SIR at every SNR. An empty list keeps the scene's value.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class SweepSpec:
 
 @dataclass(frozen=True)
 class RadioSpec:
-    """The two radios; nothing of it is used in simulation.
+    """Settings of the two radios; not used in simulation.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class RadioSpec:
         USB serial numbers (``uhd_find_devices``), letters and digits; empty takes the first device found, which the
         interlock allows without a jammer only.
     master_clock_hz : float
-        Within the device's range, for the air a multiple of the rate: 30 MHz divides to 7.5 MS/s by four.
+        Master clock within the device's range; with radios a multiple of the rate: four times 7.5 MS/s is 30 MHz.
     lo_offset_hz : float
         LO offset out of the band, so that its leakage falls outside; at most half the device's highest clock.
     radar_tx_gain_db, radar_rx_gain_db, jammer_tx_gain_db : float
@@ -156,7 +156,7 @@ class RadioSpec:
                 )
         for name in ("radar_serial", "jammer_serial"):
             if not _SERIAL.fullmatch(getattr(self, name)):
-                # it becomes part of a device address, in which a comma would begin another argument
+                # a serial is part of a device address, in which a comma separates arguments
                 raise ValueError(
                     f"radio.{name} is {shown(getattr(self, name))}; a serial is at most 32 letters and digits"
                 )
@@ -175,5 +175,5 @@ class RadioSpec:
 
     @property
     def limits(self) -> Device:
-        """What the radios can do and stand."""
+        """Ranges and limits of the radios."""
         return device(self.device)

@@ -1,8 +1,8 @@
-"""The transmitter's own leakage of a scene's installation, measured with nothing else in view and stored.
+"""Leakage calibration: measure the transmitter leakage of a scene's installation without a return, and store it.
 
     .venv/bin/python flowgraphs/calibrate_leakage.py --scene leakage --out results/leakage.yaml
 
-The scene then names the file: segmenter.leakage_calibration: results/leakage.yaml (docs/leakage.md).
+A scene uses the file by the key segmenter.leakage_calibration: results/leakage.yaml (docs/leakage.md).
 Needs no GNU Radio.
 """
 

@@ -1,15 +1,15 @@
-"""Several result folders of ota_eval as one report: Pd against overlap of all runs together.
+"""Pool result folders of ota_eval into one report: Pd against overlap of all runs together.
 
     .venv/bin/python flowgraphs/collect.py results/monday results/tuesday other_lab/run3 --out results/all
 
-Counts of runs that measured the same thing are added and the intervals taken anew; simulated runs and runs on the air
-stay apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused, saying why; a run that
+Counts of runs with equal settings are added and their intervals recomputed; simulated runs and runs with radios are
+kept apart. Runs that are not comparable (waveform, altimeter, SNR, model, ...) are refused with the reason; a run that
 occurs twice counts once. Needs no GNU Radio.
 
     .venv/bin/python flowgraphs/collect.py --compare results/before results/after
 
-says in which settings and versions two runs differ, and at which points by more than chance (Fisher's exact test,
-Holm's correction for many comparisons).
+lists the settings and versions in which two runs differ, and the points that differ significantly (Fisher's exact test,
+Holm's correction for multiple comparisons).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _parser() -> Parser:
     parser.add_argument(
         "--compare",
         action="store_true",
-        help="what differs between two folders; --out keeps it as comparison.md",
+        help="differences between two folders; --out stores them as comparison.md",
     )
     return parser
 

@@ -6,8 +6,8 @@
     .venv/bin/python flowgraphs/control_client.py descend --altitudes 1200,600,300,100,20 --seconds 1
     .venv/bin/python flowgraphs/control_client.py stop
 
-`descend` is the paper's loop: set an altitude, collect results, report the error of each method, go on. The module
-needs pyzmq alone, neither GNU Radio nor this package.
+`descend` is the paper's loop over altitudes: set one, collect results, print the error of each method. The module needs
+pyzmq only, neither GNU Radio nor this package.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from typing import Any, NoReturn
 import zmq
 
 PROGRAM, COMMAND = "control_client", "control"
-VERSION = 1
-TIMEOUT_MS = 2000
+VERSION = 1  # of the protocol
+TIMEOUT_MS = 2000  # longest wait for a reply, ms: a flowgraph replies within some tens
 
 
 class ControlError(RuntimeError):
@@ -49,8 +49,8 @@ class Client:
         self._control, self._telemetry = control, telemetry
 
     def request(self, command: str, **changes: Any) -> dict[str, Any]:
-        """Send one request; returns the state it leaves."""
-        # a socket a request: a REQ socket that lost its answer cannot be used again
+        """Send one request; returns the state after it."""
+        # one socket per request: a REQ socket without its reply cannot send again
         with self._context.socket(zmq.REQ) as socket:
             socket.setsockopt(zmq.LINGER, 0)
             socket.connect(self._control)
@@ -65,7 +65,7 @@ class Client:
         return reply.get("state", {})
 
     def messages(self, seconds: float) -> Iterator[dict[str, Any]]:
-        """Results and states of the next seconds."""
+        """Results and states of the next ``seconds`` seconds."""
         with self._context.socket(zmq.SUB) as socket:
             socket.setsockopt(zmq.LINGER, 0)
             socket.subscribe(b"")
@@ -77,18 +77,18 @@ class Client:
 
 
 def _message(text: bytes) -> dict[str, Any]:
-    """A JSON object; `ControlError` for what is none."""
+    """A JSON object; anything else raises `ControlError`."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
         message = None
     if not isinstance(message, dict):
-        raise ControlError("the answer is no JSON object; is something else listening there?")
+        raise ControlError("the answer is no JSON object; does another program listen there?")
     return message
 
 
 def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> None:
-    """Set altitudes one after the other and print each method's error."""
+    """Set altitudes in turn and print each method's error."""
     for altitude in altitudes_m:
         client.request("set", altitude_m=altitude)
         errors: dict[str, list[float | None]] = {}
@@ -103,7 +103,7 @@ def descend(client: Client, altitudes_m: Sequence[float], seconds: float) -> Non
 
 
 def _numbers(text: str) -> list[float]:
-    """Altitudes in metres, with commas between."""
+    """Altitudes in metres, separated by commas."""
     try:
         values = [float(a) for a in text.split(",")]
     except ValueError:
@@ -132,10 +132,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--altitude", type=float, help="set: metres")
     parser.add_argument("--overlap", type=float, help="set: active fraction of the sweep, 0..1")
     parser.add_argument("--sir-db", type=float, help="set: signal-to-interference ratio")
-    parser.add_argument("--methods", help="set: with commas")
+    parser.add_argument("--methods", help="set: names separated by commas")
     parser.add_argument("--altitudes", default="1200,600,300,100,20", help="descend: metres (%(default)s)")
-    parser.add_argument("--seconds", type=float, default=1.0, help="descend: at each altitude (%(default)s)")
-    parser.add_argument("--count", type=int, default=10, help="watch: messages (%(default)s)")
+    parser.add_argument(
+        "--seconds", type=float, default=1.0, help="descend: time at each altitude (%(default)s)"
+    )
+    parser.add_argument("--count", type=int, default=10, help="watch: number of messages (%(default)s)")
     return parser
 
 
@@ -164,6 +166,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 0
-    except BrokenPipeError:  # whoever reads has seen enough: | head
+    except BrokenPipeError:  # the reader has closed the pipe: | head
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0

@@ -2,11 +2,11 @@
 
     .venv/bin/python flowgraphs/ota_eval.py --sim  # the paper's case, about a minute
     .venv/bin/python flowgraphs/ota_eval.py --sim --methods none,whitening --overlap 0:1:0.25 --sir-db=-28
-    .venv/bin/python flowgraphs/ota_eval.py --sim --out results/mine --resume  # go on where it was killed
-    .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py  # a method of your own
+    .venv/bin/python flowgraphs/ota_eval.py --sim --out results/mine --resume  # complete an interrupted run
+    .venv/bin/python flowgraphs/ota_eval.py --sim --method-file flowgraphs/own_method.py  # your method
 
-Runs ota_b210.grc, with --sim its radios replaced by a simulated channel, once for every point of the scene's sweep,
-and writes report.md, report.html, report.json, rows.csv, altitudes.csv, figures and the scene as used into one folder.
+Runs ota_b210.grc once per point of the scene's sweep, with --sim by a simulated channel instead of radios, and writes
+report.md, report.html, report.json, rows.csv, altitudes.csv, figures and the scene with all changes into one folder.
 Options change the scene; lists are numbers with commas (0,0.3,1) or start:stop:step (0:1:0.1); write --sir-db=-10 with
 "=" before a minus.
 """
@@ -36,57 +36,57 @@ def _parser() -> Parser:
     add = parser.add_argument
     add("--sim", action="store_true", help="simulated channel in place of the two B210s")
     add("--scene", help=f"YAML file, or the name of a shipped scene (default: {DEFAULT_SCENE})")
-    add("--methods", help="mitigation methods with commas, e.g. none,whitening,tcae")
+    add("--methods", help="mitigation methods separated by commas, e.g. none,whitening,tcae")
     add("--overlap", metavar="LIST", help="overlaps, 0..1")
-    add("--sir-db", metavar="LIST", help="signal-to-interference ratios over the whole sweep")
+    add("--sir-db", metavar="LIST", help="signal-to-interference ratios, averaged over the sweep")
     add("--snr-db", metavar="LIST", help="signal-to-noise ratios (simulated channel)")
-    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order they are flown")
+    add("--altitudes", metavar="LIST", help="altitudes in metres, in the order of the run")
     add("--frames", type=int, help="frames at each altitude")
     add(
         "--tracked",
         action="store_true",
-        help="also fly every point slowly enough for a tracker, and score its outputs (simulated channel)",
+        help="also run every point with altitudes that last for a tracker, and score it (simulated channel)",
     )
-    add("--seed", type=int, help="everything random follows from it")
+    add("--seed", type=int, help="seed of everything random")
     add(
         "--model",
         action="append",
         metavar="[NAME=]FILE.onnx",
-        help="a network, as a row of its own called NAME; without NAME= the one of the method tcae; repeatable",
+        help="a network as a row NAME; without NAME= it replaces the network of the method tcae; repeatable",
     )
     add(
         "--method-file",
         action="append",
         metavar="[NAME=]FILE.py",
-        help="a method of your own, mitigate(frames, waveform), as a row called NAME, or custom; repeatable",
+        help="your method, mitigate(frames, waveform), as a row NAME, default custom; repeatable",
     )
     add_options(parser)
     add(
         "--plan",
         action="store_true",
-        help="print what would be built and what is left out, and why; run nothing",
+        help="print the parts of the run and those left out, with reasons; run nothing",
     )
-    add("--transmit", action="store_true", help="on the air: allow transmission into the scene's enclosure")
-    add("--check", action="store_true", help="print what would be set on the radios, and transmit nothing")
+    add("--transmit", action="store_true", help="with radios: allow transmission into the scene's enclosure")
+    add("--check", action="store_true", help="print the settings of the radios, and transmit nothing")
     add("--calibrate", action="store_true", help="measure and store the radios' latency over a cable")
-    add("--capture", action="store_true", help="record what the receiver hears, as SigMF below OUT/captures")
+    add("--capture", action="store_true", help="record the received samples, as SigMF below OUT/captures")
     add("--replay", type=path, metavar="FILE", help="score every method on a SigMF recording")
     add(
         "--reference-m",
         type=number(float, 0, 1e6),
         metavar="M",
-        help="with --replay of another program's recording: the altitude at which it begins",
+        help="with --replay of another program's recording: altitude at its beginning",
     )
     return parser
 
 
 def _check_python() -> str | None:
-    """What is wrong with this Python, in one line, or None."""
+    """Why this Python cannot run the program, one line, or None."""
     try:
-        # the package `gnuradio.radalt` alone is no GNU Radio
+        # a namespace package `gnuradio` with `gnuradio.radalt` only is no GNU Radio
         if importlib.util.find_spec("gnuradio") is None or importlib.util.find_spec("gnuradio.gr") is None:
             return no_gnu_radio()
-        # found now rather than when the report is drawn
+        # checked here, since the report would need them only at the end
         missing = [
             name
             for name in ("scipy", "yaml", "matplotlib", "tqdm", "pebble", "jinja2")
@@ -95,7 +95,7 @@ def _check_python() -> str | None:
         if missing:
             return f"{sys.executable} lacks {', '.join(missing)}; {remedy(*missing)}"
         with ctrl_c_waits():
-            from gnuradio import gr  # noqa: F401 - built for another NumPy it is there but does not import
+            from gnuradio import gr  # noqa: F401 - fails if built for another NumPy
 
             from ...core import scene  # noqa: F401
     except (ImportError, SystemError) as error:
@@ -142,7 +142,7 @@ def _scene(args: argparse.Namespace) -> Any:
 
 
 def _own_methods(args: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Options by method that --model and --method-file stand for; raises SceneError."""
+    """Method options by --model and --method-file; raises SceneError."""
     from ...core.scene import SceneError
 
     out: dict[str, dict[str, str]] = {}
@@ -181,7 +181,7 @@ def _require_radios(scene: Any, needed: int) -> None:
 
 
 def _print_pd(out: Path) -> None:
-    """The result in the terminal: Pd and wrong altitudes by overlap and method, one block per panel."""
+    """Print Pd and wrong altitudes by overlap and method, one block per panel."""
     from ..overlap.figures import panels
     from ..results.folder import read_report
 
@@ -202,7 +202,7 @@ def _print_pd(out: Path) -> None:
 
 
 def _wrong(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Frames per method whose altitude was declared and 5 m off or more."""
+    """Number of declared altitudes with an error of 5 m or more, per method."""
     from ..results.score import pool
 
     out = []
@@ -226,7 +226,7 @@ def _tracked(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """The plan for the radios; 0 if the interlock would allow it, else 2."""
+    """Print the plan for the radios; returns 0 if the interlock allows it, else 2."""
     from ..overlap.study import check_scene
     from ..radios.setup import describe
 
@@ -295,7 +295,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
         _require_radios(scene, 2 if scene.has_jammer else 1)
     if options.out is None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name is no way out of results/
+        name = re.sub(r"[^\w.-]+", "_", scene.name)[:60]  # a scene's name must not leave results/
         options = dataclasses.replace(options, out=Path("results") / f"{name}-{stamp}")
     print(f"{PROGRAM}: {scene.name}, {', '.join(scene.methods)}, seed {scene.seed}", flush=True)
     return run(study, options, program=PROGRAM, dry_run=args.dry_run, describe=describe_rows, after=_print_pd)
@@ -303,7 +303,7 @@ def _run(args: argparse.Namespace, options: Options) -> int:
 
 @command(PROGRAM)
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the evaluation; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    """Run the evaluation; returns 0, 2 after one line about an error, 130 when interrupted."""
     parser = _parser()
     args = parser.parse_args(argv)
     options = options_of(args, parser)

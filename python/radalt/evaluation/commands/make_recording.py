@@ -1,9 +1,8 @@
-"""Write a SigMF recording for scenes: a synthetic 5G downlink, or one of GNU Radio's own transmitters.
+"""Write a SigMF recording for scenes: a synthetic 5G downlink, or a transmitter of GNU Radio.
 
-The downlink, for scenes/recorded.yaml, is what an antenna hears: idle resource blocks, two transmit antennas with data
-of their own on the same subcarriers, multipath from each, and the noise of the receiver. ``--from`` runs a transmitter
-of GNU Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM packets. No samples of either were
-on the air.
+The downlink, for scenes/recorded.yaml, is as received by one antenna: idle resource blocks, two transmit antennas with
+independent data on the same subcarriers, multipath from each, and receiver noise. ``--from`` runs a transmitter of GNU
+Radio instead, for the scene of its name: DVB-T, DVB-T2, ATSC, DVB-S2 or OFDM packets. Both are simulated.
 
 .venv/bin/python flowgraphs/make_recording.py
 .venv/bin/python flowgraphs/ota_eval.py --sim --scene recorded
@@ -28,18 +27,18 @@ from ..transmitters import TRANSMITTERS, transmit
 
 PROGRAM, COMMAND = "make_recording", "make-recording"
 
-FRAMES = 5  # of 10 ms
-BANDWIDTH_HZ = 10e6
+FRAMES = 5  # length of the downlink, radio frames of 10 ms
+BANDWIDTH_HZ = 10e6  # channel bandwidth: wider than the default sweep's 7.5 MHz
 RATE_HZ = NrConfig(channel_bandwidth_hz=BANDWIDTH_HZ).sample_rate_hz
-SECOND_DB = -6.0  # the second antenna's data against the first's
-CREST = 5.0  # full scale over the root mean square
+SECOND_DB = -6.0  # power of the second antenna's data over the first's: assumed
+CREST = 5.0  # full scale over the RMS: OFDM exceeds 14 dB in one sample of 10^11
 DOWNLINK = "nr"
-SECONDS = 0.1  # of a transmitter
-DOWNLINK_SNR_DB = 8.0
+SECONDS = 0.1  # length of a transmitter's recording
+DOWNLINK_SNR_DB = 8.0  # noise of the downlink: usual for a recording at the edge of a cell
 
 
 def heard(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
-    """(n,) complex128, mean power 1: the sum of the antennas through a channel each (EVA), and noise."""
+    """(n,) complex128, mean power 1: antennas through independent channels (EVA), and noise."""
     rng = np.random.default_rng(seed)
     total = 0.0
     for antenna in range(antennas):
@@ -58,14 +57,14 @@ def heard(antennas: int, load: float, snr_db: float, seed: int) -> np.ndarray:
 
 
 def noisy(samples: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.ndarray:
-    """(n,) complex128, mean power 1: samples of mean power 1 with white noise."""
+    """(n,) complex128, mean power 1: samples of mean power 1 plus white noise."""
     noise = rng.standard_normal((samples.size, 2)).view(np.complex128)[:, 0]
     total = samples + np.sqrt(0.5 * 10 ** (-snr_db / 10)) * noise
     return total / np.sqrt(np.mean(np.abs(total) ** 2))
 
 
 def write(meta: Path, samples: np.ndarray, rate_hz: float, description: str) -> None:
-    """The recording as ``ci16_le`` beside its metadata."""
+    """Write the recording as ``ci16_le`` beside its metadata."""
     meta.parent.mkdir(parents=True, exist_ok=True)
     rails = np.clip(np.rint(samples.view(np.float64) * (32767 / CREST)), -32768, 32767)
     rails.astype("<i2").tofile(meta.with_suffix(".sigmf-data"))
@@ -96,17 +95,23 @@ def _parser() -> Parser:
         type=path,
         help="default: results/recorded.sigmf-meta, or results/NAME.sigmf-meta with --from NAME",
     )
-    add("--antennas", type=int, choices=(1, 2), default=2, help="of the downlink (default: %(default)s)")
+    add(
+        "--antennas",
+        type=int,
+        choices=(1, 2),
+        default=2,
+        help="transmit antennas of the downlink (default: %(default)s)",
+    )
     add(
         "--load",
         type=number(float, 0, 1),
         default=0.7,
-        help="of the downlink's blocks (default: %(default)s)",
+        help="fraction of the downlink's resource blocks in use (default: %(default)s)",
     )
     add(
         "--snr-db",
         type=number(float, -20, 60),
-        help=f"over the recording's rate (default: {DOWNLINK_SNR_DB:g} for {DOWNLINK}, no noise for the others)",
+        help=f"SNR in the recording's rate (default: {DOWNLINK_SNR_DB:g} for {DOWNLINK}, no noise for the others)",
     )
     add("--seed", type=number(int, 0, MAX_SEED), default=1, help="default: %(default)s")
     return parser
@@ -114,7 +119,7 @@ def _parser() -> Parser:
 
 @command("make_recording")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write it; returns 0, or 2 after one line about what does not fit."""
+    """Write the recording; returns 0, or 2 after one line about an error."""
     parser = _parser()
     args = parser.parse_args(argv)
     out = args.out or Path("results") / f"{'recorded' if args.source == DOWNLINK else args.source}.sigmf-meta"

@@ -1,10 +1,10 @@
-"""Altimeter under interference, driven by another program over ZMQ, in the simulated channel or on two B210s.
+"""Altimeter under interference, controlled by another program over ZMQ, in the simulated channel or on two B210s.
 
     .venv/bin/python flowgraphs/ota_remote.py --sim --scene paper_qpsk --methods none,tcae
     .venv/bin/python flowgraphs/control_client.py set --altitude 200 --sir-db=-20  # in another terminal, or from MATLAB
     .venv/bin/python flowgraphs/control_client.py stop
 
-Runs at real time and without end. Endpoints are on loopback unless you say otherwise; there is no authentication.
+Runs in real time without end. Endpoints are on loopback by default; there is no authentication.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def _parser() -> Parser:
     parser = Parser(PROGRAM, __doc__)
     parser.add_argument("--sim", action="store_true", help="simulated channel in place of the two B210s")
     parser.add_argument("--scene", default="paper_qpsk", help="YAML file or shipped scene (%(default)s)")
-    parser.add_argument("--methods", default="none,tcae", help="with commas (%(default)s)")
+    parser.add_argument("--methods", default="none,tcae", help="methods separated by commas (%(default)s)")
     parser.add_argument("--telemetry", default="tcp://127.0.0.1:5556", help="PUB endpoint (%(default)s)")
     parser.add_argument("--control", default="tcp://127.0.0.1:5557", help="REP endpoint (%(default)s)")
     parser.add_argument("--network", action="store_true", help="allow endpoints that other machines reach")
@@ -28,9 +28,9 @@ def _parser() -> Parser:
         "--keep-alive-s",
         type=number(float, 0, 86400),
         default=0.0,
-        help="on the air: stop transmitting after this long without a request; 0 (default): never",
+        help="with radios: stop transmitting after this time without a request; 0 (default): never",
     )
-    parser.add_argument("--transmit", action="store_true", help="on the air: allow transmission")
+    parser.add_argument("--transmit", action="store_true", help="with radios: allow transmission")
     return parser
 
 

@@ -1,1 +1,1 @@
-"""What every study runs on: the sweep engine, its workers, its command line."""
+"""The sweep engine of all studies: workers and command line."""

@@ -1,13 +1,13 @@
-"""Points of a study over a Dask cluster, on workers that have this module installed and share no folder.
+"""Points of a study on a Dask cluster whose workers have this module installed and need no shared folder.
 
-What a point needs travels once to each worker (a `WorkerPlugin`, which Dask also gives to workers that join later):
-the study, and its files by SHA-256. A task is then a point and a batch number. It is measured in a process of its own
-beside the worker (`Slot`), so that a task that hangs can be ended and one that dies says so. A worker that is lost
-costs what it was measuring: the scheduler hands that to another one, and rows follow from study, point and batch.
+The study and its files, by SHA-256, are sent once to each worker (a `WorkerPlugin`, which Dask also sends to workers
+that join later). A task is then a point and a batch number. It is measured in a separate process beside the worker
+(`Slot`), so that a hanging task can be ended and a crash is reported. The scheduler gives the tasks of a lost worker to
+another one, and rows are a function of study, point and batch.
 
-A thread of a Dask worker has one such process. A flowgraph may hang or die in C++, and a Dask worker that did so would
-take the tasks of its other threads with it. Dask's own worker is a daemon of its nanny and may have no
-`multiprocessing` children, so this is a plain subprocess. It ends with its owner, however that ends.
+Each thread of a Dask worker has one such process. A flowgraph may hang or crash in C++, which would end the tasks of
+the worker's other threads. A Dask worker is a daemon of its nanny and cannot have `multiprocessing` children, so the
+process is a plain subprocess. It ends with its owner in every case.
 """
 
 from __future__ import annotations
@@ -47,18 +47,20 @@ except ImportError:
 
 __all__ = ["Cluster", "Measurer", "Slot", "installed", "serve"]
 
-CONNECT_S = 10.0
-WORKERS_S = 60.0  # how long a cluster may be without any worker
-_LOOK_S = 2.0
-_AHEAD = 4000  # tasks the scheduler has at once; it keeps every worker busy from these
-_START_S = 120.0  # imports of a cold file system; a task's own limit starts after that
-_IDLE_S = 900.0  # a slot whose client was killed goes after this, a new one comes when it is needed
+CONNECT_S = 10.0  # longest wait for the scheduler, s
+WORKERS_S = 60.0  # longest time without any worker, s
+_POLL_S = 2.0  # time between checks of the cluster, s
+_AHEAD = 4000  # tasks submitted ahead: enough for every worker of a large cluster
+_START_S = (
+    120.0  # longest start of a process, s: imports from a cold file system; a task's limit starts afterwards
+)
+_IDLE_S = 900.0  # a slot whose client was killed ends after this time, s; a new one starts on demand
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "GR_CONF_LOG_LOG_LEVEL": "warn"}
 _GO_ON = "go on with --resume, there or without --scheduler"
 
 
 class Cluster:
-    """A connection to a scheduler, and this program's place on its workers.
+    """A connection to a scheduler, and this program's plugin on its workers.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ class Cluster:
     """
 
     def __init__(self, scheduler: str) -> None:
-        # what Dask says of lost connections is said here, in one line
+        # lost connections are reported here, in one line, instead of by Dask's log
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = _address(scheduler)
@@ -98,8 +100,8 @@ class Cluster:
         self.close()
 
     def close(self) -> None:
-        """Take this program's processes off the workers, as far as the scheduler answers."""
-        with contextlib.suppress(Exception):  # the run's own result or error stands
+        """End this program's processes on the workers, if the scheduler answers."""
+        with contextlib.suppress(Exception):  # keep the run's result or error
             if self._study is not None and self._client.status == "running":
                 self._client.unregister_worker_plugin(self._name)
         with contextlib.suppress(Exception):
@@ -111,8 +113,8 @@ class Cluster:
         Raises
         ------
         WorkerError
-            If a task fails, exceeds its time or ends its process; if something else is installed on a worker; if the
-            scheduler is lost, or all workers are for `WORKERS_S`. One line.
+            If a task fails, exceeds its time or ends its process; if a worker has another version installed; if the
+            scheduler is lost, or all workers for `WORKERS_S`. One line.
         """
         if not tasks:
             return
@@ -132,7 +134,7 @@ class Cluster:
         try:
             hand_out(_AHEAD)
             while running:
-                future = self._waiting(lambda: finished.get(timeout=_LOOK_S))
+                future = self._waiting(lambda: finished.get(timeout=_POLL_S))
                 index, _ = running.pop(future.key)
                 failed, value = self._answer(future, tasks[index].label)
                 if failed:
@@ -144,7 +146,7 @@ class Cluster:
                 self._client.cancel([future for _, future in running.values()])
 
     def _send(self, study: Study) -> None:
-        """Study and files to every worker, those to come included; once for all stages of a run."""
+        """Send study and files to every present and future worker, once for all stages of a run."""
         if study is self._study:
             return
         self._study = study
@@ -152,34 +154,34 @@ class Cluster:
             self._client.register_plugin(Measurer(study), name=self._name)
         except WorkerError:
             raise
-        except Exception as error:  # of Dask's, or of a worker that cannot load this module
+        except Exception as error:  # from Dask, or from a worker that cannot load this module
             raise WorkerError(
                 f"a worker of {self.address} cannot take part ({_first_line(error)}); is gr-radalt installed there?"
             ) from None
 
     def _answer(self, future: distributed.Future, label: str) -> tuple[bool, Any]:
         try:
-            reply = self._waiting(lambda: future.result(timeout=_LOOK_S))
+            reply = self._waiting(lambda: future.result(timeout=_POLL_S))
         except distributed.KilledWorker as error:
             return (
                 True,
                 f"{error.allowed_failures + 1} workers were lost while they measured it; out of memory?",
             )
         except (distributed.client.FutureCancelledError, OSError) as error:
-            # an OSError where the connection broke before its futures were cancelled
+            # OSError: the connection broke before its futures were cancelled
             raise WorkerError(
                 f"the scheduler at {self.address} was lost ({_first_line(error)}); {_GO_ON}"
             ) from None
         return pickle.loads(reply)
 
     def _waiting(self, get: Callable[[], Any]) -> Any:
-        """What ``get`` gives, with a look at the cluster whenever it takes long."""
+        """Result of ``get``, with a check of the cluster every `_POLL_S`."""
         without = 0.0
         while True:
             try:
                 return get()
             except (queue.Empty, distributed.TimeoutError):
-                without = 0.0 if self._has_worker() else without + _LOOK_S
+                without = 0.0 if self._has_worker() else without + _POLL_S
             if without >= WORKERS_S:
                 raise self._no_worker()
 
@@ -199,12 +201,12 @@ class Cluster:
 
 
 class Measurer(WorkerPlugin):
-    """This program's place on a worker: its study, its files in a folder of the worker's own, its processes.
+    """Plugin on a worker: the study, its files in the worker's folder, its processes.
 
     Parameters
     ----------
     study : Study
-        Ready to be measured; its files are read here.
+        Ready to be measured; its files are read on construction.
     """
 
     def __init__(self, study: Study) -> None:
@@ -219,7 +221,7 @@ class Measurer(WorkerPlugin):
             self.names[name], self.contents[digest] = (digest, path.name), content
 
     async def setup(self, worker: Any) -> None:
-        """Check and keep the files, start the first process; what it raises reaches the program that registers."""
+        """Store the files and start the first process; errors reach the program that registers the plugin."""
         self.address, self.refused = worker.address, ""
         self.idle: list[Slot] = []
         self.busy: set[Slot] = set()
@@ -234,7 +236,7 @@ class Measurer(WorkerPlugin):
         return Slot(self.wanted, self.study, self._files(), self.plugins)
 
     def _files(self) -> dict[str, Path]:
-        """Files by their names in the study, each in a folder called by its hash."""
+        """Files by their names in the study, each in a folder named by its hash."""
         out = {}
         for name, (digest, file) in self.names.items():
             path = self.folder / digest / file
@@ -251,7 +253,7 @@ class Measurer(WorkerPlugin):
         return out
 
     def measure(self, task: bytes, time_limit_s: float) -> bytes:
-        """Called in a thread of the worker; the reply is `answered`'s, pickled."""
+        """Measure a task in a thread of the worker; returns the pickled reply of `answered`."""
         if self.refused:
             return pickle.dumps((True, self.refused))
         try:
@@ -269,7 +271,7 @@ class Measurer(WorkerPlugin):
         return pickle.dumps((failed, value))
 
     def _idle_slot(self) -> Slot | None:
-        with contextlib.suppress(IndexError):  # threads of a worker share the list
+        with contextlib.suppress(IndexError):  # other threads of the worker take slots from the list
             while True:
                 slot = self.idle.pop()
                 if slot.alive:
@@ -277,13 +279,13 @@ class Measurer(WorkerPlugin):
         return None
 
     def teardown(self, worker: Any) -> None:
-        """End the processes; the files go with the worker's folder."""
+        """End the processes; Dask removes the files with the worker's folder."""
         for slot in (*self.idle, *self.busy):
             slot.close()
 
 
 def _by_value() -> Callable[[str, bytes, float], bytes]:
-    """What a task calls; pickled by value since it is local, so that the scheduler's machine needs Dask alone."""
+    """Function of a task. It is local, so it is pickled by value and the scheduler's machine needs Dask only."""
 
     def measure(name: str, task: bytes, time_limit_s: float) -> bytes:
         from distributed import get_worker
@@ -294,7 +296,7 @@ def _by_value() -> Callable[[str, bytes, float], bytes]:
 
 
 def _address(scheduler: str) -> str:
-    """An address, or what a scheduler file says."""
+    """Scheduler address, or that of a scheduler file."""
     if "://" in scheduler:
         return scheduler
     try:
@@ -315,8 +317,7 @@ def _first_line(error: BaseException) -> str:
 
 @lru_cache(maxsize=2)
 def installed(with_network: bool) -> dict[str, str]:
-    """Versions that rows depend on, and digests of this package's sources, which a version number may lag behind, and
-    of the shipped network, which goes without the check that others get."""
+    """Versions that rows depend on, with digests of this package's sources and of the shipped network."""
     try:
         out = versions(with_network)
     except ImportError:
@@ -338,18 +339,18 @@ class Slot:
     Parameters
     ----------
     wanted : mapping
-        `installed` of the program that owns the study; it has to be the same here.
+        `installed` of the program that owns the study; it has to be equal on this machine.
     study : bytes
-        Pickled.
+        Pickled study.
     files : mapping of name -> path
-        For `Study.with_files`.
+        Argument of `Study.with_files`.
     plugins : str
-        `RADALT_PLUGINS` of that program.
+        `RADALT_PLUGINS` of the program that owns the study.
 
     Raises
     ------
     WorkerError
-        If it does not start, or what is installed differs: names both versions.
+        If the process does not start, or installed versions differ; the message names both.
     """
 
     def __init__(
@@ -362,7 +363,7 @@ class Slot:
         with uninterrupted():
             self._process = subprocess.Popen(
                 [sys.executable, "-c", code],
-                stdin=subprocess.PIPE,  # never written to: its end tells that the owner is gone
+                stdin=subprocess.PIPE,  # never written: its end of file is the owner's exit
                 pass_fds=[theirs.fileno()],
                 env=os.environ | _ENVIRONMENT | {PLUGINS: plugins},
             )
@@ -378,7 +379,7 @@ class Slot:
             raise
 
     def measure(self, task: Any, time_limit_s: float) -> tuple[bool, Any]:
-        """``(failed, Outcome or message)`` of a task (point, batch); raises what is no error for the user."""
+        """``(failed, Outcome or message)`` of a task (point, batch); raises errors that are not meant for users."""
         try:
             reply = self._ask(task, time_limit_s, too_late(time_limit_s))
         except WorkerError as error:
@@ -390,10 +391,10 @@ class Slot:
 
     @property
     def alive(self) -> bool:
-        """Whether it takes a task."""
+        """Whether the process accepts a task."""
         return self._process.poll() is None
 
-    def _ask(self, message: Any, limit_s: float, late: str) -> Any:
+    def _ask(self, message: Any, limit_s: float, timeout: str) -> Any:
         try:
             self._ours.send(message)
             if self._ours.poll(limit_s):
@@ -401,16 +402,16 @@ class Slot:
         except (EOFError, OSError):
             self._process.wait()
             raise WorkerError(f"the worker process ended ({cause(self._process.returncode)})") from None
-        raise WorkerError(late)
+        raise WorkerError(timeout)
 
     def close(self) -> None:
-        """End the process, whatever it does."""
+        """End the process in any state."""
         self._process.kill()
         self._process.wait()
 
 
 def serve(number: int) -> None:
-    """Main function of the process; ``number`` is the descriptor of its end of the pipe."""
+    """Main function of a slot's process; ``number`` is the file descriptor of its pipe."""
     threading.Thread(target=_end_with_owner, daemon=True).start()
     enter()
     connection = Connection(number)
@@ -421,7 +422,7 @@ def serve(number: int) -> None:
         if not differs:
             try:
                 study = pickle.loads(blob).with_files(files)
-            except (ImportError, AttributeError) as error:  # a plugin that is not there
+            except (ImportError, AttributeError) as error:  # a missing plugin
                 differs = (
                     f"cannot load the study ({' '.join(str(error).split())}); install there what it needs"
                 )
@@ -430,11 +431,11 @@ def serve(number: int) -> None:
             point, batch = connection.recv()
             try:
                 reply = answered(measure_task, Task(study, point, batch))
-            except Exception as error:  # travels to the program that asked, which raises it
+            except Exception as error:  # sent to the owner, which raises it
                 reply = error
             connection.send(reply)
     except (EOFError, OSError):
-        pass  # the owner is done with this process
+        pass  # the owner has closed the pipe
 
 
 def _end_with_owner() -> None:
@@ -443,7 +444,7 @@ def _end_with_owner() -> None:
 
 
 def _difference(wanted: Mapping[str, str]) -> str:
-    """The first thing that is not the same here, in words; empty where all is."""
+    """The first difference of versions in words; empty without any."""
     here = installed("onnxruntime" in wanted)
     for name, version in wanted.items():
         if here.get(name) != version:

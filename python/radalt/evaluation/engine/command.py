@@ -1,4 +1,4 @@
-"""Running a study from a command line: the estimate, progress, one line for what does not fit."""
+"""Running a study from a command line: estimate, progress, one line for each error."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 
 class Bar:
-    """A bar on a terminal, a line per point elsewhere."""
+    """Progress bar on a terminal, one line per point elsewhere."""
 
     def __init__(self, describe: Callable[[Sequence[dict]], str]) -> None:
         self._describe, self._bar, self._told = describe, None, False
@@ -54,7 +54,7 @@ class Bar:
         self._bar.set_postfix_str(f"about {duration(p.remaining_s)} left")
 
     def close(self) -> None:
-        """Leave the terminal's line."""
+        """End the bar's line."""
         if self._bar is not None:
             self._bar.close()
 
@@ -70,11 +70,10 @@ def main(
     ],
     after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
-    """Run a study, or check and run the one that a callable makes; returns the exit status.
+    """Check and run a study, or the result of a callable; returns the exit status.
 
-    0, 2 after one line about what does not fit, 130 when interrupted, 143 when terminated.
-
-    ``after`` gets the result folder, prints what the terminal should show, and may return another status.
+    The status is 0, 2 after one line about an error, 130 when interrupted, 143 when terminated. ``after`` is called
+    with the result folder, prints a summary, and may return another status.
     """
     begin = time.monotonic()
     bar = Bar(describe)
@@ -107,7 +106,7 @@ def main(
 
 
 def _full(error: Exception, options: Options) -> str:
-    """One line where the disk would not take more, else nothing."""
+    """One line for a disk that is full or failing, else empty."""
     if getattr(error, "errno", None) not in _DISK:
         return ""
     return (
@@ -117,7 +116,7 @@ def _full(error: Exception, options: Options) -> str:
 
 
 def _cost(study: Study, options: Options) -> str:
-    """Points, frames and time before anything is measured; from pilots alone to every Pd at one half."""
+    """Points, frames and time before the run; with ``--precision`` from pilots only to every Pd at one half."""
     points = study.points()
     seconds = estimate(study, points, options.jobs, here=not options.scheduler, around_s=AROUND_S)
     where = " of one core's time" if options.scheduler else ""
@@ -135,17 +134,17 @@ def _cost(study: Study, options: Options) -> str:
 
 
 def _kept(options: Options, last: Progress | None) -> str:
-    """What an interrupted run leaves and the command that goes on with it; empty where nothing had begun."""
+    """Stored points of an interrupted run and the command that resumes it; empty if there are none."""
     if last is None:
         return ""
     return f"; {last.done} of {last.total} points are kept, go on with: {_resuming(options)}"
 
 
 def _resuming(options: Options) -> str:
-    """The command that goes on with this run, as it was typed."""
+    """The command that resumes this run, as typed."""
     called, *arguments = sys.argv
     words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
-    if Path(called).resolve().parent.name == "training":  # these programs find the package by it
+    if Path(called).resolve().parent.name == "training":  # these programs find the package by PYTHONPATH
         words.insert(0, f"PYTHONPATH={os.environ.get('PYTHONPATH', '')}")
     if not any(word == "--out" or word.startswith("--out=") for word in words):
         words += ["--out", str(options.out)]

@@ -1,4 +1,4 @@
-"""How long a study may take, from a short sample of its own work on this machine as busy as it is."""
+"""Estimated duration of a study, from a short sample of its work on this machine under its current load."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from .study import Point, Study
 
 __all__ = ["AROUND_S", "estimate", "shared", "slowdown"]
 
-AROUND_S = 5.0  # start of the workers, report and figures of a whole run
-_TRIAL_S = 0.2
-_HOLDS_S = 10.0  # that a trial is good for: a study asks before it starts and again when it does
+AROUND_S = 5.0  # start of the workers, report and figures of a run, s
+_TRIAL_S = 0.2  # length of a load measurement, s
+_HOLDS_S = 10.0  # validity of a load measurement, s: a study needs it before its start and at it
 
 
 def estimate(
     study: Study, points: Sequence[Point], jobs: int, *, here: bool = True, around_s: float = 0.0
 ) -> float:
-    """Seconds that one batch of each point may take, and what goes on around them.
+    """Estimated seconds of one batch of each point, start and report included.
 
-    Wall time on this machine as busy as it is; with ``here=False`` time of one core that does nothing else.
+    Wall time on this machine under its current load; with ``here=False`` time of one idle core.
     """
     if not points:
         return 0.0
@@ -35,7 +35,7 @@ def estimate(
 
 @lru_cache(maxsize=4)
 def _scale(sample: tuple[tuple[Study, Point], ...]) -> float:
-    """CPU time of a sample over what is stated of it; each is measured twice, the first time for tables and caches."""
+    """CPU time of a sample over its stated time; each is run twice, the first time to fill tables and caches."""
     stated = taken = 0.0
     for study, point in sample:
         study.measure(point)
@@ -47,15 +47,15 @@ def _scale(sample: tuple[tuple[Study, Point], ...]) -> float:
 
 
 def slowdown(jobs: int) -> float:
-    """Wall time over CPU time of so many workers beside what else computes here now, from a moment's work."""
+    """Wall time over CPU time of ``jobs`` workers under the machine's current load, from a short measurement."""
     return shared(jobs, _cores(), *_trial())
 
 
-_last: tuple[float, tuple[float, ...]] | None = None  # end of the last trial, and what it gave
+_last: tuple[float, tuple[float, ...]] | None = None  # end and result of the last load measurement
 
 
 def _trial() -> tuple[float, ...]:
-    """Seconds of a moment's work by the clock, of this process and of idle cores; a trial holds for `_HOLDS_S`."""
+    """Wall time, CPU time of this process and idle time of all cores in a short work load; cached for `_HOLDS_S`."""
     global _last
     if _last is not None and time.monotonic() < _last[0] + _HOLDS_S:
         return _last[1]
@@ -68,10 +68,10 @@ def _trial() -> tuple[float, ...]:
 
 
 def shared(jobs: int, cores: int, wall_s: float, own_s: float, idle_s: float) -> float:
-    """See `slowdown`: from what one process got of the cores for itself, and what nobody took of them.
+    """See `slowdown`: from the CPU time of one process and the idle time of all cores.
 
-    Processes that want a core get equal shares of all cores. So one that waits says how many others there are; beside
-    one that does not wait they are what keeps the other cores from being idle.
+    Running processes get equal shares of all cores. If this process waits, its share gives their number; if it does
+    not, the busy time of the other cores gives it.
     """
     waited = wall_s / max(own_s, 1e-3)
     busy = cores - 1.0 - idle_s / wall_s
@@ -84,7 +84,7 @@ def _cores() -> int:
 
 
 def _idle_s() -> float:
-    """Seconds that this machine's cores have been idle, all together; grows with time where nothing says it."""
+    """Total idle time of this machine's cores in seconds; wall time where the system does not report it."""
     try:
         fields = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
         return (int(fields[4]) + int(fields[5])) / os.sysconf("SC_CLK_TCK")

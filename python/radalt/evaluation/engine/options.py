@@ -1,6 +1,6 @@
-"""What every command line of the package has, and how each ends: with a result, or with status 2 and one line.
+"""Common options of all command lines, and their exit: with a result, or with status 2 and one line.
 
-Nothing here needs NumPy, so that a wrong Python gets one line, too.
+This module does not import NumPy, so that an unsuitable Python gets one line as well.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ __all__ = [
     "typed",
 ]
 
-MAX_JOBS = 256
-MAX_SEED = 2**63 - 1
-_TRACEBACK = "RADALT_TRACEBACK"
+MAX_JOBS = 256  # most local workers: more than any machine's cores
+MAX_SEED = 2**63 - 1  # largest seed: int64
+_TRACEBACK = "RADALT_TRACEBACK"  # environment variable that keeps tracebacks
 
 
 def complain(program: str, error: object) -> None:
-    """One line of at most 300 characters to stderr; of a longer one the middle goes: the remedy stands last.
+    """Print one line of at most 300 characters to stderr; a longer one loses its middle, since the remedy is last.
 
     With ``RADALT_TRACEBACK`` in the environment an exception is raised again instead.
     """
@@ -60,7 +60,7 @@ def complain(program: str, error: object) -> None:
 
 
 def number(kind: type, low: float, high: float) -> Callable[[str], float]:
-    """For ``type=``: an int or float within ``low..high``, both allowed; anything else is one line."""
+    """Argument ``type=`` for an int or float within ``low..high``, both included; one line for other text."""
 
     def parse(text: str) -> float:
         try:
@@ -77,26 +77,26 @@ def number(kind: type, low: float, high: float) -> Callable[[str], float]:
 
 
 def path(text: str) -> Path:
-    """For ``type=``: a file or folder name that a system can have; an empty one would be the working directory."""
+    """Argument ``type=`` for a valid file or folder name; not empty, which would be the working directory."""
     if not text.strip() or "\0" in text or len(os.fsencode(text)) > 4000:
         raise argparse.ArgumentTypeError("it is empty, too long or holds a NUL; name a file or folder")
     return Path(text)
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, as a batch system sends it: it ends a program as Ctrl-C does, with status 143."""
+    """SIGTERM, as sent by batch systems: ends a program like Ctrl-C, with status 143."""
 
 
 @contextlib.contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM raises `Terminated` in this block; where somebody else handles it, or in a thread, nothing changes."""
+    """SIGTERM raises `Terminated` in this block, except in threads and under another handler."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return
 
     def end(number: int, frame: object) -> NoReturn:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the second would cut what the first puts in order
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second signal must not interrupt the clean-up
         raise Terminated
 
     signal.signal(signal.SIGTERM, end)
@@ -108,7 +108,7 @@ def terminable() -> Iterator[None]:
 
 @contextlib.contextmanager
 def a_home() -> Iterator[None]:
-    """A home for a user without one (``nobody``, a container): GNU Radio and its compiler write there at each start."""
+    """Set HOME for a user without one (``nobody``, a container): GNU Radio and its compiler write there at start."""
     home = os.path.expanduser("~")
     if os.access(home, os.W_OK | os.X_OK):
         yield
@@ -122,9 +122,9 @@ def a_home() -> Iterator[None]:
 
 
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """A ``main`` whose refusals are one line and status 2, Ctrl-C 130 and SIGTERM 143, imports included.
+    """Decorator of a ``main``: expected errors become one line and status 2, Ctrl-C 130, SIGTERM 143, imports included.
 
-    Caught is what this package and what it stands on raise for wrong input and failing machines; others keep their
+    Expected are the errors of this package and its dependencies for wrong input and failing machines; others keep their
     traceback. With ``RADALT_TRACEBACK`` in the environment all do.
     """
 
@@ -132,7 +132,7 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         @functools.wraps(main)
         def guarded(*args: object, **options: object) -> int:
             for stream in (sys.stdout, sys.stderr):
-                if hasattr(stream, "reconfigure"):  # a terminal of another encoding ends no run
+                if hasattr(stream, "reconfigure"):  # characters outside the terminal's encoding are no error
                     stream.reconfigure(errors="backslashreplace")
             try:
                 with terminable(), a_home():
@@ -154,26 +154,26 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @dataclass(frozen=True)
 class Options:
-    """How a study is run; nothing here changes a row, except how many batches ``precision`` asks for.
+    """Options of a run; they do not change rows, except that ``precision`` sets the number of batches.
 
     Attributes
     ----------
     out : Path
         Result folder.
     resume : bool
-        Complete the run that ``out`` holds.
+        Complete the run in ``out``.
     jobs : int
-        Local worker processes; 0 measures in this process, one point after the other and without a time limit.
+        Local worker processes; 0 measures in this process, point by point and without a time limit.
     scheduler : str
         Address or scheduler file of a Dask cluster; empty for local processes.
     time_limit_s : float
         Longest time for one batch of a point.
     precision : float or None
-        Half width of the 95 % interval of Pd to be reached; None measures one batch of every point.
+        Target half width of the 95 % interval of Pd; None measures one batch of every point.
     command : str
-        As in the report.
+        Command line for the report.
     publish : Path or None
-        Folder that receives the study's page, figures and data under their stable names.
+        Folder for the study's page, figures and data under their stable names.
     """
 
     out: Path
@@ -187,7 +187,7 @@ class Options:
 
 
 def typed(program: str) -> str:
-    """What a user types to run a program: ``radalt eval`` where that was typed, else its script."""
+    """Command of a program for the user: ``radalt eval`` if called so, else its script."""
     called = sys.argv[0]  # see evaluation/programs.py
     if called.startswith("radalt "):
         return called
@@ -199,7 +199,7 @@ def typed(program: str) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """Description from a module's docstring; errors in one line, without the usage text."""
+    """Argument parser with the description of a module's docstring and errors of one line, without the usage text."""
 
     def __init__(self, program: str, doc: str) -> None:
         summary, _, details = doc.partition("\n\n")
@@ -224,31 +224,31 @@ def add_options(
     time_limit_s: float = 120.0,
     sampled: bool = True,
 ) -> None:
-    """``--out --resume --publish --jobs --scheduler --time-limit-s --precision --dry-run``, alike for every study.
+    """``--out --resume --publish --jobs --scheduler --time-limit-s --precision --dry-run``, equal for every study.
 
-    ``--seed`` is the study's own, since it belongs to what is measured.
+    ``--seed`` is an option of the study, since rows depend on it.
     """
     add = parser.add_argument
     default = f" (default: {out})" if out else ""
     add("--out", type=path, default=out and Path(out), help=f"result folder{default}")
-    add("--resume", action="store_true", help="complete the run that --out holds")
+    add("--resume", action="store_true", help="complete the run in --out")
     add(
         "--publish",
         type=path,
         metavar="DIR",
-        help="at the end, copy page, figures and data into DIR under the names that the documentation links to",
+        help="at the end, copy page, figures and data to DIR under the names that the documentation links to",
     )
     add(
         "--jobs",
         type=number(int, 1, MAX_JOBS),
         default=2,
-        help="local worker processes (default: %(default)s); changes no row",
+        help="local worker processes (default: %(default)s); rows do not depend on it",
     )
     add(
         "--scheduler",
         default="",
         metavar="ADDRESS|FILE",
-        help="spread the points over a Dask cluster: tcp://host:8786, or its scheduler file; changes no row",
+        help="run the points on a Dask cluster: tcp://host:8786, or its scheduler file; rows do not depend on it",
     )
     add(
         "--time-limit-s",
@@ -266,12 +266,12 @@ def add_options(
     add(
         "--dry-run",
         action="store_true",
-        help="print points, frames and the time they may take; measure nothing",
+        help="print points, frames and the estimated time; measure nothing",
     )
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:
-    """What `add_options` asked for; ends the program with one line where a value does not fit."""
+    """`Options` from the arguments of `add_options`; ends the program with one line for a wrong value."""
     if args.resume and args.out is None:
         parser.error("--resume needs --out with the folder of the run to complete")
     return Options(
@@ -287,9 +287,9 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
 
 
 def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> tuple[str, ...]:
-    """Names with commas, each known and there once; ends the program with one line where one is not.
+    """Names separated by commas, each known and unique; ends the program with one line otherwise.
 
-    A name given twice would have its rows twice, of the same frames, and cost its time twice.
+    A repeated name would double its rows and its time.
     """
     names = tuple(name.strip() for name in text.split(","))
     for k, name in enumerate(names):
@@ -300,12 +300,12 @@ def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> 
     return names
 
 
-# how a run is done, which changes none of its rows
+# options on which no row depends
 _NO_ROW = frozenset(("out", "resume", "publish", "jobs", "scheduler", "time_limit_s", "dry_run"))
 
 
 def command_of(args: argparse.Namespace, parser: Parser) -> str:
-    """The command that makes the same rows: the options that differ from their defaults, files by name alone."""
+    """Command that reproduces the rows: options that differ from their defaults, files by name only."""
     words = [typed(parser.program)]
     positional = {action.dest for action in parser._actions if not action.option_strings}
     for name, value in vars(args).items():
@@ -329,7 +329,7 @@ def _word(value: object) -> str:
 
 
 def expected_errors() -> tuple[type[Exception], ...]:
-    """What a user can mend: every error class of this package, and what the system says of files and memory."""
+    """Errors that users can correct: every error class of this package, and the system's about files and memory."""
     from ...core.mitigation import MitigationError
     from ...core.parsing import InputError
     from ...core.radio.calibration import CalibrationError

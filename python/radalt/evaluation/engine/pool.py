@@ -1,7 +1,7 @@
-"""Independent tasks over local worker processes that may die or hang without taking the run with them.
+"""Independent tasks in local worker processes; a crash or hang of one does not end the others without a message.
 
-The processes are pebble's: it can end a task that hangs in C++ and says which task killed its worker; both are what a
-flowgraph does when something is wrong.
+The processes are managed by pebble, which can end a task that hangs in C++ and reports which task killed its worker.
+Faulty flowgraphs do both.
 """
 
 from __future__ import annotations
@@ -23,18 +23,17 @@ from ...core.text import said
 
 __all__ = ["WorkerError", "answered", "cause", "enter", "run_tasks", "too_late", "uninterrupted"]
 
-_START_S = 10.0  # that a worker may take to start before a run ends without it
+_START_S = 10.0  # longest wait at the end of a run for workers that are starting, s
 
 
 class WorkerError(RuntimeError):
-    """A task that could not be done; the message is one line for the user."""
+    """A task that failed; the message is one line for the user."""
 
 
 def answered(function: Callable[..., Any], *arguments: Any) -> tuple[bool, Any]:
-    """(failed, value or message): an error that is meant for the user comes back as its one line.
+    """(failed, value or message): errors meant for the user are returned as one line.
 
-    `ValueError` and `RuntimeError` are meant for the user, as all of the package's errors are; so are a full disk and
-    a full memory.
+    These are `ValueError` and `RuntimeError`, the bases of all errors of the package, a full disk and a full memory.
     """
     try:
         return False, function(*arguments)
@@ -55,9 +54,9 @@ def run_tasks(
     Parameters
     ----------
     function : callable
-        Importable by name; called in a spawned process, which does many tasks.
+        Importable by name; called in a spawned process, which runs many tasks.
     tasks : sequence
-        Picklable.
+        Picklable arguments.
     jobs : int
         Worker processes, >= 1.
     time_limit_s : float
@@ -68,8 +67,8 @@ def run_tasks(
     Raises
     ------
     WorkerError
-        If a worker dies, a task exceeds its time or reports an error that is meant for the user. The other workers
-        are stopped.
+        If a worker dies, a task exceeds its time or fails with an error meant for the user. The other workers are
+        stopped.
     """
     from concurrent.futures.process import BrokenProcessPool
 
@@ -77,7 +76,7 @@ def run_tasks(
 
     if not tasks:
         return
-    # Threads of BLAS would wait for each other on a worker's one core: twice the time. Workers inherit this.
+    # one BLAS thread, since a worker has one core: more would take twice the time. Workers inherit the environment.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     # spawned, not forked: a fork would copy GNU Radio's threads and buffers in an unknown state
@@ -89,7 +88,7 @@ def run_tasks(
         running: dict[Future, int] = {}
 
         def hand_out() -> None:
-            # one task per worker and no queue behind it, so that a time limit starts with the task
+            # one task per worker without a queue, so that a time limit starts with the task
             for index, task in todo:
                 running[pool.schedule(answered, (function, task), timeout=time_limit_s)] = index
                 return
@@ -110,7 +109,7 @@ def run_tasks(
                         raise WorkerError(
                             f"{what}: the worker process ended ({cause(error.exitcode)})"
                         ) from None
-                    except BrokenProcessPool:  # it ended before it had said that it took the task
+                    except BrokenProcessPool:  # the worker ended before it acknowledged the task
                         raise WorkerError(f"{what}: the worker process ended ({cause(None)})") from None
                     if failed:
                         raise WorkerError(f"{what}: {value}")
@@ -120,14 +119,14 @@ def run_tasks(
             pool.stop()
             raise
         finally:
-            # a worker that still starts when the pool closes its pipes prints a traceback
+            # wait for starting workers: they would print a traceback when the pool closes their pipes
             for _ in range(workers):
                 if not ready.acquire(timeout=_START_S):
                     break
 
 
 def too_late(time_limit_s: float) -> str:
-    """For a task that hangs."""
+    """Message for a task beyond its time limit."""
     return f"not done after {time_limit_s:g} s; raise the time limit (--time-limit-s)"
 
 
@@ -142,10 +141,10 @@ def cause(exitcode: int | None) -> str:
 
 
 def enter() -> None:
-    """First thing in a process that measures: a core of its own.
+    """Start of a process that measures: pin it to a core.
 
-    A flowgraph's threads share one interpreter, so a second core wins nothing and every handover between cores costs:
-    `none` and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one of them.
+    A flowgraph's threads share one interpreter, so a second core gains nothing and changes of core cost time: `none`
+    and `whitening` ran at 0.86 of real time on two cores and at 1.24 on one.
     """
     if hasattr(os, "sched_setaffinity"):
         for core in sorted(os.sched_getaffinity(0)):
@@ -155,11 +154,11 @@ def enter() -> None:
 
 
 def _enter_pool(ready: Semaphore) -> None:
-    """`enter`; a method of the user's that calls ``os._exit(0)`` ends as a failure; then ``ready``.
+    """Start of a pool's worker: `enter`, turn ``os._exit(0)`` of a user's method into a failure, release ``ready``.
 
-    pebble takes a worker with status 0 for one that has nothing left to do, and its task would wait for the time limit.
-    It sends SIGTERM right after it has closed the pipes. A worker that ends by then holds it back: Python, its handlers
-    cleared, would print a traceback; pebble kills one that does not come to its end.
+    pebble takes exit status 0 for the regular end of a worker, and its task would wait for the time limit. pebble sends
+    SIGTERM right after closing the pipes. A worker that is ending then ignores it, since Python without its handlers
+    would print a traceback; pebble kills a worker that does not end.
     """
     enter()
     atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGTERM})
@@ -170,9 +169,9 @@ def _enter_pool(ready: Semaphore) -> None:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Threads and processes that start in this block never see Ctrl-C: it reaches the whole process group, and their
-    owner decides what becomes of them. Their imports would else end in a traceback each."""
-    resource_tracker.ensure_running()  # its first start would let Ctrl-C through again
+    """Threads and processes that start in this block never receive Ctrl-C, which is sent to the process group: their
+    owner ends them, and interrupted imports would print tracebacks."""
+    resource_tracker.ensure_running()  # its start inside the block would unblock Ctrl-C
     with ctrl_c_waits():
         yield
 
@@ -181,11 +180,11 @@ _claims: list[socket.socket] = []
 
 
 def _claim(core: int) -> bool:
-    """Whether no other process that measures on this machine has this core; kept while this process lives.
+    """Claim a core for this process; False if another measuring process of this machine has it.
 
-    The claim is a name in Linux's abstract socket namespace: there is one such name per machine (or container), and it
-    goes with the process however that ends. Worker processes of two runs, or of two Dask workers, thus do not meet on
-    one core while another stands idle; those that find every core claimed stay where the system puts them.
+    The claim is a name in Linux's abstract socket namespace, unique per machine (or container) and released by the
+    system when the process ends. Workers of two runs, or of two Dask workers, thus use different cores. Workers without
+    a free core are not pinned.
     """
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:

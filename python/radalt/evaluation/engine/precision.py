@@ -1,11 +1,11 @@
-"""How many trials a Pd needs: two stages, so that looking at the data does not bias the interval.
+"""Number of trials for a Pd: two-stage sampling, so that the stopping rule does not bias the interval.
 
-The first batch of a point is the pilot. It fixes the number of batches, once; the others are then measured whatever
-they show, and all of them count (the idea: C. Stein, "A two-sample test for a linear hypothesis whose power is
-independent of the variance", Ann. Math. Stat. 16, 1945). A Pd is no normal mean: its variance tells of the Pd, so a
-pilot that was lucky at Pd 0.97 also ends the point sooner. Over all outcomes of both stages the interval still covers
-as a Wilson interval of a fixed count does, the Pd itself is off by less than a seventh of the precision, away from one
-half, and one point in a hundred or fewer ends wider than was asked (tests/test_precision.py: exact, not simulated).
+The first batch of a point is the pilot. It sets the number of batches, once; all of them are then measured and pooled
+(after C. Stein, "A two-sample test for a linear hypothesis whose power is independent of the variance", Ann. Math.
+Stat. 16, 1945). The variance of a Pd depends on the Pd, so a pilot above the true Pd also ends the point sooner. Over
+all outcomes of both stages, the interval covers like a Wilson interval of a fixed count, the bias of Pd is below a
+seventh of the precision, away from one half, and at most one point in a hundred ends wider than requested
+(tests/test_precision.py: exact, not simulated).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..results.proportion import wilson_interval
 
 __all__ = ["MAX_BATCHES", "PrecisionError", "batches_needed", "check_precision", "half_width", "most_batches"]
 
-MAX_BATCHES = 10_000
-_Z = float(ndtri(0.975))
+MAX_BATCHES = 10_000  # most batches of a point: 150 frames each are 25 minutes of signal
+_Z = float(ndtri(0.975))  # two-sided 95 % quantile of the normal distribution
 
 
 class PrecisionError(ValueError):
@@ -34,14 +34,14 @@ def half_width(correct: int, trials: int) -> float:
 
 
 def batches_needed(pilot: Sequence[dict[str, Any]], wanted: float) -> int:
-    """Batches of a point until the 95 % half width of Pd is ``wanted`` for every method, the pilot among them.
+    """Batches of a point, pilot included, until the 95 % half width of Pd is at most ``wanted`` for every method.
 
-    The Pd of the plan is the end of the pilot's interval nearer to one half, where the width is largest: a pilot that
-    saw no failure by luck must not end the measurement.
+    They are planned for the end of the pilot's interval nearer to one half, where the width is largest: a pilot
+    without a failure by chance must not end the measurement.
 
     Parameters
     ----------
-    pilot : rows of the first batch, with ``correct`` and ``trials``; rows without trials ask for no more.
+    pilot : rows of the first batch, with ``correct`` and ``trials``; rows without trials need no more batches.
     wanted : float
         Half width, within 0..0.5.
 
@@ -58,23 +58,23 @@ def batches_needed(pilot: Sequence[dict[str, Any]], wanted: float) -> int:
         if not trials or half_width(row["correct"], trials) <= wanted:
             continue
         low, high = wilson_interval(row["correct"], trials)
-        p = min(max(0.5, low), high)  # of the interval, the value nearest to one half
+        p = min(max(0.5, low), high)  # the value within the interval nearest to one half
         most = max(most, 2, _batches(p, trials, wanted))
     return most
 
 
 def most_batches(trials: int, wanted: float) -> int:
-    """Batches of ``trials`` that reach the precision at any Pd, so at one half: what a fixed count has to be."""
+    """Batches of ``trials`` that reach the precision at every Pd, that is at one half."""
     return _batches(0.5, trials, wanted)
 
 
 def check_precision(trials: Sequence[int], wanted: float) -> None:
-    """Refuse what may need more than `MAX_BATCHES` of a point's batches; ``trials`` are those of a batch, by point.
+    """Refuse a precision that may need more than `MAX_BATCHES` batches; ``trials`` per batch, by point.
 
     Raises
     ------
     PrecisionError
-        One line with the precision that can be had.
+        One line with the best possible precision.
     """
     fewest = min((t for t in trials if t), default=0)
     if not fewest or most_batches(fewest, wanted) <= MAX_BATCHES:
@@ -88,7 +88,7 @@ def check_precision(trials: Sequence[int], wanted: float) -> None:
 
 def _batches(p: float, trials: int, wanted: float) -> int:
     """Smallest number of batches whose Wilson interval around ``p`` has half the width ``wanted`` or less."""
-    # normal approximation of the Wilson width, a little below, then upwards until the width itself is met
+    # start from the normal approximation of the Wilson width, and increase until the width is met
     count = max(1, int(_Z**2 * (p * (1 - p) / wanted**2 - 1) / trials))
     while half_width(round(p * count * trials), count * trials) > wanted:
         count += 1

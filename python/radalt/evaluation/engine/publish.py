@@ -1,4 +1,4 @@
-"""A finished result folder's page, figures and data under the stable names that the documentation links to."""
+"""Copies page, figures and data of a result folder to the stable names that the documentation links to."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["check_target", "publish"]
 
 
 def check_target(target: Path) -> None:
-    """A folder that can take what `publish` copies, or one that can be made; nothing is written.
+    """Check that `publish` can write into a folder, or create it; nothing is written.
 
     Raises
     ------
     FolderError
-        One line. A study may take hours, and its page is copied at the end.
+        One line. It is raised before the run, since the page is copied after hours of measurement.
     """
     there = next((p for p in (target, *target.absolute().parents) if p.exists()), Path("/"))
     if not there.is_dir():
@@ -28,16 +28,16 @@ def check_target(target: Path) -> None:
 
 
 def publish(result: Path, files: Mapping[str, str], target: Path) -> list[Path]:
-    """Copy files of a result folder into ``target`` under other names; links between them in Markdown follow.
+    """Copy files of a result folder into ``target`` under other names, and adapt links between them in Markdown.
 
     Parameters
     ----------
     result : Path
         Folder of a finished run.
     files : mapping of file in it -> name below ``target``
-        As of `Study.published`.
+        As `Study.published`.
     target : Path
-        Made if it is not there; files of these names are replaced.
+        Created if missing; files of these names are replaced.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The one sweep engine: points of any study to workers, rows to the result folder, at the end the report."""
+"""The sweep engine: points of a study to workers, rows to the result folder, at the end the report."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ __all__ = ["Progress", "run"]
 
 @dataclass(frozen=True)
 class Progress:
-    """What is known after a batch of a point.
+    """State of a run after a batch of a point.
 
     Attributes
     ----------
     done, total : int
-        Batches; ``total`` grows once, when the pilots have said how many are needed.
+        Batches; ``total`` grows once, when the pilots have set the number of batches.
     resumed : int
-        Of them, there before this start.
+        Batches that were measured before this start.
     rejected : sequence of str
-        Lines of the journal that did not hold; what they were is measured again.
+        Invalid lines of the journal; their batches are measured again.
     rows : list of dict
-        Of the batch just measured; none at the first call.
+        Rows of the last batch; none at the first call.
     remaining_s : float
-        Estimate.
+        Estimated remaining time.
     """
 
     done: int
@@ -51,24 +51,24 @@ class Progress:
 
 
 def _own(study: Study, point: Point, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those of the point's own table."""
+    """Rows of the point's table."""
     return [row for row in rows if study.table_of(point, row) == point.table]
 
 
 def head_of(study: Study) -> dict[str, Any]:
-    """What the marker of a result folder says: the study's own head, and the versions its rows depend on."""
+    """Content of a result folder's marker: the study's head, and the versions that its rows depend on."""
     return {"study": type(study).__name__, **study.head(), "versions": versions(study.needs_network)}
 
 
 def run(study: Study, options: Options, progress: Callable[[Progress], None] = lambda _: None) -> Path:
-    """Measure every point of a study and write its result folder; returns the page to show.
+    """Measure every point of a study and write its result folder; returns the path of its page.
 
-    Rows are appended as they are measured, whatever order the workers finish in, and end in the study's order: they are
-    the same bytes for any number of workers, here or on a cluster, and for a run that was killed and resumed.
+    Rows are appended in the order of arrival and finally written in the study's order: they are equal to the byte for
+    any number of workers, here or on a cluster, and for a run that was killed and resumed.
 
     Raises
     ------
-    FolderError, WorkerError, and what the study raises
+    FolderError, WorkerError, and errors of the study
         One line for the user; the rows so far are kept.
     """
     begin = time.monotonic()
@@ -76,7 +76,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     if options.precision is not None:
         check_precision([p.frames for p in points], options.precision)
     with contextlib.ExitStack() as stack:
-        # a cluster that is not there leaves no folder behind
+        # connect first: without a cluster no folder is created
         cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
         inputs = None if cluster else _Inputs(study)  # workers elsewhere have copies
         folder = stack.enter_context(
@@ -93,13 +93,13 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
 
 
 class _Inputs:
-    """The files that a measurement reads: each has to stay what it was when the run began."""
+    """Input files of a measurement, which must not change during the run."""
 
     def __init__(self, study: Study) -> None:
         self._held = {path: (_stamp(path), _sha256(path)) for path in study.files().values()}
 
     def check(self) -> None:
-        """Raise if one has another content by now; what changed its time alone is forgiven."""
+        """Raise if the content of a file has changed; a change of its time only is allowed."""
         for path, (stamp, digest) in self._held.items():
             now = _stamp(path)
             if now == stamp:
@@ -122,12 +122,12 @@ def _stamp(path: Path) -> tuple[int, ...]:
 def _sha256(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:  # whoever reads it says so
+    except OSError:  # reported where the file is used
         return ""
 
 
 def _holds(study: Study, points: Sequence[Point], entry: dict[str, Any]) -> bool:
-    """Whether these are rows of one of the study's points, each with its table's columns and kinds of values."""
+    """Whether an entry holds rows of one of the study's points, with the columns and types of their tables."""
     point = next((p for p in points if p.name == entry["point"]), None)
     if point is None or entry["batch"] < 0:
         return False
@@ -179,7 +179,7 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
 
 
 class _Watch:
-    """Batches handed out and brought in, with an estimate of what is left."""
+    """Submits batches and collects results, with an estimate of the remaining time."""
 
     def __init__(
         self,
@@ -200,7 +200,7 @@ class _Watch:
         self._begun = time.monotonic()
 
     def stage(self, study: Study, wanted: Sequence[tuple[Point, int]]) -> None:
-        """Measure the batches that are not there yet."""
+        """Measure the missing batches."""
         todo = [(p, b) for p, b in wanted if (p.name, b) not in self.folder.done]
         self.total += len(wanted)
         self.done += len(wanted) - len(todo)
@@ -222,9 +222,9 @@ class _Watch:
             self._tell(_own(study, point, outcome.rows), first, count, len(todo))
 
     def _stream_files(self, study: Study) -> Callable[[Point, Sequence[dict[str, Any]]], None]:
-        """Tables grow while they are measured, in the order of arrival; they are written anew, in order, at the end.
+        """Append rows to the tables in the order of arrival; `run` rewrites them in the study's order.
 
-        Each begins with what the journal holds: what a file of an earlier start holds is no matter.
+        Each table starts with the rows of the journal, whatever an earlier start has written.
         """
         points = {point.name: point for point in self._study.points()}
 
@@ -254,7 +254,7 @@ class _Watch:
         return run_tasks(measure_task, tasks, jobs=self.jobs, time_limit_s=limit, label=lambda t: t.label)
 
     def _tell(self, rows: Sequence[dict[str, Any]], first_s: float, count: int, todo: int) -> None:
-        """The first estimate is the study's; what was measured takes its place point by point."""
+        """Report progress; measured times replace the study's estimates point by point."""
         spent = time.monotonic() - self._begun
         known = spent / count * (todo - count) if count else 0.0
         weight = min(1.0, count / max(2 * self.jobs, 1))

@@ -1,8 +1,8 @@
-"""What the commands of all studies share: parser, options of the engine, run, exit status.
+"""Common parts of the studies' commands: parser, options of the engine, run, exit status.
 
 A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`).
-Nothing
-here needs NumPy, so that ``--help`` is there at once.
+This
+module does not import NumPy, so that ``--help`` is fast.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ __all__ = ["StudyCommand", "add_frames", "add_methods", "add_seed"]
 
 
 def add_methods(parser: Parser, default: str) -> None:
-    """``--methods``; `StudyCommand` makes a tuple of known names of it."""
-    parser.add_argument("--methods", default=default, help="methods with commas (default: %(default)s)")
+    """``--methods``; `StudyCommand` converts it to a tuple of known names."""
+    parser.add_argument(
+        "--methods", default=default, help="methods separated by commas (default: %(default)s)"
+    )
 
 
 def add_frames(parser: Parser, default: int, what: str, *, low: int = 1, high: int = 2_000_000) -> None:
@@ -46,23 +48,23 @@ class StudyCommand:
     Attributes
     ----------
     program : str
-        Name of its entry in ``flowgraphs/``.
+        Name of the entry in ``flowgraphs/``.
     module : str
-        ``__name__`` of its module, whose docstring has the summary and the examples.
+        ``__name__`` of the study's module, whose docstring has summary and examples.
     arguments : callable of parser
-        Adds the study's own options.
+        Adds the options of the study.
     study : callable of (args, parser)
-        The study, or the exit status where the options asked for something else and that is done.
+        Returns the study, or the exit status of options that run something else.
     describe : callable of rows
-        A measured point in a line.
+        Describes a measured point in a line.
     after : callable of (result folder, args, study), optional
-        Prints what the terminal should show, and may return another exit status than 0.
+        Prints a summary, and may return an exit status other than 0.
     out : str
         Default result folder; "" for ``results/PROGRAM``.
     time_limit_s : float
         Default of ``--time-limit-s``.
     sampled : bool
-        Whether there is ``--precision``.
+        Whether the command has ``--precision``.
     """
 
     program: str
@@ -84,7 +86,7 @@ class StudyCommand:
         return parser
 
     def main(self, argv: Sequence[str] | None = None) -> int:
-        """Run the study; returns 0, what ``after`` says, 2 after one line about what does not fit, 130 when stopped."""
+        """Run the study; returns 0, the status of ``after``, 2 after one line about an error, 130 when interrupted."""
         return command(self.program)(self._main)(argv)
 
     def _main(self, argv: Sequence[str] | None) -> int:

@@ -1,4 +1,4 @@
-"""What a study is: points, a measurement of each, and a report of the rows."""
+"""Base class of studies: points, their measurement, and a report of the rows."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["Point", "Run", "Study"]
 
 @dataclass(frozen=True)
 class Point:
-    """One unit of work: its rows follow from (study, point, batch) alone, in whatever process and order.
+    """One unit of work; its rows are a function of (study, point, batch), in any process and order.
 
     Attributes
     ----------
     name : str
-        Unique within the study; what progress lines, messages and the journal call it.
+        Unique name within the study, for progress, messages and the journal.
     frames : int
         Frames measured in one batch, for the estimate of the cost.
     table : str
-        Which of the study's tables its rows go into.
+        Table of the study for its rows.
     """
 
     name: str
@@ -36,13 +36,13 @@ class Point:
 
     @property
     def sampled(self) -> bool:
-        """Whether more batches make its rows sharper, in a study that is `Study.sampled`."""
+        """Whether more batches reduce the uncertainty of its rows, in a study that is `Study.sampled`."""
         return True
 
 
 @dataclass(frozen=True)
 class Run:
-    """How a run went, for its report."""
+    """Facts of a run for its report."""
 
     jobs: int
     points: int
@@ -53,24 +53,24 @@ class Run:
     precision: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For ``report.json``."""
+        """As a mapping for ``report.json``."""
         return {k: v for k, v in vars(self).items() if v not in (None, "")}
 
 
 class Study:
-    """Base of all studies; a study is a frozen dataclass, picklable, and says everything its rows depend on.
+    """Base of all studies: a frozen, picklable dataclass that holds everything on which its rows depend.
 
     Attributes
     ----------
     tables : mapping of name -> Columns
-        Tables of the result; ``NAME.csv`` each.
+        Tables of the result, each as ``NAME.csv``.
     sampled : bool
-        Whether a point's rows are estimates over trials, so that more batches of it make them sharper
+        Whether a point's rows are estimates over trials, so that more batches reduce their uncertainty
         (``--precision``).
     max_jobs : int or None
         Most points measured at once; 1 where times are measured.
     published : mapping of file -> name
-        Files of the result folder that the documentation holds, and their names there (``--publish``).
+        Files of the result folder for the documentation, and their names there (``--publish``).
     """
 
     tables: ClassVar[Mapping[str, Columns]]
@@ -79,10 +79,10 @@ class Study:
     published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:
-        """Find what does not fit before anything is measured; raises an expected error, one line."""
+        """Check all settings before the run; raises an expected error, one line."""
 
     def head(self) -> dict[str, Any]:
-        """Everything that a row depends on, versions and hashes included, as JSON."""
+        """Everything on which a row depends, versions and hashes included, as JSON."""
         raise NotImplementedError
 
     def points(self) -> Sequence[Point]:
@@ -90,51 +90,51 @@ class Study:
         raise NotImplementedError
 
     def begin(self, folder: Path) -> Study:
-        """The study ready to be measured; what it generates for that lies in ``folder``."""
+        """The study ready to be measured; generated files are in ``folder``."""
         return self
 
     def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
-        """Rows of one batch of a point; called in a worker process."""
+        """Rows of one batch of a point; runs in a worker process."""
         raise NotImplementedError
 
     def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
-        """Which table a row of a point goes into; all but the point's own hold detail, and steer nothing."""
+        """Table of a row; only rows in the point's table control progress and precision."""
         return point.table
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """Rows of a point from those of its batches: counts added, intervals anew, the rest as in the first batch."""
+        """Pooled rows of a point's batches: sums of counts, new intervals, other values of the first batch."""
         if len(batches) == 1:
             return list(batches[0])
         return [dict(same[0]) | pool(same).row() for same in zip(*batches, strict=True)]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """Write the report of all rows by table; returns the page to show."""
+        """Write the report of all rows by table; returns the path of its page."""
         raise NotImplementedError
 
     def seconds(self, point: Point) -> float:
-        """Rough CPU seconds of one batch of a point, for the estimate before the first is measured."""
+        """Approximate CPU seconds of one batch of a point, for the estimate before the run."""
         raise NotImplementedError
 
     def rehearsal(self) -> tuple[tuple[Study, Point], ...]:
-        """Short points whose CPU time, over `seconds` of them, scales the estimate; none where it needs no scale."""
+        """Short points whose measured CPU time over `seconds` scales the estimate; none for no scaling."""
         return ()
 
     def files(self) -> dict[str, Path]:
-        """Files that a measurement reads and a worker elsewhere may not have, by what `with_files` calls them."""
+        """Input files that a remote worker may lack, by their names in `with_files`."""
         return {}
 
     def with_files(self, files: Mapping[str, Path]) -> Study:
-        """The same study with those files at other places."""
+        """The study with its input files at other paths."""
         return self
 
     @property
     def needs_network(self) -> bool:
-        """Whether ONNX Runtime takes part, whose version then counts."""
+        """Whether rows depend on ONNX Runtime and its version."""
         return False
 
     @property
     def stays_here(self) -> str:
-        """Why this machine alone can measure it, in words; empty where any machine can."""
+        """Why only this machine can measure the study, in words; empty if any can."""
         return (
             ""
             if self.max_jobs is None

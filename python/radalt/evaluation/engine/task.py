@@ -1,4 +1,4 @@
-"""One batch of a point as it is measured, in whatever process."""
+"""Tasks of workers: one batch of a point."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Outcome", "Task", "kept_row", "measure_task", "peak_memory_bytes"]
 
 @dataclass(frozen=True)
 class Task:
-    """One batch of a point of a study, as it goes to a worker."""
+    """One batch of a point of a study."""
 
     study: Study
     point: Point
@@ -23,13 +23,13 @@ class Task:
 
     @property
     def label(self) -> str:
-        """For messages."""
+        """Name in messages."""
         return self.point.name if not self.batch else f"{self.point.name}, batch {self.batch}"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker gives back; ``process`` is unlike that of any other process of the run."""
+    """Result of a task; ``process`` is unique among the processes of the run."""
 
     rows: list[dict[str, Any]]
     process: int | str
@@ -37,21 +37,21 @@ class Outcome:
 
 
 def measure_task(task: Task) -> Outcome:
-    """Called in a worker."""
+    """Measure a task in a worker process."""
     study = task.study
     rows = [kept_row(study, task.point, row) for row in study.measure(task.point, task.batch)]
     return Outcome(rows, os.getpid(), peak_memory_bytes())
 
 
 def kept_row(study: Study, point: Point, row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as its table keeps it."""
+    """A row with the columns and rounding of its table."""
     return study.tables[study.table_of(point, row)].row(row)
 
 
 def peak_memory_bytes() -> int:
-    """Highest resident memory of this process so far; 0 where the system does not say.
+    """Peak resident memory of this process; 0 where the system does not report it.
 
-    From the process's own page: ``ru_maxrss`` of a spawned process starts at what its parent had.
+    From ``/proc/self``: ``ru_maxrss`` of a spawned process starts at its parent's value.
     """
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()

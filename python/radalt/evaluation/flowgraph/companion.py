@@ -1,9 +1,9 @@
-"""What the companion's Run button starts: a generated flowgraph, whose refusals are one line.
+"""Runs a generated flowgraph from the companion's Run button, with errors of one line.
 
     python -m radalt.evaluation.flowgraph.companion ota_sim.py [arguments of the flowgraph]
 
-The flowgraphs name this in their option *Run Command*. Run by itself, a generated program answers a wrong scene or a
-missing radio with a traceback above that line, and ends with 0 when a block has failed.
+The flowgraphs use it in their option *Run Command*. Without it, a generated program prints a traceback for a wrong
+scene or a missing radio, and ends with 0 when a block has failed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["main"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run it as ``python FILE`` does; 2 after one line on what is refused, 1 after one on a block that failed."""
+    """Run FILE as ``python FILE`` does; 2 after one line about wrong input, 1 after one about a failed block."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments:
         print(
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ValueError,
         RuntimeError,
         OSError,
-    ) as error:  # what this package and UHD raise; others keep their traceback
+    ) as error:  # errors of this package and of UHD; others keep their traceback
         print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)  # UHD's have several lines
         return 2
     for error in raised:

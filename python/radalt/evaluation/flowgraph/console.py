@@ -1,4 +1,4 @@
-"""What a flowgraph says in the companion's console when it has ended: the score of each method, and the counters."""
+"""Summary of a finished flowgraph for the companion's console: score of each method, and counters."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _COUNTERS = ("frames", "lost_samples", "dropped_slow", "saturated_frames", "lock
 
 
 def scores(top: Any, scene: Scene) -> str:
-    """A line per method: Pd, correct of trials; and the segmenter's counters. Numbers first: the font is proportional.
+    """One line per method (Pd, correct and all trials) and the segmenter's counters; the font is proportional.
 
     Parameters
     ----------
     top : object
-        Flowgraph that has ended, with ``altimeter_*`` and ``frame_segmenter`` as attributes; a method that is
-        disabled in the companion has no line.
+        Finished flowgraph with ``altimeter_*`` and ``frame_segmenter`` as attributes; methods that are disabled in the
+        companion have no line.
     scene : Scene
-        As flown.
+        Scene of the run.
     """
     lines = [f"Pd, method: correct of trials (detected and within {CORRECT_LIMIT_M:g} m)"]
     for method in METHODS:

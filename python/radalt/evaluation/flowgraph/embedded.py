@@ -1,7 +1,7 @@
-"""The same flowgraph with its blocks as Embedded Python Blocks, for a companion that lacks our block descriptions.
+"""Flowgraphs with Embedded Python Blocks, for a companion without this module's block descriptions.
 
-Each of our blocks becomes a thin subclass of itself whose arguments all have defaults, which is what the companion asks
-of embedded code; parameters, connections and everything else stay as they are. The package still has to be importable.
+Each block of the module becomes a subclass of itself whose arguments all have defaults, as the companion requires;
+parameters, connections and everything else are unchanged. The package has to be importable.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .rewrite import load_grc
 __all__ = ["embed", "source_of"]
 
 _PREFIX = "radalt_"
-_TEXT = ("string", "file_open", "file_save")  # parameter types that the companion quotes by itself
-_TAKEN = ("method",)  # live parameters whose names the blocks use for something else: not live when embedded
+_TEXT = ("string", "file_open", "file_save")  # parameter types that the companion quotes
+_TAKEN = ("method",)  # live parameters whose names are attributes of the blocks: not live when embedded
 _SCENE = "paper_qpsk"
-_SPREAD = (1.15, 1.8)  # embedded blocks list every parameter, so they need more room (across, down)
-_HEADER = 216  # above it lie options, parameters and variables, which stay
+_SPREAD = (1.15, 1.8)  # stretch of the layout (across, down): embedded blocks show every parameter
+_HEADER = 216  # height of the rows with options, parameters and variables, pixels; they are not moved
 
-# the companion makes a block without arguments to see its ports, maybe in a Python without onnxruntime
+# the companion constructs a block without arguments to find its ports, possibly in a Python without onnxruntime
 _NETWORK = """\
-        if scene is None:  # only the ports are looked at: no network needed
+        if scene is None:  # for the ports only: no network needed
             waveform = load_scene("{scene}").waveform
             _mitigation.MitigationBlock.__init__(self, "radalt_tcae", create("none", waveform))
             return
@@ -34,7 +34,7 @@ _NETWORK = """\
 
 
 def description(block_id: str) -> dict[str, Any]:
-    """The companion's description of one of our blocks."""
+    """The companion's description of a block of this module."""
     for folder in grc_dirs():
         path = Path(folder) / f"{block_id}.block.yml"
         if path.is_file():
@@ -49,7 +49,7 @@ def _default(parameter: dict[str, Any]) -> str:
 
 
 def source_of(block_id: str) -> str:
-    """Source of the embedded block that stands for one of our blocks; live parameters become properties."""
+    """Source of the embedded block for a block of this module; live parameters become properties."""
     block = description(block_id)
     name = block_id.removeprefix(_PREFIX)
     parameters = [p for p in block["parameters"] if p["id"] != "scene"]
@@ -96,12 +96,12 @@ def _callbacks(block: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def embed(data: dict[str, Any], name: str = "ota_embedded") -> dict[str, Any]:
-    """The same flowgraph with every block of ours replaced by an Embedded Python Block; nothing else differs.
+    """The flowgraph with every block of this module replaced by an Embedded Python Block; nothing else differs.
 
     Parameters
     ----------
     data : dict
-        Flowgraph as `load_grc` reads it.
+        Flowgraph from `load_grc`.
     name : str
         Identifier of the new flowgraph.
     """
@@ -125,7 +125,7 @@ def _grid(value: float) -> int:
 
 
 def _replace(block: dict[str, Any], names: set[str]) -> None:
-    """One of our blocks, in place; ``names`` are the flowgraph's parameters and variables."""
+    """Replace a block in place; ``names`` are the flowgraph's parameters and variables."""
     own = {p["id"]: p for p in description(block["id"])["parameters"]}
     values = {"_source_code": source_of(block["id"])}
     for key, parameter in own.items():
@@ -140,7 +140,7 @@ def _replace(block: dict[str, Any], names: set[str]) -> None:
 
 
 def _as_source(text: str, names: set[str]) -> str:
-    """What stands in a text field as source: the companion takes it for text unless it evaluates to text."""
+    """Source of a text field: the companion quotes a value unless it evaluates to text."""
     try:
         tree = ast.parse(text, mode="eval")
     except SyntaxError:

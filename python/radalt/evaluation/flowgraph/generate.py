@@ -1,4 +1,4 @@
-"""From a rewritten flowgraph to Python: GNU Radio's own compiler, and what it made."""
+"""Generation of Python from a flowgraph by GNU Radio's compiler."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Prepared:
     name : str
         Class and module name.
     methods : tuple of str
-        Methods that are in it.
+        Methods in the flowgraph.
     left_out : tuple of str
-        What was left out, and why.
+        Parts that were left out, with reasons.
     """
 
     module: Path
@@ -43,7 +43,7 @@ class Prepared:
 
 
 def grc_dirs() -> list[str]:
-    """Folders with block descriptions: GNU Radio's own and ours (in-tree or installed)."""
+    """Folders with block descriptions: GNU Radio's and this module's (in-tree or installed)."""
     share = share_dir()
     own = share / "grc" if (share / "grc").is_dir() else share.parent / "gnuradio" / "grc" / "blocks"
     return [str(own)]
@@ -51,12 +51,12 @@ def grc_dirs() -> list[str]:
 
 @lru_cache(maxsize=1)
 def _platform(*own: str) -> Any:
-    """GNU Radio's compiler with its library of blocks, which is read once: hundreds of files."""
+    """GNU Radio's compiler with its library of blocks, loaded once from hundreds of files."""
     from gnuradio import gr
 
     with contextlib.redirect_stdout(io.StringIO()):
-        # the compiler keeps the stdout of its first import for its messages: it would warn of a missing throttle, but
-        # the source is finite
+        # the compiler stores the stdout of its first import for its messages; its warning of a missing throttle does
+        # not apply to a finite source
         from gnuradio.grc.core.platform import Platform
 
     platform = Platform(
@@ -64,7 +64,7 @@ def _platform(*own: str) -> Any:
         version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
         prefs=gr.prefs(),
     )
-    # docstrings are for the companion's window; a process that imports all of GNU Radio would collect them
+    # docstrings are for the companion's window; collecting them imports all of GNU Radio in a process
     platform._docstring_extractor.start = lambda: None
     platform.build_library([p for p in platform.config.block_paths if p not in own] + list(own))
     return platform
@@ -72,7 +72,7 @@ def _platform(*own: str) -> Any:
 
 @lru_cache(maxsize=1)
 def _shipped() -> dict[str, Any]:
-    """The flowgraph that all others are made of, read once; `simulate` leaves it as it is."""
+    """The flowgraph from which all others are derived, loaded once; `simulate` does not modify it."""
     return load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
 
 
@@ -87,7 +87,7 @@ def save_as_companion(data: dict[str, Any], path: Path) -> None:
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:
-    """Write the .grc and have GNU Radio's compiler make Python of it.
+    """Write the .grc file and generate Python by GNU Radio's compiler.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, trac
     build_dir : path
         Receives ``.grc`` and ``.py``.
     track : bool
-        Whether altitudes are tracked behind every method.
+        Whether every method is followed by a tracker.
     """
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
     data = prune(simulate(_shipped(), name), methods, scene.has_jammer)

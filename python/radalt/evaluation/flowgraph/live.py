@@ -1,4 +1,4 @@
-"""The live view's window: its size, its marks, and the status line; the flowgraph's snippet calls `dress`."""
+"""Window of the live view: size, markers and status line; the flowgraph's snippet calls `dress`."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ..results.score import score_frames
 
 __all__ = ["StatusLine", "dress"]
 
-SIZE = (1600, 950)  # of the window, unless the screen is smaller or a size was kept from the last time
-_EVERY_MS = 500
-_LEAST_PLOT = (220, 140)
-_SPEED_S = 3.0  # span over which the real-time factor is taken
-_FEW = 0.1  # of a second's frames with an altitude: fewer is nothing measured (false alarms alone are a hundredth)
+SIZE = (1600, 950)  # size of the window, pixels, unless the screen is smaller or a size was stored
+_EVERY_MS = 500  # time between updates of the status line, ms
+_LEAST_PLOT = (220, 140)  # smallest plot, pixels
+_SPEED_S = 3.0  # averaging time of the real-time factor, s
+_FEW = 0.1  # least share of frames that counts as measured: false alarms alone give a hundredth
 _TITLES = {"altimeter_none": "No mitigation", "altimeter_tcae": "TCAE", "altimeter_selected": "Chosen"}
-# altitude chart: (line, marker), Qwt's numbers: an ellipse, a cross and an x for what is measured, no line between them
+# line and marker by Qwt's numbers: a line for the true altitude; ellipse, cross and x without a line for altimeters
 _MARKS = ((1, 0), (2, 8), (3, 9))
 
 
 class StatusLine:
-    """What the live view measures now, as rich text of three lines.
+    """Current measurements of the live view, as rich text of three lines.
 
     Parameters
     ----------
@@ -33,18 +33,18 @@ class StatusLine:
         The live flowgraph; its blocks are found by name.
     scene : Scene
     clock : callable
-        Seconds, for the real-time factor.
+        Monotonic seconds, for the real-time factor.
     """
 
     def __init__(self, top: Any, scene: Scene, clock: Callable[[], float] = time.monotonic) -> None:
         self._top, self._clock = top, clock
-        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames of one
+        self._second = max(1, round(1.0 / scene.waveform.sweep_s))  # frames per second
         self._rate = scene.waveform.rate_hz
         self._jammer = ", ".join(i.emitter.label.replace("_", " ") for i in scene.interference)
         self._seen: deque[tuple[float, int]] = deque()  # time, sample counter
 
     def text(self) -> str:
-        """The status now."""
+        """The current status."""
         segmenter = self._top.frame_segmenter.status()
         lines = (
             [self._altitude(segmenter), self._timing(segmenter)],
@@ -66,13 +66,13 @@ class StatusLine:
         if segmenter["state"] == "lost":
             return _loud("timing LOST, no frames: press Reacquire timing", good=False)
         if not segmenter["locked"]:
-            return _loud("no timing yet, no frames: looking for the sweep at altitude zero", good=False)
+            return _loud("no timing, no frames: acquiring the sweep at altitude zero", good=False)
         return "timing locked" + (
             ", checked" if segmenter["timing_verified"] else ", but the sweep is hidden"
         )
 
     def _scores(self, segmenter: dict[str, Any]) -> list[str]:
-        """Each altimeter's last second of frames, and which of them measure nothing."""
+        """Scores of each altimeter's last second, and the altimeters without detections."""
         out, blind = [], []
         for name, title in _TITLES.items():
             results, truth_m = getattr(self._top, name).latest(self._second)
@@ -119,17 +119,17 @@ class StatusLine:
 
 
 def _loud(text: str, *, good: bool) -> str:
-    """Bold, dark green or dark red; the words say it too."""
+    """Bold text, dark green or dark red."""
     return f'<b style="color:{"#005a2b" if good else "#a00000"}">{text}</b>'
 
 
 def dress(top: Any, scene: Scene) -> None:
-    """Size of the window, marks of the altitude chart, and the status line twice per second.
+    """Set the size of the window and the markers of the altitude chart, and update the status line twice per second.
 
     Parameters
     ----------
     top : object
-        The live flowgraph, made and not yet started.
+        The live flowgraph, constructed and not yet started.
     scene : Scene
     """
     from PyQt5 import Qt
@@ -144,7 +144,7 @@ def dress(top: Any, scene: Scene) -> None:
         if widget.property("plainText") in (
             "Min Hold",
             "Max Hold",
-        ):  # of every vector sink; nothing here holds
+        ):  # controls of the vector sinks, without use here
             widget.hide()
     _make_room(top, Qt)
     status = StatusLine(top, scene)
@@ -154,7 +154,7 @@ def dress(top: Any, scene: Scene) -> None:
 
 
 def _make_room(top: Any, qt: Any) -> None:
-    """The status in a label that wraps, instead of a tool bar, which hides what is too wide; plots that may shrink."""
+    """Put the status into a label that wraps, since a tool bar hides long text, and let plots shrink."""
     grid = top.top_grid_layout
     bar = top._status_tool_bar
     row, column, rows, columns = grid.getItemPosition(grid.indexOf(bar))
@@ -165,7 +165,7 @@ def _make_room(top: Any, qt: Any) -> None:
     grid.addWidget(label, row, column, rows, columns)
     for name in ("spectrum", "waterfall_before", "waterfall_after", "profile_chart", "altitude_chart"):
         window = getattr(top, f"_{name}_win")
-        # they take what is left: with a label that wraps the window would be as high as they like to be
+        # plots take the remaining height; otherwise a wrapping label makes the window as high as their size hints
         window.setSizePolicy(qt.QSizePolicy.Ignored, qt.QSizePolicy.Ignored)
         for widget in (window, *window.findChildren(qt.QWidget)):
             if widget is window or widget.metaObject().className().endswith("Plot"):

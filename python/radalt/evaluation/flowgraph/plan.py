@@ -1,7 +1,6 @@
-"""The planner: what a scene builds, imports and computes, and what it leaves out, with the reason for each.
+"""The planner: parts that a scene builds, imports and computes, and parts that it leaves out, each with its reason.
 
-The flowgraph, the reports and ``ota_eval.py --plan`` all read this one list. Nothing here imports what it decides
-about.
+The flowgraph, the reports and ``ota_eval.py --plan`` use this list. The planner imports none of the parts.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ __all__ = ["Part", "Plan", "left_out", "make_plan"]
 
 @dataclass(frozen=True)
 class Part:
-    """Something that a run may need.
+    """A part of a run.
 
     Attributes
     ----------
     name : str
     needed : bool
     why : str
-        What in the scene decides it.
+        Reason in the scene.
     module : str
-        Module whose import is saved without it; empty for none.
+        Module that is not imported without the part; empty for none.
     """
 
     name: str
@@ -39,19 +38,19 @@ class Part:
 
 @dataclass(frozen=True)
 class Plan:
-    """Parts of a run, and what the altimeter computes.
+    """Parts of a run, and dimensions of the altimeter's processing.
 
     Attributes
     ----------
     parts : tuple of Part
     radios : int
-        B210s that a run on the air takes.
+        B210s of a run with radios.
     span_m, band_hz : (low, high)
-        Altitudes searched, and the beats they can have.
+        Searched altitudes and their beat frequencies.
     decimation, fft_size, doppler_cells : int
-        Of the beat spectrum; cells by which the two half sweeps' beats may differ.
+        Decimation and FFT length of the beat spectrum; largest difference of the half sweeps' beats, in cells.
     full_decimation, full_fft_size : int
-        The same for a scene that states nothing: 1500 m.
+        Decimation and FFT length for the default span of 1500 m.
     """
 
     parts: tuple[Part, ...]
@@ -66,7 +65,7 @@ class Plan:
 
     @property
     def left_out(self) -> list[str]:
-        """One line for every part that is neither built nor imported nor computed."""
+        """One line for every part that is not built, imported or computed."""
         return [f"{part.name}: {part.why}" for part in self.parts if not part.needed]
 
     @property
@@ -86,14 +85,14 @@ class Plan:
             f"(1500 m: {self.full_decimation}, {self.full_fft_size}); half sweeps differ by at most "
             f"{self.doppler_cells} cells",
             "  once for all methods: reference sweep, segmenting, tables of altimeters that measure alike; each "
-            "method: its own frames, and the spectra it looks at",
+            "method: its frames and spectra",
             f"  radios on the air: {self.radios}",
         ]
         return "\n".join(lines)
 
 
 def make_plan(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -> Plan:
-    """What a run of a scene with these methods takes, with the simulated channel or on the air."""
+    """Plan of a run of a scene with these methods, with the simulated channel or with radios."""
     altimeter = shared_altimeter(scene.waveform, scene.altimeter_settings)
     full = shared_altimeter(scene.waveform, AltimeterSettings())
     settings = altimeter.settings
@@ -111,7 +110,7 @@ def make_plan(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -
 
 
 def left_out(scene: Scene, methods: Sequence[str], *, simulated: bool = True) -> list[str]:
-    """What a scene does not need and is therefore neither built nor imported, each with its reason."""
+    """Parts that a scene does not need and that are not built or imported, each with its reason."""
     return make_plan(scene, methods, simulated=simulated).left_out
 
 
@@ -148,7 +147,7 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
         Part(
             "true delay and Doppler",
             delays or terrain,
-            "the simulated channel plays them"
+            "the simulated channel delays the return"
             if delays or terrain
             else "altitudes are synthetic beat shifts",
         ),
@@ -161,7 +160,7 @@ def _parts(scene: Scene, methods: Sequence[str]) -> list[Part]:
 
 
 def _simulated(channel: ChannelSettings) -> list[Part]:
-    """The simulated channel's parts, and the radios that it stands for."""
+    """Parts of the simulated channel, and the radios that it replaces."""
     stated = {
         "noise": channel.snr_db is not None,
         "DC offset": bool(channel.dc_offset),

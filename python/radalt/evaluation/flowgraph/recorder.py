@@ -1,4 +1,4 @@
-"""A recorder block in a flowgraph: what the receiver hears, as SigMF."""
+"""A recorder block in a flowgraph: received samples as SigMF."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ class Recorder:
 
     def __init__(self, top: Any, block: Any) -> None:
         self._top, self._block = top, block
+
+    @property
+    def sample_counter(self) -> int:
+        """Counter of the next sample, which may lie behind the segmenter's."""
+        return self._block.sample_counter
 
     def finish(self) -> Path | None:
         """Write the metadata; returns their path, or None where nothing was received."""
@@ -46,9 +51,9 @@ def attach_recorder(
     top : object
         Generated flowgraph.
     source : block
-        Whose output 0 is recorded.
+        Block whose output 0 is recorded.
     path : path
-        Recording without ending.
+        Path of the recording without ending.
     start_s : float
         Device time of the transmitter's first sample.
     drop_when_slow : bool

@@ -1,4 +1,4 @@
-"""Recordings into scores, through the same flowgraph: ``ota_eval.py --replay`` writes rows and frames."""
+"""Scores of recordings through the flowgraph: ``ota_eval.py --replay`` writes rows and frames."""
 
 from __future__ import annotations
 
@@ -51,19 +51,19 @@ def score_recording(
     out : Path
         Result folder.
     scene : Scene, optional
-        Needed for recordings of other programs; for ours it replaces everything but altitudes and seed.
+        Needed for recordings of other programs; for those of this program it replaces all but altitudes and seed.
     methods : sequence of str, optional
         Default: the scene's.
     method_options : mapping of method -> options, optional
-        Options that replace the scene's; a method that is named here is scored as well.
+        Options that replace the scene's; methods named here are scored as well.
 
     reference_m : float, optional
-        Altitude at which another program's recording begins. Without, its altitudes are relative to that.
+        Altitude at the beginning of another program's recording. Without it, altitudes are relative to the beginning.
 
     Returns
     -------
     list of dict
-        Rows as of `make_row` where the altitudes are known, else of `summary`.
+        Rows of `make_row` where the altitudes are known, else of `summary`.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def score_recording(
 
 
 def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool) -> None:
-    """Altitude over time, a panel per method; below it a mark for every frame in which it declared nothing."""
+    """Altitude over time, a panel per method, with a mark below for every frame without a detection."""
     methods = list(result.results)
     figure = new_figure(7.5, 0.8 + 1.9 * len(methods))
     axes = figure.subplots(len(methods), 1, sharex=True, squeeze=False)[:, 0]
@@ -146,7 +146,7 @@ def draw_replay(result: PointResult, scene: Scene, path: Path, *, relative: bool
 
 
 def _write_frames(path: Path, result: PointResult) -> None:
-    """One line per frame and method, numbers to the last bit."""
+    """Write one line per frame and method, floats without loss."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         names = next(iter(result.results.values())).dtype.names
@@ -166,12 +166,12 @@ def _write_frames(path: Path, result: PointResult) -> None:
 
 
 def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, bool]:
-    """Scene to score a recording with, and whether its programme is known (a recording of ours).
+    """Scene for the score of a recording, and whether its programme is known (a recording of this program).
 
     Raises
     ------
     RecordingError
-        If the recording has no scene of its own and none is given.
+        If neither the recording nor the caller gives a scene.
     """
     if scene is None and capture.scene is None:
         raise RecordingError(f"{capture.path}: the recording names no scene; give the sweep's with --scene")
@@ -183,7 +183,7 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 
 
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
-    """Generate the flowgraph with a recording instead of the receiver and without transmitters."""
+    """Generate the flowgraph with a recording in place of the receiver, without transmitters."""
     name = "ota_replay"
     data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
     out = ("transmitters and channel: the samples come from a recording",)
@@ -204,16 +204,16 @@ def run_replay(
     Parameters
     ----------
     prepared : Prepared
-        Of `prepare_replay`.
+        Flowgraph of `prepare_replay`.
     scene : Scene
         Waveform, altimeter and programme.
     path : path
         ``.sigmf-meta``.
     known : bool
-        Whether the scene's programme is what was recorded; else timing is acquired on the first sweeps, and lock is
+        Whether the scene's programme is the recorded one; else timing is acquired on the first sweeps, and lock is
         kept for any altitude of the span.
     reference_m : float
-        Altitude of those first sweeps, in metres.
+        Altitude of the first sweeps, in metres.
     """
     capture = open_capture(path)
     top = make_top(
@@ -227,7 +227,7 @@ def run_replay(
 
 
 def summary(result: PointResult) -> list[dict[str, Any]]:
-    """One row per method of a recording without known altitudes: what was found, with no claim about the truth."""
+    """One row per method of a recording without known altitudes: detections and altitudes, without a score."""
     rows = []
     for method, frames in result.results.items():
         found = frames["altitude_m"][frames["valid"]]

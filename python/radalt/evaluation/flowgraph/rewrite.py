@@ -1,8 +1,7 @@
-"""The companion's flowgraph as data: ``ota_b210.grc`` is the one flowgraph, all others are mechanical changes of it.
+"""Flowgraphs as data: ``ota_b210.grc`` is the only flowgraph, all others are derived from it.
 
-For simulation its three UHD blocks, and the gates before its transmitters, are replaced by one simulated channel, what
-stands for radios alone goes with them, and nothing is dropped; blocks that the scene does not need are disabled.
-Nothing else is touched.
+For simulation, one simulated channel replaces the three UHD blocks and the gates before the transmitters, blocks for
+radios only are removed, and no frame is dropped; blocks that the scene does not need are disabled.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ RADAR_SINK, RADAR_SOURCE, JAMMER_SINK = "radar_usrp_sink", "radar_usrp_source", 
 CHANNEL = "simulated_channel"
 RADAR_GATE, JAMMER_GATE = "radar_gate", "jammer_gate"
 _RADIOS_ALONE = ("import_interlock", "import_levels", "set_up_radios", "transmit", "transmit_interlock")
-_DROP = "drop_when_slow"  # the parameter
+_DROP = "drop_when_slow"  # parameter of the segmenter
 _UHD_BLOCKS = {RADAR_SINK: (CHANNEL, "0"), JAMMER_SINK: (CHANNEL, "1"), RADAR_SOURCE: (CHANNEL, "0")}
 
 
@@ -55,10 +54,10 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 
 
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
-    """The same flowgraph with its UHD blocks replaced by one simulated channel.
+    """The flowgraph with one simulated channel in place of its UHD blocks.
 
-    Gates, interlock and set-up, which stand for nothing without a radio, go with them; what fed a gate feeds the
-    channel. Frames are never dropped: nothing is lost by waiting. Nothing else differs.
+    Gates, interlock and set-up of the radios are removed; the source before a gate is connected to the channel. Frames
+    are never dropped, since waiting loses nothing in simulation. Nothing else differs.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
     name : str
         Identifier of the new flowgraph.
     realtime : bool
-        Whether the channel holds the samples to their rate, as radios do.
+        Whether the channel limits the throughput to the sample rate, as radios do.
     """
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
@@ -104,7 +103,7 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
 
 
 def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
-    """The channel where the gates stood, and the receiver in line with it unless it has controls beside it."""
+    """Lay out the channel in place of the gates, and the receiver in line with it unless it has controls beside it."""
     gates = [blocks[name]["states"]["coordinate"] for name in (RADAR_GATE, JAMMER_GATE) if name in blocks]
     if not gates or "frame_segmenter" not in blocks:
         return
@@ -113,7 +112,7 @@ def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
     if "reacquire" in blocks:
         return
     receiver = blocks["frame_segmenter"]["states"]["coordinate"]
-    receiver[1] = top + 8  # its input beside the channel's output
+    receiver[1] = top + 8  # aligns its input with the channel's output
     if {"note_receive", "note_transmit"} <= blocks.keys():
         line = blocks["note_transmit"]["states"]["coordinate"][1]
         blocks["note_receive"]["states"]["coordinate"] = [receiver[0] - 64, line]
@@ -129,7 +128,7 @@ _AIR_WORDS = re.compile("|".join(_SIMULATED_WORDS))
 
 
 def _without_gates(data: dict[str, Any]) -> dict[str, Any]:
-    """The flowgraph with what feeds a transmit gate connected to what the gate feeds."""
+    """The flowgraph without its transmit gates, their inputs connected to their outputs."""
     gates = {block["name"] for block in data["blocks"] if block["id"] == "radalt_transmit_gate"}
     fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
     connections = [
@@ -152,7 +151,7 @@ def _rewired(connection: list[str]) -> list[str]:
 
 
 def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph with one more chain, ``mitigation_<name>`` to ``altimeter_<name>``: a copy of whitening's.
+    """The flowgraph with another chain, ``mitigation_<name>`` to ``altimeter_<name>``, a copy of whitening's.
 
     Parameters
     ----------
@@ -176,9 +175,9 @@ def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, Any]:
-    """The same flowgraph with a recording instead of the receiver, and without transmitters.
+    """The flowgraph with a recording in place of the receiver, without transmitters.
 
-    The parameters ``capture_file`` and ``follow_programme`` are added.
+    It has the further parameters ``capture_file`` and ``follow_programme``.
     """
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
@@ -207,7 +206,7 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
 
 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
-    """Disable what the scene does not need: the chains of other methods, and the jammer's; add those that lack.
+    """Disable the chains of other methods and an unneeded jammer; add missing chains.
 
     Raises
     ------
@@ -236,9 +235,9 @@ def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[st
 
 
 def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph with an altitude tracker in the place of every altimeter, told of the timing.
+    """The flowgraph with an altitude tracker instead of every altimeter, connected to the segmenter's status.
 
-    Behind a method it sees the received frames as well.
+    A tracker after a method also receives the frames before mitigation.
     """
     data = copy.deepcopy(data)
     data["options"]["parameters"]["id"] = name
@@ -253,7 +252,7 @@ def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The same flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
+    """The flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
     data["options"]["parameters"]["id"] = name

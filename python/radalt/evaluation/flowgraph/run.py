@@ -1,4 +1,4 @@
-"""A generated flowgraph and a scene: made, run to its end, and what it then holds."""
+"""Runs a generated flowgraph for a scene to its end and collects its results."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ __all__ = [
 
 
 def load_class(prepared: Prepared) -> type:
-    """The generated top-block class; imported once a process."""
+    """The generated top-block class; imported once per process."""
     key = f"radalt_generated_{prepared.name}_{abs(hash(str(prepared.module)))}"
     if key not in sys.modules:
         spec = importlib.util.spec_from_file_location(key, prepared.module)
         module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module
-        sys.path.insert(0, str(prepared.module.parent))  # embedded Python blocks lie beside it
+        sys.path.insert(0, str(prepared.module.parent))  # embedded Python blocks are in the same folder
         try:
             spec.loader.exec_module(module)
         finally:
@@ -47,7 +47,7 @@ def load_class(prepared: Prepared) -> type:
 
 
 def write_scene(scene: Scene, path: Path) -> Path:
-    """A scene as a YAML file that `load_scene` reads back to the same scene."""
+    """Write a scene as a YAML file from which `load_scene` gives an equal scene."""
     import yaml
 
     path.write_text(yaml.safe_dump(scene_to_mapping(scene), sort_keys=False), encoding="utf-8")
@@ -62,18 +62,18 @@ def run_point(
     Parameters
     ----------
     capture : path, optional
-        SigMF recording of what the receiver heard.
+        SigMF recording of the received samples.
 
     Raises
     ------
     FlowgraphError
         If it does not end within ``time_limit_s``.
     Exception
-        Whatever a block's ``work`` raised, as it was.
+        The exception of a block's ``work``, unchanged.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     for block in blocks_of(top).values():
-        block.logger.set_level("error")  # what is lost is in the rows; a study's console has its progress
+        block.logger.set_level("error")  # losses are in the rows; the console shows the study's progress
     recorder = None
     if capture:
         from .recorder import attach_recorder
@@ -98,7 +98,7 @@ def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:
 
 
 def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> PointResult:
-    """What a flowgraph that has ended holds."""
+    """Results of a finished flowgraph."""
     mitigations = {m: getattr(top, f"mitigation_{m}", None) for m in prepared.methods}
     altimeters = {m: getattr(top, f"altimeter_{m}") for m in prepared.methods}
     return PointResult(

@@ -1,4 +1,4 @@
-"""The one way a flowgraph is run here: start, look at it while it runs, stop, and raise what a block raised."""
+"""Runs flowgraphs: start, poll, stop, and raise the exceptions of blocks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from . import FlowgraphError
 
 __all__ = ["blocks_of", "run_to_end"]
 
-_STOP_S = 10.0
+_STOP_S = 10.0  # longest stop of a flowgraph, s
 
 
 def blocks_of(top: Any) -> dict[str, Any]:
@@ -41,27 +41,25 @@ def run_to_end(
     Parameters
     ----------
     top : object
-        Flowgraph that is not yet started; it has ended when this returns or raises.
+        Flowgraph that is not yet started; it has ended when the function returns or raises.
     time_limit_s : float, optional
         Longest time; none by default.
     over : callable, optional
-        Called every ``poll_s`` seconds while it runs, and once more after its end; true ends the run. For streams
-        without an end of their own, and to look at what runs.
+        Called every ``poll_s`` seconds during the run, and once after its end; true ends the run. For endless streams,
+        and for observation.
     too_long : callable
-        Message for a run that was stopped at its limit, in which it is told.
+        Message for a run beyond its limit, which is the argument.
 
     Raises
     ------
     FlowgraphError
         If it does not end within its limit, or does not stop.
     Exception
-        Whatever a block's ``work`` raised, as it was.
+        The exception of a block's ``work``, unchanged.
     """
     begin = time.perf_counter()
     top.start()
-    has_ended = (
-        threading.Event()
-    )  # `Thread.join` takes a thread for ended once Ctrl-C has interrupted it (Python < 3.13)
+    has_ended = threading.Event()  # an interrupted `Thread.join` takes the thread for ended (Python < 3.13)
 
     def wait() -> None:
         try:
@@ -70,18 +68,18 @@ def run_to_end(
             has_ended.set()
 
     threading.Thread(target=wait, daemon=True).start()
-    late = ended = False
+    timed_out = ended = False
     try:
-        while not (ended or late):
+        while not (ended or timed_out):
             left = float("inf") if time_limit_s is None else begin + time_limit_s - time.perf_counter()
             has_ended.wait(max(0.0, min(left, poll_s)))
             ended = bool(over is not None and over()) or has_ended.is_set()
-            late = not ended and left <= 0
+            timed_out = not ended and left <= 0
         elapsed = time.perf_counter() - begin
-    finally:  # an interrupt, too, leaves nothing running
+    finally:  # also after an interrupt
         top.stop()
         stopped = has_ended.wait(_STOP_S)
-    if late:
+    if timed_out:
         raise FlowgraphError(too_long(time_limit_s))
     if not stopped:
         raise FlowgraphError(f"the flowgraph did not stop within {_STOP_S:g} s")

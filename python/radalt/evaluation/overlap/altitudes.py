@@ -1,4 +1,4 @@
-"""The main study by altitude: rows of altitudes.csv, and from them the errors' distribution and intervals of RMSE."""
+"""Results by altitude: rows of altitudes.csv, distribution of errors, and intervals of RMSE."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ ERRORS_M = (
     100.0,
     200.0,
     500.0,
-)  # of the error's distribution
+)  # upper limits of the error's distribution
 _WITHIN = tuple(f"within_{error:g}_m" for error in ERRORS_M)
-_MOST_ALTITUDES, _BANDS = 30, 10  # more than so many altitudes (a landing) are taken together in bands
-_Z = 1.959964  # of 95 %
+_MOST_ALTITUDES, _BANDS = 30, 10  # above this number of altitudes (a landing) they are pooled into bands
+_Z = 1.959964  # two-sided 95 % quantile of the normal distribution
 _POINT = ("method", "interference", "overlap", "sir_db", "snr_db")
 
 ALTITUDE_COLUMNS = Columns(
@@ -52,8 +52,8 @@ ALTITUDE_COLUMNS = Columns(
 def altitude_rows(scene: Scene, point: OverlapPoint, results: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """A row per method and altitude of one point, from the altimeters' results by method.
 
-    ``within_X_m`` counts trials whose forced decision is at most X metres off, ``fourth_forced_m4`` is the mean fourth
-    power of its error.
+    ``within_X_m`` counts trials with an error of the forced decision of at most X metres, ``fourth_forced_m4`` is the
+    mean fourth power of this error.
     """
     heights = np.unique(scene.altitude.programme.altitudes_m)
     bands = np.array_split(heights, _BANDS) if heights.size > _MOST_ALTITUDES else [[h] for h in heights]
@@ -83,7 +83,7 @@ def altitude_rows(scene: Scene, point: OverlapPoint, results: dict[str, np.ndarr
 
 
 def pool_altitudes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Several of these rows as one: counts added, means weighted, intervals anew; the rest as in the first."""
+    """Pooled row of several rows: sums of counts, weighted means, new intervals; other values of the first row."""
     forced = sum(r["forced"] for r in rows)
     fourth = sum(r["forced"] * r["fourth_forced_m4"] for r in rows if r["forced"])
     return (
@@ -95,7 +95,7 @@ def pool_altitudes(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def groups(rows: Iterable[dict[str, Any]], *names: str) -> dict[tuple[Any, ...], dict[str, Any]]:
-    """Rows with the same values of these columns as one row each."""
+    """Pooled rows, one per combination of values of the named columns."""
     found: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in rows:
         found.setdefault(tuple(row[name] for name in names), []).append(row)
@@ -105,8 +105,8 @@ def groups(rows: Iterable[dict[str, Any]], *names: str) -> dict[tuple[Any, ...],
 def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:
     """95 % interval of the forced RMSE in metres; NaN without a forced decision.
 
-    The mean square error is a mean over frames, its variance that of the squared error (delta method on its logarithm,
-    which keeps the interval above zero). Errors of a few false peaks have long tails: with a handful of them the
+    The variance of the mean square error follows from that of the squared error over frames (delta method on the
+    logarithm, which keeps the interval above zero). Errors of false peaks have long tails: with only a few of them the
     interval is too narrow.
     """
     n, fourth = row["forced"], row["fourth_forced_m4"]
@@ -115,7 +115,7 @@ def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:
     square = row["rmse_forced_m"] ** 2
     if square == 0:
         return 0.0, 0.0
-    # of the logarithm of the root: half that of the mean square's
+    # the standard error of the root's logarithm is half the mean square's
     spread = _Z * 0.5 * math.sqrt(max(fourth - square**2, 0.0) / n) / square
     return row["rmse_forced_m"] * math.exp(-spread), row["rmse_forced_m"] * math.exp(spread)
 
@@ -123,7 +123,7 @@ def rmse_interval(row: dict[str, Any]) -> tuple[float, float]:
 def with_intervals(
     rows: Sequence[dict[str, Any]], altitudes: Iterable[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Rows of the study with ``rmse_low_m`` and ``rmse_high_m`` where there are rows by altitude."""
+    """Rows of the study with ``rmse_low_m`` and ``rmse_high_m``, if there are rows by altitude."""
     known = groups(altitudes, *_POINT)
     out = []
     for row in rows:

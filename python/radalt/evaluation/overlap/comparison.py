@@ -1,10 +1,9 @@
-"""What differs between two runs: settings, versions, and results by more than chance.
+"""Comparison of two runs: settings, versions, and significant differences of results.
 
-Every method and point that both runs have is two tests: of Pd, and of the rate of altitudes declared and wrong, each by
-Fisher's exact test (two-sided) on the counts. Many tests find something by chance alone, so the p-values are corrected
-by Holm's method over all of them: with no true difference anywhere, one is named in at most 5 % of comparisons. Runs
-with the same seed share their random numbers, which makes the test conservative: it may miss a difference, it names
-none too many.
+Every method and point of both runs has two tests: of Pd, and of the rate of altitudes declared and wrong, each by
+Fisher's exact test (two-sided) on the counts. The p-values are corrected by Holm's method over all tests: without any
+true difference, at most 5 % of comparisons report one. Runs with equal seeds share their random numbers, which makes
+the test conservative: it may miss a difference.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ from .rows import COLUMNS
 
 __all__ = ["Comparison", "compare", "comparisons", "holm"]
 
-LEVEL = 0.05  # of all comparisons together
+LEVEL = 0.05  # family-wise error rate of all comparisons
 _KEY = ("method", "interference", "overlap", "sir_db", "snr_db")
-_MOST_SETTINGS = 60  # lines of the table
+_MOST_SETTINGS = 60  # most lines in the table of settings
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One method at one point, in one of the two measures.
+    """Comparison of one method at one point in one measure.
 
     Attributes
     ----------
@@ -44,7 +43,7 @@ class Comparison:
     p : float
         Two-sided p-value of Fisher's exact test.
     corrected : float
-        The same after Holm's correction over all comparisons.
+        p-value after Holm's correction over all comparisons.
     """
 
     key: tuple[Any, ...]
@@ -56,7 +55,7 @@ class Comparison:
 
     @property
     def difference(self) -> tuple[float, float, float]:
-        """Rate of the second less that of the first, and its 95 % interval (Newcombe's hybrid of Wilson's)."""
+        """Rate of the second run less the first's, and its 95 % interval (Newcombe's hybrid score interval)."""
         (a, n), (b, m) = self.first, self.second
         (low_a, high_a), (low_b, high_b) = wilson_interval(a, n), wilson_interval(b, m)
         one, other = a / n, b / m
@@ -66,7 +65,7 @@ class Comparison:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """p-values corrected for being many, in the order given.
+    """p-values with Holm's correction for multiple tests, in the order given.
 
     S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat. 6, 1979.
 
@@ -83,7 +82,7 @@ def holm(p: Sequence[float]) -> list[float]:
 
 
 def comparisons(a: Run, b: Run) -> list[Comparison]:
-    """Both measures of every method and point that both runs have, in the order of the first.
+    """Comparisons in both measures of every method and point of both runs, in the order of the first.
 
     Raises
     ------
@@ -129,7 +128,7 @@ def _pairs(a: Run, b: Run) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def compare(first: str | Path, second: str | Path) -> str:
-    """Markdown: what differs between two result folders of ota_eval.
+    """Differences between two result folders of ota_eval, as Markdown.
 
     Raises
     ------

@@ -1,8 +1,7 @@
-"""Figures of over-the-air runs; matplotlib is imported when one is drawn.
+"""Figures of Pd, errors and wrong altitudes; matplotlib is imported when one is drawn.
 
-Colours are Okabe and Ito's, distinguishable with any colour vision; marker, filling and line style tell the
-methods apart in grey as well. Every figure is written as PNG, PDF and SVG; in the SVG a point says its values when the
-mouse is over it.
+Colours are Okabe and Ito's, distinguishable with any colour vision; marker, filling and line style distinguish the
+methods in grey as well. Every figure is written as PNG, PDF and SVG; in the SVG, a tooltip shows a point's values.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ __all__ = [
     "series_style",
 ]
 
-# for methods without a style of their own
+# for methods without a registered style
 _RESERVE = (
     PlotStyle("#666666", "X", "--"),
     PlotStyle("#8C6D1F", "<", "-."),
@@ -38,7 +37,7 @@ _RESERVE = (
 )
 _AXES = {
     "overlap": "temporal overlap of the interference",
-    "sir_db": "SIR over the whole sweep / dB",
+    "sir_db": "SIR, averaged over the sweep / dB",
     "altitude_m": "altitude / m",
     "error_m": "error of the forced decision / m",
 }
@@ -48,11 +47,11 @@ _NAMES = {
     "altitude_m": ("altitude", " m"),
     "error_m": ("error", " m"),
 }
-_WIDTH = 3.5  # inches a panel: two fill a two-column page
+_WIDTH = 3.5  # width of a panel, inches: the column of a two-column page
 
 
 def series_style(series: str, order: Sequence[str]) -> dict[str, Any]:
-    """Line style of one series (a method, or ``method, on the air``), the same in every figure."""
+    """Line style of one series (a method, or ``method, on the air``), equal in all figures."""
     method = series.split(",")[0]
     style = _style(method)
     if style is None:
@@ -77,7 +76,7 @@ def _style(method: str) -> PlotStyle | None:
 def panels(
     rows: Sequence[dict[str, Any]], against: str = "overlap"
 ) -> list[tuple[str, list[dict[str, Any]]]]:
-    """Rows by everything but the axis they are drawn against, with a title that names what differs between panels.
+    """Rows grouped by all values but the horizontal axis, with titles of what differs between panels.
 
     Parameters
     ----------
@@ -119,11 +118,11 @@ def draw_pd(
     Parameters
     ----------
     rows : sequence of dict
-        Rows of a report; ``series`` overrides ``method`` as the label where it is there.
+        Rows of a report; a key ``series`` overrides ``method`` as the label.
     path : Path or None
-        PNG to write; None leaves the figure, which is returned, to pyplot.
+        PNG to write; None leaves the returned figure to pyplot.
     title : str
-        What was measured.
+        Title of the figure.
     ceiling : float, optional
         Pd without interference and without mitigation, drawn as a line.
     against : str
@@ -161,7 +160,7 @@ def draw_error(
     bounds_m: dict[float | None, float],
     against: str = "overlap",
 ) -> Any:
-    """RMSE of the forced decision, logarithmic, with the Cramer-Rao bound by SNR; axes as in `draw_pd`."""
+    """RMSE of the forced decision on a logarithmic axis, with the Cramer-Rao bound by SNR; axes as in `draw_pd`."""
     rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
@@ -193,7 +192,7 @@ def draw_error(
 
 
 def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path | None, *, title: str) -> Any:
-    """Pd with 95 % Wilson intervals against altitude, all overlaps together; ``rows`` as of `ALTITUDE_COLUMNS`."""
+    """Pd with 95 % Wilson intervals against altitude, over all overlaps; ``rows`` have `ALTITUDE_COLUMNS`."""
     split = panels(rows)
     figure, axes = _grid(len(split), "altitude_m", shown=path is None)
     series = _series(rows)
@@ -223,7 +222,7 @@ def draw_pd_by_altitude(rows: Sequence[dict[str, Any]], path: Path | None, *, ti
 
 
 def draw_error_cdf(rows: Sequence[dict[str, Any]], path: Path | None, *, title: str) -> Any:
-    """Share of trials whose forced decision is at most so far off; ``rows`` as of `ALTITUDE_COLUMNS`."""
+    """Distribution of the forced decision's error over trials; ``rows`` have `ALTITUDE_COLUMNS`."""
     split = panels(rows)
     figure, axes = _grid(len(split), "error_m", shown=path is None)
     series = _series(rows)
@@ -251,7 +250,7 @@ def _share_words(row: dict[str, Any]) -> str:
 
 
 def draw_wrong(rows: Sequence[dict[str, Any]], path: Path, *, title: str, against: str = "overlap") -> Any:
-    """Rate of altitudes declared and 5 m off or more, its bar the 95 % upper bound; axes as in `draw_pd`."""
+    """Rate of declared altitudes with errors of 5 m or more, bars to the 95 % upper bound; axes as in `draw_pd`."""
     rows = [row for row in rows if row["trials"]]  # a point without a frame has no Pd
     split = panels(rows, against)
     figure, axes = _grid(len(split), against, shown=path is None)
@@ -296,7 +295,7 @@ def _say(
     against: str,
     words: Any,
 ) -> None:
-    """What each point says in the SVG."""
+    """Add the tooltips of a series to the SVG."""
     name, unit = _NAMES[against]
     say(axis, x, y, [f"{style['label']}\n{name} {r[against]:g}{unit}: {words(r)}" for r in rows])
 
@@ -320,13 +319,13 @@ def _number(value: float | None) -> float:
 def _across(
     of: Sequence[dict[str, Any]], mine: Sequence[dict[str, Any]], against: str, k: int, count: int
 ) -> np.ndarray:
-    """Where the points of series ``k`` stand: side by side with the others', and within what the axis can be."""
+    """Positions of the points of series ``k``: beside the others', within the range of the axis."""
     x = _values(of, against) + _dodge(mine, against, k, count)
     return np.clip(x, 0.0, 1.0) if against == "overlap" else x
 
 
 def _dodge(rows: Sequence[dict[str, Any]], against: str, k: int, count: int) -> float:
-    """Sideways shift of one series, so that bars and markers at the same Pd stand beside each other."""
+    """Horizontal shift of one series, so that bars and markers of equal Pd are side by side."""
     values = sorted({r[against] for r in rows})
     spacing = min(np.diff(values), default=0.1)
     return (k - (count - 1) / 2) * min(0.7 * spacing, 0.1 * (values[-1] - values[0]) or 0.1) / max(count, 2)
@@ -349,7 +348,7 @@ def _plot(axis: Any, x: np.ndarray, y: np.ndarray, error: Any, k: int, style: di
 
 
 def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
-    """An Agg figure with that many panels, at most three in a row."""
+    """An Agg figure with ``count`` panels, at most three in a row."""
     columns = min(count, 3)
     lines = -(-count // columns)
     figure = new_figure(max(_WIDTH * columns, 5.0) + 0.3, 2.9 * lines + 1.5, dpi=200, shown=shown)
@@ -359,7 +358,7 @@ def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
     for k, axis in enumerate(axes[:count]):
         axis.grid(True, lw=0.4, color="#DDDDDD")
         axis.set_axisbelow(True)
-        # the last panel of a column carries the axis, also where the last line is not full
+        # the last panel of each column has the axis labels, also if the last row is not full
         axis.tick_params(labelsize=8, labelbottom=k + columns >= count)
         axis.spines[["top", "right"]].set_visible(False)
         if k + columns >= count:
@@ -368,7 +367,7 @@ def _grid(count: int, against: str, *, shown: bool) -> tuple[Any, list[Any]]:
 
 
 def _finish(figure: Any, axes: Sequence[Any], path: Path | None, title: str, ylabel: str) -> Any:
-    """One legend below all panels, where it covers no data; write the file, and return the figure."""
+    """Add one legend below all panels, write the file, and return the figure."""
     for axis in axes:
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(ylabel, fontsize=9)

@@ -22,7 +22,7 @@ def report_markdown(
     figures: Sequence[tuple[str, str]],
     altitudes: Sequence[dict[str, Any]] = (),
 ) -> str:
-    """The whole of report.md from the content of report.json; ``figures`` are (file, caption)."""
+    """report.md from the content of report.json; ``figures`` are (file, caption)."""
     rows = report["rows"]
     tables = {
         "pd_tables": "\n\n".join(pd_tables(rows)),
@@ -34,7 +34,7 @@ def report_markdown(
         "tracked_table": tracked_table(report["tracked"]),
         "altitude_tables": "\n\n".join(_altitude_tables(altitudes)),
     }
-    # the segmenter's counters are the same for all methods
+    # the segmenter's counters are equal for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
     values = report | tables | {"figures": figures, "frames_lost": lost, "summary": summary(report)}
     values["precise"] = _precision(report)
@@ -42,7 +42,7 @@ def report_markdown(
 
 
 def summary(report: dict[str, Any]) -> str:
-    """What was measured, in a paragraph."""
+    """Summary of the run in a paragraph."""
     altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
     heights = altitude["programme_m"]
     batch = " per batch" if report["run"]["precision"] else ""
@@ -94,7 +94,7 @@ def every_row(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def pd_tables(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """A heading and a table of Pd for each panel; ``series`` overrides ``method`` where it is there."""
+    """A heading and a table of Pd for each panel; a key ``series`` overrides ``method``."""
     return _by_panel(rows, lambda row: interval(row["pd"], row["pd_low"], row["pd_high"]))
 
 
@@ -140,7 +140,7 @@ def glance(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
 
 
 def tracked_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Per method, with interference, over all overlaps of a panel: what its tracked outputs are worth."""
+    """Integrity of the tracked outputs per method, over all overlaps of a panel above 0."""
     shown = [r for r in rows if r["overlap"] > 0] or rows
     lines = []
     for title, mine in panels(shown):
@@ -176,13 +176,13 @@ def _by_panel(rows: Sequence[dict[str, Any]], cell: Callable[[dict[str, Any]], s
 
 
 def spread(rows: Iterable[dict[str, Any]]) -> str:
-    """How many trials the rows have: one number, or the smallest and the largest."""
+    """Number of trials of the rows: one number, or the smallest and the largest."""
     trials = sorted({r["trials"] for r in rows})
     return f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
 
 
 def _precision(report: dict[str, Any]) -> dict[str, Any]:
-    """What ``--precision`` cost and reached; empty without it."""
+    """Trials and widest interval of a run with ``--precision``; empty without it."""
     wanted = report["run"]["precision"]
     if not wanted:
         return {}

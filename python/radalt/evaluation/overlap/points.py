@@ -1,4 +1,4 @@
-"""Points of a sweep: each is given by (scene, point, seed) alone, whatever order and process it is run in."""
+"""Points of a sweep: each is a function of (scene, point, seed), in any order and process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..engine.study import Point
 
 __all__ = ["OverlapPoint", "changed", "parse_axis", "point_seed", "scene_at", "sweep_points"]
 
-_MAX_VALUES = 1001  # of one axis; more is a slip of the pen in start:stop:step
+_MAX_VALUES = 1001  # most values of one axis; more are a mistake in start:stop:step
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class OverlapPoint(Point):
 
     @property
     def sampled(self) -> bool:
-        """See `Point`: outputs of one flight are not independent trials."""
+        """See `Point`: outputs of one tracked flight are not independent trials."""
         return self.table != "tracked"
 
     @classmethod
     def at(
         cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
     ) -> OverlapPoint:
-        """A point named by its values."""
+        """A point with a name made of its values."""
         parts = ["ceiling"] if table == "ceiling" else [f"overlap {overlap:g}"]
         parts = ["tracked", *parts] if table == "tracked" else parts
         parts += [] if sir_db is None else [f"SIR {sir_db:g} dB"]
@@ -100,12 +100,12 @@ def changed(
     seed: int | None = None,
     methods: Sequence[str] | None = None,
 ) -> Scene:
-    """The scene with other axes, altitudes, frames per altitude, seed or methods; None leaves the scene's.
+    """The scene with other axes, altitudes, frames per altitude, seed or methods; None keeps the scene's.
 
     Raises
     ------
     SceneError
-        For a value that does not fit; one line.
+        For a wrong value; one line.
     """
     axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
     flown = {"programme_m": altitudes_m, "frames": frames}
@@ -126,7 +126,7 @@ def changed(
 def _span(start: float, stop: float, step: float, what: str) -> list[float]:
     if step == 0 or (stop - start) / step < 0:
         raise ValueError(f"{what}: a step of {step:g} never gets from {start:g} to {stop:g}")
-    # half a millionth of a step of grace, so that 0:1:0.1 ends at 1 in spite of binary fractions
+    # tolerance of half a millionth of a step, so that 0:1:0.1 ends at 1 in spite of rounding
     steps = (stop - start) / step
     if steps > _MAX_VALUES:
         raise ValueError(f"{what}: {steps:.4g} values; at most {_MAX_VALUES}: take a larger step")
@@ -137,7 +137,7 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
 
 
 def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
-    """Every overlap at every SIR at every SNR, canonically ordered; an empty axis has the scene's value.
+    """Every overlap at every SIR at every SNR, in canonical order; an empty axis has the scene's value.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
 
 
 def _own_sir_db(scene: Scene) -> float:
-    """SIR of all interferers together as the scene has them."""
+    """SIR of all interferers of the scene together."""
     if scene.total_sir_db is not None:
         return scene.total_sir_db
     power = sum(10.0 ** (-i.sir_db / 10.0) for i in scene.interference)
@@ -172,8 +172,8 @@ def _own_sir_db(scene: Scene) -> float:
 def point_seed(seed: int, point: OverlapPoint, batch: int = 0) -> int:
     """Seed of one batch of a point, 31 bits, from the run's seed, the point's values and the batch's number.
 
-    Without interference the SIR has no say: the points at overlap 0 of every panel, and those of a scene
-    without interference, are the same measurement.
+    Without interference the seed does not depend on the SIR: points at overlap 0 of all panels, and those of a scene
+    without interference, are equal.
     """
     sir = None if point.overlap == 0 else point.sir_db
     text = "/".join("none" if v is None else f"{v:.9g}" for v in (point.overlap, sir, point.snr_db))
@@ -183,7 +183,7 @@ def point_seed(seed: int, point: OverlapPoint, batch: int = 0) -> int:
 
 
 def scene_at(scene: Scene, point: OverlapPoint, batch: int = 0) -> Scene:
-    """The scene of one point, with the batch's own seed and no sweep of its own."""
+    """The scene of one point, with the batch's seed and without a sweep."""
     placed = scene.at(
         overlap=point.overlap if scene.sweep.overlap else None,
         sir_db=point.sir_db if scene.interference else None,

@@ -1,7 +1,7 @@
-"""Many runs as one: which result folders may be pooled, and what they say together.
+"""Pooling of runs: which result folders may be pooled, and their common report.
 
-Counts are added and the Wilson interval is taken anew. Runs are pooled only where they measured the same thing; a
-measurement that occurs twice (same scene and seed, so the same random numbers) is counted once.
+Counts are added and Wilson intervals recomputed. Only runs with equal settings are pooled; a repeated measurement
+(equal scene and seed, so equal random numbers) counts once.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ POOLED_COLUMNS = COLUMNS.subset(
     ("source", "runs", *(c for c in COLUMNS.names if c not in COLUMNS.timing and c != "seed"))
 )
 _KEY = ("source", "interference", "snr_db", "sir_db", "overlap", "method")
-# what has to be equal in every run; the channel only among simulated ones
+# keys of a scene that must be equal in all runs; the channel only in simulated ones
 _SCENE_PARTS = ("waveform", "altimeter", "segmenter")
 _ALTITUDE_KEYS = ("programme_m", "mode", "vertical_speed_m_per_s")
-# what is read of a report.json, and of which kind it is
+# keys of report.json in use, and their types
 _NEEDED = {
     **dict.fromkeys(("source", "name", "title", "created"), str),
     **dict.fromkeys(("scene", "methods", "versions", "scene.altitude", "scene.method_options"), dict),
@@ -41,15 +41,15 @@ _NEEDED = {
     **dict.fromkeys(("rows", "scene.interference"), list),
     **{f"scene.altitude.{key}": object for key in _ALTITUDE_KEYS},
 }
-# columns that may hold nothing: no interference, no noise, no detection
+# columns that may be empty: no interference, no noise, no detection
 _OPEN = frozenset(COLUMNS.names) - COLUMNS.text - COLUMNS.whole - {"overlap"}
-# of a report that is pooled: what a page can show, and its figures can draw in a minute
+# largest report for pooling (rows, panels, overlaps, characters of a text): its figures are drawn within a minute
 _MOST_ROWS, _MOST_PANELS, _MOST_OVERLAPS, _MOST_TEXT = 100_000, 60, 1_000, 300
-_NOT_EMITTER = ("sir_db", "overlap")  # those are the axes of the report
+_NOT_EMITTER = ("sir_db", "overlap")  # keys of an interferer that are axes of the report
 
 
 class PoolError(ValueError):
-    """Runs that cannot be pooled; the message is one line that says which and why."""
+    """Runs that cannot be pooled; the message names them and the reason in one line."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class Run:
     Attributes
     ----------
     folder : str
-        As the user named it.
+        Folder as named by the user.
     report : dict
-        Its report.json.
+        Content of report.json.
     """
 
     folder: str
@@ -79,7 +79,7 @@ def read_run(folder: str | Path) -> Run:
     Raises
     ------
     FolderError, PoolError
-        One line: what is missing, unfinished or of another schema.
+        One line: the part that is missing, unfinished or of another schema.
     """
     report = read_report(Path(folder))
     if report["schema"] != SCHEMA:
@@ -117,7 +117,7 @@ def read_run(folder: str | Path) -> Run:
 
 
 def _malformed(report: dict[str, Any]) -> str:
-    """What is missing or of another kind in a report, empty if nothing is."""
+    """First missing key or wrong type in a report; empty without any."""
     for key, kind in _NEEDED.items():
         value = report
         for part in key.split("."):
@@ -143,7 +143,7 @@ def _malformed(report: dict[str, Any]) -> str:
 
 
 def _problem(row: Any) -> str:
-    """What is impossible about a row, empty if nothing is."""
+    """First invalid value of a row; empty without any."""
     if not isinstance(row, dict):
         return "it is no mapping"
     missing = [c for c in COLUMNS.names if c not in row]
@@ -165,7 +165,7 @@ def _problem(row: Any) -> str:
 
 
 def _fits(name: str, value: Any) -> bool:
-    """Whether a value is one that its column can hold."""
+    """Whether a value is valid in its column."""
     if value is None or isinstance(value, bool):
         return value is None and name in _OPEN
     if name in COLUMNS.text:
@@ -178,7 +178,7 @@ def _fits(name: str, value: Any) -> bool:
 
 
 def _showable(text: Any) -> bool:
-    """Whether it is a short text that stands in a page as it is: printable, and neither markup nor a table's edge."""
+    """Whether a text is short and safe in a page: printable, without markup and table delimiters."""
     return (
         isinstance(text, str)
         and len(text) <= _MOST_TEXT
@@ -188,12 +188,12 @@ def _showable(text: Any) -> bool:
 
 
 def pool_runs(runs: Sequence[Run]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Pooled rows in canonical order, and notes on what was counted once.
+    """Pooled rows in canonical order, and notes on repeated measurements.
 
     Raises
     ------
     PoolError
-        If two runs are not comparable: names both, the key and both values.
+        If two runs are not comparable; names both, the key and both values.
     """
     for k, run in enumerate(runs):
         for other in runs[:k]:
@@ -223,7 +223,7 @@ def _order(runs: Sequence[Run]) -> Any:
     methods = list(dict.fromkeys(m for run in runs for m in run.report["methods"]))
 
     def key(row: dict[str, Any]) -> tuple:
-        # highest SIR first, as panels are read; no interference before all
+        # highest SIR first, as in the panels; no interference before all
         sir = -1e9 if row["sir_db"] is None else -row["sir_db"]
         snr = -1e9 if row["snr_db"] is None else -row["snr_db"]
         return row["interference"], snr, sir, row["overlap"], row["source"], methods.index(row["method"])
@@ -232,7 +232,7 @@ def _order(runs: Sequence[Run]) -> Any:
 
 
 def _compare(a: Run, b: Run) -> None:
-    """Raise `PoolError` at the first thing in which two runs differ that must not."""
+    """Raise `PoolError` for the first forbidden difference between two runs."""
     for key, left, right in _differences(a, b):
         raise PoolError(
             f"cannot pool {a.folder} and {b.folder}: {key} is {_brief(left)} in the one, "
@@ -246,7 +246,7 @@ def _brief(value: Any) -> str:
 
 
 def _differences(a: Run, b: Run) -> Iterator[tuple[str, Any, Any]]:
-    """(key, value in a, value in b) of everything in which they differ that must not."""
+    """(key, value in a, value in b) of all forbidden differences."""
     left, right = a.report["scene"], b.report["scene"]
     simulated = a.report["source"] == b.report["source"] == "simulated"
     for part in (*_SCENE_PARTS, *(("channel",) if simulated else ())):
@@ -260,7 +260,7 @@ def _differences(a: Run, b: Run) -> Iterator[tuple[str, Any, Any]]:
     for method in a.report["methods"].keys() & b.report["methods"].keys():
         known = [{k: v for k, v in r.report["methods"][method].items() if k != "providers"} for r in (a, b)]
         yield from _unequal(f"methods.{method}", *known)
-        # a model is known by its hash, wherever it lies
+        # a model is identified by its hash, not by its path
         options = [
             {k: v for k, v in (scene["method_options"].get(method) or {}).items() if k != "model"}
             for scene in (left, right)
@@ -284,7 +284,7 @@ def _names(run: Run) -> set[str]:
 
 
 def _emitters(scene: dict[str, Any]) -> list[dict[str, Any]]:
-    """The interferers without what is swept."""
+    """The interferers without the swept keys."""
     return [
         {kind: {k: v for k, v in values.items() if k not in _NOT_EMITTER}}
         for entry in scene["interference"]
@@ -293,12 +293,12 @@ def _emitters(scene: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _same_draw(a: Run, old: dict[str, Any], b: Run, new: dict[str, Any]) -> bool:
-    """Whether two rows of one key come from the same random numbers.
+    """Whether two rows of one key have the same random numbers.
 
     Raises
     ------
     PoolError
-        If they do and yet differ, or overlap in part.
+        If they have and differ, or if they share a part of them.
     """
     if old["source"] != "simulated":
         return a.report["created"] == b.report["created"]

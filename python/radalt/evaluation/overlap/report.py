@@ -1,4 +1,4 @@
-"""What the rows of a run say: report.json, report.md and the figures."""
+"""Report of a run's rows: report.json, report.md and the figures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_report(
     *,
     tracked: Sequence[dict[str, Any]] = (),
 ) -> Path:
-    """Write the whole result folder from its rows; returns the path of ``report.md``.
+    """Write the result folder from its rows; returns the path of ``report.md``.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ def write_report(
     ceiling : sequence of dict
         Rows without interference, one per method and SNR (more are ignored).
     run : Run
-        How the run went.
+        Facts of the run.
     altitudes : sequence of dict
-        Rows by altitude (`ALTITUDE_COLUMNS`); without them nothing is said by altitude, and no RMSE has an interval.
+        Rows by altitude (`ALTITUDE_COLUMNS`); without them there are no results by altitude and no intervals of RMSE.
     tracked : sequence of dict
-        Rows of the tracker's outputs; none where nothing was tracked.
+        Rows of the tracker's outputs; none without tracking.
     """
     if not any(row["trials"] for row in rows):
         raise FlowgraphError(
@@ -76,9 +76,9 @@ def write_report(
 
 
 def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
-    """Draw against overlap, against SIR where there are at least three; returns (file, caption).
+    """Draw against overlap, and against SIR with at least three SIRs; returns (file, caption).
 
-    No axis has a single value where the other has several, and what was swept comes first.
+    An axis with a single value is not drawn if the other one has several; the swept one comes first.
     """
     rows, title = [row for row in report["rows"] if row["trials"]], report["title"]
     ceiling = min((c["pd"] for c in report["ceiling"] if c["method"] == "none" and c["trials"]), default=None)
@@ -103,7 +103,7 @@ def _draw(report: dict[str, Any], path: Path) -> list[tuple[str, str]]:
 
 
 def _axes(rows: Sequence[dict[str, Any]], broken: bool) -> list[tuple[str, str]]:
-    """(column, word in file names) of the axes to draw against."""
+    """(column, word in file names) of the horizontal axes."""
     overlaps, sirs = {r["overlap"] for r in rows}, {r["sir_db"] for r in rows if r["overlap"] > 0}
     by_overlap, by_sir = ("overlap", "overlap"), ("sir_db", "sir")
     if len(overlaps) < 2 and len(sirs) > 1:
@@ -157,7 +157,7 @@ def build_report(
 
 
 def _one_each(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The first row of each method and SNR: overlap 0 is the same measurement in every panel."""
+    """The first row of each method and SNR: overlap 0 is one measurement for all panels."""
     first: dict[tuple, dict[str, Any]] = {}
     for row in rows:
         first.setdefault((row["method"], row["snr_db"]), row)
@@ -165,7 +165,7 @@ def _one_each(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def crb_by_snr(scene: Scene, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Cramer-Rao bound of the altitude, without interference, for every SNR measured; none without noise."""
+    """Cramer-Rao bound of the altitude without interference, by SNR; none without noise."""
     return [
         {
             "snr_db": snr,
@@ -178,7 +178,7 @@ def crb_by_snr(scene: Scene, rows: Sequence[dict[str, Any]]) -> list[dict[str, A
 def break_points(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Break-point and protection gain by interference, overlap, SNR and method (`results.break_point`).
 
-    Empty with fewer than three SIRs: two say too little about where something breaks.
+    Empty with fewer than three SIRs, which do not locate a break-point.
     """
     if len({r["sir_db"] for r in rows} - {None}) < 3:
         return []
@@ -211,7 +211,7 @@ _CURVE = ("sir_db", "pd", "pd_low", "pd_high")
 
 
 def interference_title(scene: Scene) -> str:
-    """What was measured, for figures and headings."""
+    """Title of the interference, for figures and headings."""
     text = " + ".join(i.emitter.title(scene.waveform.bandwidth_hz) for i in scene.interference)
     text = text or "no interference"
     snrs = scene.sweep.snr_db or (scene.channel.snr_db,)

@@ -14,7 +14,11 @@ from .points import OverlapPoint
 
 __all__ = ["COLUMNS", "COUNTERS", "TRACKED_COLUMNS", "make_row", "tracked_row"]
 
-COUNTERS = ("diverged_frames", "discontinuities", "lock_losses")  # of the path, beside those of `Score`
+COUNTERS = (
+    "diverged_frames",
+    "discontinuities",
+    "lock_losses",
+)  # counters of the signal path, beside `Score`
 
 COLUMNS = Columns(
     names=(
@@ -45,9 +49,9 @@ def make_row(
     ms_per_frame: np.ndarray,
     real_time_factor: float,
 ) -> dict[str, Any]:
-    """One row; numbers that do not exist (no detection, no noise) are None.
+    """One row; missing numbers (no detection, no noise) are None.
 
-    ``segmenter`` holds the counters of the whole path, the same for every method of a point.
+    ``segmenter`` holds the counters of the signal path, common to all methods of a point.
     """
     times = np.asarray(ms_per_frame, dtype=float)
     return COLUMNS.row(
@@ -79,7 +83,7 @@ TRACKED_COLUMNS = Columns(
 def tracked_row(
     method: str, interference: str, point: OverlapPoint, seed: int, outputs: np.ndarray, programme: Programme
 ) -> dict[str, Any]:
-    """Row of a tracker's outputs, those that end in a frame of synchronisation left out."""
+    """Row of a tracker's outputs without those that end in a frame of synchronisation."""
     outputs = outputs[programme.is_trial(outputs["frame_index"])]
     truth_m = programme.altitude_m(outputs["frame_index"])
     return TRACKED_COLUMNS.row(

@@ -33,14 +33,14 @@ __all__ = [
     "rows_of",
 ]
 
-DWELL_FRAMES = 400  # at each altitude of a tracked flight, at least: ten outputs
+DWELL_FRAMES = 400  # least frames at each altitude of a tracked flight: ten outputs
 _KEPT = ("model", "sha256", "placeholder", "providers", "wiring", "step")
-# a flowgraph beside the functions it calls: its start, and its blocks' calls and copies
+# cost of a flowgraph over the functions in it: start, s, and factor for calls and copies of its blocks
 _START_S, _FLOWGRAPH = 0.6, 1.6
 
 
 def check_scene(scene: Scene) -> None:
-    """Build once what the flowgraph will build, so that whatever does not fit is said before anything runs.
+    """Construct the flowgraph's objects once, so that errors are raised before the run.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def check_scene(scene: Scene) -> None:
 
 
 def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
-    """Build every method of a scene once, before anything runs; returns what reports say of each.
+    """Construct every method of a scene once, before the run; returns the description of each for reports.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def rows_of(scene: Scene, point: OverlapPoint, result: Any) -> list[dict[str, Any]]:
-    """Rows of a flowgraph's run (`simulation.PointResult`), one per method."""
+    """Rows of a run (`simulation.PointResult`), one per method."""
     programme = scene.altitude.programme
     return [
         make_row(
@@ -119,7 +119,7 @@ def describe_rows(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
-    """Which of the generated flowgraphs a point runs in."""
+    """Name of the generated flowgraph for a point."""
     return f"{'jammer' if scene.has_jammer else 'clear'}{' tracked' * (point.table == 'tracked')}"
 
 
@@ -139,11 +139,11 @@ class OverlapStudy(Study):
     hardware : dict or None
         Options of `radios.hardware.run_hardware`; None for the simulated channel.
     capture : bool
-        Record what the receiver hears at every point, as SigMF below ``captures`` of the result folder.
+        Record the received samples of every point, as SigMF below ``captures`` of the result folder.
     tracked : bool
-        Fly every point of the sweep once more, slowly enough for a tracker: `DWELL_FRAMES` at each altitude, at least.
+        Run every point a second time with a tracker and at least `DWELL_FRAMES` frames at each altitude.
     flowgraph : bool
-        False calls the flowgraph's parts one after the other (`simulation.run_chain`): the same rows without GNU Radio.
+        False calls the flowgraph's objects in turn (`simulation.run_chain`): equal rows without GNU Radio.
     """
 
     scene: Scene
@@ -165,7 +165,7 @@ class OverlapStudy(Study):
 
     @property
     def max_jobs(self) -> int | None:
-        """There is one pair of radios."""
+        """1 with radios, since there is one pair of them."""
         return None if self.hardware is None else 1
 
     @property
@@ -177,7 +177,7 @@ class OverlapStudy(Study):
 
     @property
     def source(self) -> str:
-        """Where the samples come from."""
+        """Source of the samples."""
         return "simulated" if self.hardware is None else "air"
 
     @property
@@ -204,7 +204,7 @@ class OverlapStudy(Study):
         }
 
     def points(self) -> Sequence[OverlapPoint]:
-        """The sweep, and the ceiling without interference where the sweep has no overlap 0."""
+        """The sweep, and points without interference (the ceiling) unless the sweep has overlap 0."""
         points = sweep_points(self.scene)
         tracked = []
         if self.tracked:
@@ -221,13 +221,13 @@ class OverlapStudy(Study):
 
     @property
     def _slow(self) -> Scene:
-        """The scene with altitudes that last long enough for a tracker."""
+        """The scene with altitudes that last for a tracker."""
         altitude = self.scene.altitude
         frames = max(altitude.frames, DWELL_FRAMES)
         return dataclasses.replace(self.scene, altitude=dataclasses.replace(altitude, frames=frames))
 
     def begin(self, folder: Path) -> OverlapStudy:
-        """With its flowgraphs generated: one with and one without the jammer chain, as the points need."""
+        """Generate the flowgraphs: with and without the jammer chain, as the points need."""
         if self.hardware is not None or not self.flowgraph:
             return dataclasses.replace(self, folder=folder)
         from ..flowgraph.run import prepare
@@ -273,7 +273,7 @@ class OverlapStudy(Study):
         return "altitudes" if "altitude_low_m" in row else point.table
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; the counters of the path are added as well."""
+        """See `Study`; counters of the signal path are added as well."""
         if len(batches) == 1:
             return list(batches[0])
         rows = super().pooled(batches)
@@ -283,7 +283,7 @@ class OverlapStudy(Study):
         return rows
 
     def left_out(self) -> list[str]:
-        """What the flowgraphs leave out, and why."""
+        """Parts that the flowgraphs leave out, with reasons."""
         from ..flowgraph.plan import left_out
 
         points = [p for p in self.points() if p.table != "tracked"]

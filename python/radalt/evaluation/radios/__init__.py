@@ -1,1 +1,1 @@
-"""The same flowgraph on two B210s: set-up with readback, the interlock, remote control."""
+"""The flowgraph on two B210s: set-up with readback, interlock, remote control."""

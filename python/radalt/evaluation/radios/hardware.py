@@ -1,8 +1,12 @@
-"""One point of a sweep on two B210s: the companion's flowgraph as it is, its radios set up by `radios`."""
+"""One point of a sweep on two B210s: the companion's flowgraph, its radios set up by `setup`."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -11,6 +15,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...core.paths import share_dir
 from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
@@ -18,15 +24,21 @@ from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generate
 from ..flowgraph.plan import left_out
-from ..flowgraph.rewrite import load_grc, prune
+from ..flowgraph.recorder import Recorder, attach_recorder
+from ..flowgraph.rewrite import RADAR_GATE, load_grc, prune
 from ..flowgraph.run import PointResult, make_top, result_of
 from ..flowgraph.watch import run_to_end
-from .setup import FULL_SCALE, programme_over, radio_blocks, set_up
+from ..simulation import TAIL_FRAMES
+from .setup import FULL_SCALE, bring_up, programme_over, radio_blocks, set_up, start_together
 
-__all__ = ["calibrate", "prepare_hardware", "run_hardware"]
+__all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
 
-_START_S = 3.0  # from set_up to the first sample, at most
-_POLL_S = 0.02
+_START_S = 3.0  # longest time from `set_up` to the first sample, s
+_POLL_S = 0.02  # time between checks of the programme's end, s
+_SETTLE_S = 0.02  # settling of UHD's DC correction at a receiver's start, s
+_LISTEN_LIMIT_S = 30.0  # longest capture of a receiver alone, set-up included, s
+_PROBE_S = 60.0  # longest wait for a B210 that has to be given its firmware first, s
+_USB_TYPE = "b200"  # UHD's type of the radios on USB (docs/hardware.md); its others are on a network
 _COUNTERS = ("saturated_frames", "lost_samples", "dropped_slow", "tx_underflows", "tx_late", "lock_losses")
 TX_EVENTS = ("underflow", "underflow_in_packet", "seq_error", "seq_error_in_burst", "time_error")
 
@@ -37,7 +49,7 @@ def _print(line: str) -> None:
 
 @functools.lru_cache(maxsize=8)
 def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.TemporaryDirectory, Path, str]:
-    """Folder, module and name of the flowgraph for the air; generated once a process, removed at its end."""
+    """Folder, module and name of the flowgraph for radios; generated once per process and removed at its end."""
     data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, jammer)
     name = f"ota_b210_{'jam' if jammer else 'clear'}"
     data["options"]["parameters"]["id"] = name
@@ -46,7 +58,7 @@ def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.Tempora
 
 
 def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
-    """Generate ``ota_b210.grc`` for the air: without the chains and without the second radio a scene does not need."""
+    """Generate ``ota_b210.grc`` for radios, without chains and a second radio that the scene does not need."""
     _, module, name = _generated(tuple(methods), scene.has_jammer)
     out = tuple(left_out(scene, methods, simulated=False))
     return Prepared(module, name, tuple(methods), out)
@@ -83,11 +95,12 @@ def run_hardware(
     calibration: Path | str | None = None,
     use_calibration: bool = True,
     capture: Path | str | None = None,
+    silent: Sequence[str] = (),
     time_limit_s: float = 300.0,
     log: Callable[[str], None] = _print,
     sleep: Callable[[float], None] = time.sleep,
 ) -> PointResult:
-    """Fly a scene's programme on the air once.
+    """Run a scene's programme once with radios.
 
     Parameters
     ----------
@@ -95,12 +108,15 @@ def run_hardware(
         At one point of its sweep; ``radio`` names devices, gains, enclosure.
     methods : sequence of str
     transmit : bool
-        What the command line says; the interlock wants it besides the enclosure.
+        The command line's ``--transmit``; the interlock needs it beside the enclosure.
     calibration : path, optional
         Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
         unless ``use_calibration`` is false.
     capture : path, optional
-        SigMF recording of what was received.
+        SigMF recording of the received samples.
+    silent : sequence of str
+        Transmit gates (``radar_gate``, ``jammer_gate``) that stay closed: their transmitters send zeros. Without the
+        radar no timing is found, and the run ends with its last sample.
     time_limit_s : float
         Longest time from start to end.
     log : callable
@@ -109,8 +125,8 @@ def run_hardware(
     Returns
     -------
     PointResult
-        ``segmenter`` holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type,
-        serial) besides its own.
+        ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio``
+        (type, serial).
 
     Raises
     ------
@@ -129,10 +145,11 @@ def run_hardware(
     ready = set_up(
         top, scene, uhd, calibration=calibration, use_calibration=use_calibration, log=log, sleep=sleep
     )
+    for gate in silent:
+        if hasattr(top, gate):
+            getattr(top, gate).gate.close("transmit stopped: this run wants the transmitter silent")
     recorder = None
     if capture:
-        from ..flowgraph.recorder import attach_recorder
-
         source = top.radar_usrp_source
         radio = {"full_scale": FULL_SCALE}
         if ready.latency_samples is not None:
@@ -141,7 +158,7 @@ def run_hardware(
             top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
         )
     try:
-        elapsed = _fly(top, scene, time_limit_s)
+        elapsed = _fly(top, scene, time_limit_s, recorder=recorder, silent=RADAR_GATE in silent)
     finally:
         if recorder is not None:
             recorder.finish()
@@ -157,24 +174,81 @@ def run_hardware(
     return result
 
 
-def _fly(top: Any, scene: Scene, time_limit_s: float) -> float:
-    """Run until the programme's last frame has come in; a receiver has no end of its own."""
+def _fly(
+    top: Any, scene: Scene, time_limit_s: float, *, recorder: Recorder | None = None, silent: bool = False
+) -> float:
+    """Run until the programme's last frame has come in, and is recorded; a receiver has no end of its own.
+
+    ``silent``: no frame is to be expected, only samples.
+    """
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
+    last = (programme.total_frames + TAIL_FRAMES) * n
+
+    def over() -> bool:
+        if recorder is not None and recorder.sample_counter < last:
+            return False
+        return top.frame_segmenter.segmenter.sample_counter >= last if silent else programme_over(top, scene)
 
     def too_long(limit_s: float) -> str:
-        came = top.frame_segmenter.segmenter.sample_counter / n
+        counter = top.frame_segmenter.segmenter.sample_counter
+        if counter < 0:
+            return (
+                f"after {limit_s:.0f} s the receiver's time is still {-counter / scene.waveform.rate_hz:.3g} s before "
+                "the common start: it took another time zero or ignored its start time; start again"
+            )
+        cable = "USB connection" if scene.radio.limits.uhd_type == _USB_TYPE else "network connection"
         return (
-            f"only {came:.0f} of {programme.total_frames} frames came in within {limit_s:.0f} s; "
-            "check the receiver's USB connection"
+            f"only {counter / n:.0f} of {programme.total_frames} frames came in within {limit_s:.0f} s; "
+            f"check the receiver's {cable}"
         )
 
     return run_to_end(
         top,
         time_limit_s=min(time_limit_s, 4 * programme.total_frames * scene.waveform.sweep_s + _START_S + 10.0),
-        over=lambda: programme_over(top, scene),
+        over=over,
         poll_s=_POLL_S,
         too_long=too_long,
     )
+
+
+def receive_alone(
+    scene: Scene,
+    count: int,
+    *,
+    log: Callable[[str], None] = _print,
+    sleep: Callable[[float], None] = time.sleep,
+) -> np.ndarray:
+    """(count,) complex64 samples of the radar's receiver, whose radio is opened for that alone: nothing transmits.
+
+    Raises `FlowgraphError` as `bring_up`, or if they do not come within 30 s.
+    """
+    from gnuradio import blocks, gr, uhd
+
+    radio, skip = scene.radio, round(_SETTLE_S * scene.waveform.rate_hz)
+    address = f"serial={radio.radar_serial}," if radio.radar_serial else ""
+    stream = uhd.stream_args(cpu_format="fc32", args="", channels=[0])
+    top = gr.top_block()
+    top.radar_usrp_source = uhd.usrp_source(f"{address}master_clock_rate={radio.master_clock_hz:.0f}", stream)
+    for entry in bring_up(top, scene, uhd, sleep):
+        log(str(entry))
+    start_together(top, scene, uhd)
+    sink = blocks.vector_sink_c(1, skip + count)
+    top.connect(top.radar_usrp_source, blocks.head(gr.sizeof_gr_complex, skip + count), sink)
+    run_to_end(top, time_limit_s=_LISTEN_LIMIT_S)
+    return np.array(sink.data()[skip:], np.complex64)
+
+
+def link_bytes_per_s(serial: str) -> float | None:
+    """What the driver takes a radio's link for: 53.2e6 on USB 2; None where it does not say."""
+    program = shutil.which("uhd_usrp_probe")
+    if program is None:
+        return None
+    command = [program, f"--args=serial={serial}", "--double=/mboards/0/link_max_rate"]
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        out = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_S, check=True).stdout
+        found = re.findall(r"^\d+(?:\.\d*)?(?:e\+?\d+)?$", out, re.MULTILINE)
+        return float(found[-1]) if found else None
+    return None
 
 
 def calibrate(

@@ -1,4 +1,4 @@
-"""Leakage calibration of a scene's simulated installation, by the steps that a real one takes."""
+"""Leakage calibration of a scene's simulated installation, by the steps of a real one."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from ...core.scene import Scene, SceneError
 
 __all__ = ["calibrate_leakage"]
 
-_KNOWN_M = 300.0  # altitude at which the installation delay is measured: beyond the leakage's side lobes
+_KNOWN_M = 300.0  # altitude for the installation delay, m: beyond the leakage's side lobes
+# frames dropped while the lock settles, and frames at the known altitude: a mean error of a few centimetres
 _SETTLE_FRAMES, _KNOWN_FRAMES = 8, 60
 
 
 def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
-    """Leakage with nothing else in view, then the installation delay at a known altitude.
+    """Measure the leakage without a return, then the installation delay at a known altitude.
 
     Parameters
     ----------
     scene : Scene
-        With ``channel.leakage_db``; its noise and seed count, its interference and lost samples do not.
+        Scene with ``channel.leakage_db``; its noise and seed are used, its interference and lost samples are not.
     frames : int
-        In which the leakage is averaged, 20 or more.
+        Frames over which the leakage is averaged, 20 or more.
 
     Raises
     ------
     SceneError
-        If the scene plays no leakage, or its sweep is not found.
+        If the scene has no leakage, or its sweep is not found.
     """
     if scene.channel.leakage_db is None:
         raise SceneError("calibrate_leakage: the scene plays no leakage; set channel.leakage_db")
@@ -59,7 +60,7 @@ def calibrate_leakage(scene: Scene, frames: int = 400) -> LeakageCalibration:
 def _play(scene: Scene, programme: Programme, leakage: LeakageCanceller | None) -> list[Frame]:
     """Frames of a programme through the scene's channel."""
     w, channel = scene.waveform, dataclasses.replace(scene.channel, drops=DropSettings())
-    # the ground of the trials would end a lock on an unknown leakage
+    # without monitoring: the return in the trials would end a lock on an unknown leakage
     settings = dataclasses.replace(scene.segmenter, monitor=False)
     source = SimulatedChannel(
         w, channel, seed=scene.seed, true_delay=programme, frames=programme.total_frames

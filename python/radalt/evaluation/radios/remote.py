@@ -1,4 +1,4 @@
-"""The flowgraph without end that a remote program drives: ota_b210.grc with altitudes by hand and a control socket."""
+"""The endless flowgraph for remote control: ota_b210.grc with altitudes by hand and a control socket."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def drive_remotely(
     stop: threading.Event | None = None,
     log: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Run until a ``stop`` request (or the event), at real time; returns the last state.
+    """Run in real time until a ``stop`` request or the event; returns the last state.
 
     Parameters
     ----------
     scene : Scene
-        Interference, channel, limits; its programme is not flown.
+        Interference, channel and limits; its programme is not used.
     methods : sequence of str
     telemetry, control : str
         ZMQ endpoints, empty for none.
@@ -60,11 +60,11 @@ def drive_remotely(
     sim : bool
         Simulated channel instead of the radios.
     transmit : bool
-        On the air: what the command line says.
+        With radios: the command line's ``--transmit``.
     stop : threading.Event, optional
         Ends the run from another thread.
     log : callable
-        Receives what is set on the radios, and the endpoints.
+        Receives the radios' settings and the endpoints, a line each.
 
     Raises
     ------

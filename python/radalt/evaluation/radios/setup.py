@@ -1,10 +1,10 @@
-"""Setting up two B210s: a plan made without hardware, carried out in the one order that gives a repeatable range.
+"""Set-up of two B210s: a plan made without hardware, carried out in the order that gives a repeatable range.
 
-Clock and time source, rate, antenna, gain, frequency with the LO offset out of the band, lock sensors, time last and
-on both within the same second, a common start time. GRC's template sets time before tuning and no start time, which
-makes the range random at each start; so `set_up` runs on its blocks before they are started, and replaces what it
-set: the snippet ``set_up_radios`` of the flowgraphs calls it when they are run by the companion, `hardware` and
-`remote` when they are run from the command line.
+The order is clock and time source, rate, antenna, gain, frequency with the LO offset out of the band, lock sensors,
+time, on both radios within one second, and a common start time. GRC's template sets time before tuning and no start
+time, so that the range is random at each start. `set_up` therefore runs on its blocks before their start and replaces
+its settings. The snippet ``set_up_radios`` calls it in flowgraphs from the companion, `hardware` and `remote` in those
+from the command line.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,14 +39,14 @@ __all__ = [
     "stop_after_programme",
 ]
 
-FULL_SCALE = 1.0  # rail of a UHD source's samples
-_LOCK_S = 2.0  # how long an LO or reference may take to lock
-_PPS_S = 1.5  # a pulse comes every second
-_CATCH_UP_S = 1.0  # of signal
-_STARTED_S = 30.0  # how long a flowgraph may take from its set-up to its start
-_POLL_S = 0.02  # between looks at how far a programme has got
-_GAIN_DB = 1.0  # a radio's steps are finer
-_ALIGNED_S = 0.5  # both radios have to be armed well within the second after a pulse
+FULL_SCALE = 1.0  # full scale of a UHD source's samples, per rail
+_LOCK_S = 2.0  # longest lock of an LO or reference, s
+_PPS_S = 1.5  # wait for a pulse, s: one comes every second
+_CATCH_UP_S = 1.0  # longest delay of a slow method behind the receiver at the end, s of signal
+_STARTED_S = 30.0  # longest time of a flowgraph from set-up to start, s
+_POLL_S = 0.02  # time between checks of the programme's end, s
+_GAIN_DB = 1.0  # largest error of a gain, dB: a radio's steps are finer
+_ALIGNED_S = 0.5  # latest arming of both radios after a pulse, s: well before the next one
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Readback:
-    """What a radio was asked for and what it did."""
+    """A setting of a radio: value asked for and value set."""
 
     block: str
     what: str
@@ -83,16 +83,16 @@ class Readback:
 
 @dataclass(frozen=True)
 class Ready:
-    """Radios that wait for their start.
+    """Radios ready for their start.
 
     Attributes
     ----------
     start_s : float
         Common start in device seconds.
     latency_samples : float or None
-        Stored latency that the segmenter subtracts; None where none was stored, or it is not to be used.
+        Stored latency that the segmenter subtracts; None if there is none or it is not used.
     key : CalibrationKey
-        Which radio, clock and rate that latency belongs to.
+        Radio, clock and rate of the latency.
     """
 
     start_s: float
@@ -105,15 +105,15 @@ def _text(value: float | str) -> str:
 
 
 def radio_blocks(scene: Scene) -> tuple[str, ...]:
-    """UHD blocks of a scene: radar sink and source, and the jammer's sink where there is one."""
+    """UHD blocks of a scene: radar sink and source, and the jammer's sink if there is one."""
     return (RADAR_SINK, RADAR_SOURCE, JAMMER_SINK) if scene.has_jammer else (RADAR_SINK, RADAR_SOURCE)
 
 
 def plan(scene: Scene) -> tuple[Step, ...]:
-    """Every setting of a scene's radios, in order; the lock sensors, the time and the start follow it."""
+    """Every setting of a scene's radios, in order; lock sensors, time and start come afterwards."""
     radio, w = scene.radio, scene.waveform
     blocks = radio_blocks(scene)
-    # a device keeps one clock and one time: source and sink of the radar share theirs
+    # a device has one clock and one time, shared by source and sink of the radar
     devices = tuple(b for b in blocks if b != RADAR_SINK)
     gain = {
         RADAR_SINK: radio.radar_tx_gain_db,
@@ -133,7 +133,7 @@ def plan(scene: Scene) -> tuple[Step, ...]:
 
 
 def describe(scene: Scene) -> tuple[list[str], bool]:
-    """The plan in words, and whether the interlock would let it transmit with ``--transmit``."""
+    """The plan in words, and whether the interlock allows it with ``--transmit``."""
     radio, w = scene.radio, scene.waveform
     levels, limits = drive(scene), radio.limits
     lines = [
@@ -159,6 +159,12 @@ def describe(scene: Scene) -> tuple[list[str], bool]:
         f"receiver      at most {rx_level_dbm(radio, scene.has_jammer):.1f} dBm arrives, "
         f"limit {limits.max_rx_dbm:g} dBm",
     ]
+    divider = round(radio.master_clock_hz / w.rate_hz)
+    if divider > 1 and divider % 2:
+        lines.append(
+            f"warning: the master clock is divided by {divider}, an odd number: a B200 then decimates without its "
+            "half-band filters, and its CIC filter rolls off within the band; choose a clock divided by 2 or 4n"
+        )
     lines += [f"{k:3}. {s.block}.{s.call}{s.args}" for k, s in enumerate(plan(scene), 1)]
     pulse = "set_time_now(0)" if radio.clock_source == "internal" else "set_time_next_pps(0), same second"
     lines += [
@@ -182,10 +188,10 @@ def set_up(
     log: Callable[[str], None] = print,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Ready:
-    """Everything between the construction of a flowgraph for the air and its start.
+    """Set up a flowgraph with radios between its construction and its start.
 
-    The interlock once more, `bring_up` with its readback, the jammer's strongest burst, the segmenter's full scale and
-    calibration, and one start time for all, last.
+    Checks the interlock again, calls `bring_up` with its readback, limits the jammer's bursts, sets the segmenter's
+    full scale and calibration, and finally a common start time.
 
     Parameters
     ----------
@@ -209,7 +215,7 @@ def set_up(
     Raises
     ------
     InterlockError, FlowgraphError, CalibrationError
-        One line; nothing has been started then.
+        One line; nothing has been started.
     """
     require_enclosure(scene, bool(top.transmit))
     _check_blocks(top, scene)
@@ -234,7 +240,7 @@ def set_up(
 
 
 def _check_radios(top: Any, scene: Scene) -> CalibrationKey:
-    """Refuse radios of another type than the scene's, whose limits would not hold; says which one the radar is."""
+    """Refuse radios of another type than the scene's, whose limits would not hold; returns the radar's key."""
     wanted = scene.radio.limits
     for name in radio_blocks(scene):
         info = getattr(top, name).get_usrp_info(0)
@@ -243,13 +249,13 @@ def _check_radios(top: Any, scene: Scene) -> CalibrationKey:
                 f"{name}: the radio is a {info['mboard_id']}, and radio.device {wanted.name} a {wanted.uhd_name}; name "
                 "the radio that is there, or the serial of the one that is meant"
             )
-    told = getattr(top, RADAR_SOURCE).get_usrp_info(0)["mboard_serial"]
-    serial = scene.radio.radar_serial if told in ("", "n/a") else told
+    reported = getattr(top, RADAR_SOURCE).get_usrp_info(0)["mboard_serial"]
+    serial = scene.radio.radar_serial if reported in ("", "n/a") else reported
     return CalibrationKey(wanted.uhd_name, serial, scene.radio.master_clock_hz, scene.waveform.rate_hz)
 
 
 def _check_blocks(top: Any, scene: Scene) -> None:
-    """Refuse a flowgraph without its gates, or with another jammer than the scene's: an unset radio just starts."""
+    """Refuse a flowgraph without gates, or with another jammer than the scene's: a radio without set-up would start."""
     for sink, gate in ((RADAR_SINK, RADAR_GATE), (JAMMER_SINK, JAMMER_GATE)):
         if hasattr(top, sink) and not isinstance(getattr(top, gate, None), transmit_gate):
             raise FlowgraphError(
@@ -269,7 +275,7 @@ def _check_blocks(top: Any, scene: Scene) -> None:
 
 
 def ungated_sinks(top: Any) -> list[str]:
-    """Transmitting sinks of a running flowgraph that something else than their gate feeds."""
+    """Transmitting sinks of a running flowgraph with another input than their gate."""
     feeds: dict[str, set[str]] = {}
     for line in top.edge_list().splitlines():
         source, arrow, target = line.partition("->")
@@ -280,15 +286,17 @@ def ungated_sinks(top: Any) -> list[str]:
 
 
 def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
-    """Stop a flowgraph whose sinks are not fed by their gates.
+    """Stop a flowgraph whose sinks are not connected to their gates.
 
-    Edges are known once it runs. Its radios start by the clock, a second later at the earliest (`start_together`).
+    Edges are known once it runs. Its radios start by the clock, at least a second later (`start_together`).
     """
+
+    wait = threading.Event().wait
 
     def watch() -> None:
         until = time.monotonic() + _STARTED_S
         while not top.edge_list() and time.monotonic() < until:
-            time.sleep(_POLL_S)
+            wait(_POLL_S)
         wrong = ungated_sinks(top) if top.edge_list() else []
         if wrong:
             for gate in gates_of(top):
@@ -302,23 +310,23 @@ def _watch_edges(top: Any, log: Callable[[str], None]) -> None:
 
 
 def programme_over(top: Any, scene: Scene) -> bool:
-    """Whether the programme's last frame has come in and been measured; a receiver has no end of its own.
+    """Whether the programme's last frame has been received and measured; a receiver's stream is endless.
 
-    A flowgraph that is stopped forgets what waits between its blocks, so a slow method gets a second to catch up. After
-    that the last frame is taken for lost: dropped, or never seen because there was no timing.
+    A stop discards the frames between blocks, so a slow method gets a second of signal to catch up. Afterwards the last
+    frame counts as lost: dropped, or never segmented for lack of timing.
     """
     programme, n = scene.altitude.programme, scene.waveform.samples_per_frame
-    late = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n
-    if late < 0:
+    behind = top.frame_segmenter.segmenter.sample_counter - (programme.total_frames + 3) * n
+    if behind < 0:
         return False
     sinks = [block for name, block in vars(top).items() if name.startswith("altimeter_")]
-    return late > scene.waveform.rate_hz * _CATCH_UP_S or all(
+    return behind > scene.waveform.rate_hz * _CATCH_UP_S or all(
         not sink.active or sink.last_index >= programme.total_frames - 1 for sink in sinks
     )
 
 
 def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:
-    """Stop a flowgraph, from a thread that is returned, once its programme is over."""
+    """Start and return a thread that stops a flowgraph when its programme is over."""
 
     def watch() -> None:
         while not programme_over(top, scene):
@@ -336,7 +344,7 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
     Parameters
     ----------
     top : object
-        Flowgraph with the UHD blocks as attributes.
+        Flowgraph with the UHD blocks as attributes; the plan's steps for blocks that it lacks are left out.
     uhd : module
         ``gnuradio.uhd`` (time_spec and tune_request are taken from it).
     sleep : callable
@@ -349,17 +357,18 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
     Raises
     ------
     FlowgraphError
-        If a rate or the master clock differs from what was asked, or a lock does not come.
+        If a rate or the master clock differs from the setting, or a lock is missing.
     """
     readback = []
-    for step in plan(scene):
+    blocks = [name for name in radio_blocks(scene) if hasattr(top, name)]  # a receiver alone has one
+    for step in (s for s in plan(scene) if s.block in blocks):
         block = getattr(top, step.block)
         args = step.args
         if step.call == "set_center_freq":
             args = (uhd.tune_request(*args[0]), *args[1:])
         getattr(block, step.call)(*args)
         readback += _read_back(step, block)
-    for name in radio_blocks(scene):
+    for name in blocks:
         clock = getattr(top, name).get_clock_rate(0)
         readback.append(Readback(name, "master clock Hz", scene.radio.master_clock_hz, clock))
     for entry in readback:
@@ -375,8 +384,8 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
                 f"{entry.block}: {entry.what} is {entry.got:g}, asked was {entry.asked:g}; the level at the receiver "
                 "was computed for what was asked: choose a gain that the radio has"
             )
-    _wait_for_locks(top, scene, sleep)
-    _align_time(top, scene, uhd, sleep)
+    readback += _wait_for_locks(top, scene, blocks, sleep)
+    _align_time(top, scene, uhd, blocks, sleep)
     return readback
 
 
@@ -392,10 +401,18 @@ def _read_back(step: Step, block: Any) -> list[Readback]:
     return []
 
 
-def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> None:
-    for name in radio_blocks(scene):
+def _wait_for_locks(
+    top: Any, scene: Scene, blocks: Sequence[str], sleep: Callable[[float], None]
+) -> list[Readback]:
+    """Wait for every lock sensor there is; returns what was asked of a device that has no ``lo_locked``."""
+    missing = []
+    for name in blocks:
         block = getattr(top, name)
-        sensors = [("lo_locked", lambda b: b.get_sensor("lo_locked", 0))]
+        sensors = []
+        if "lo_locked" in block.get_sensor_names(0):
+            sensors.append(("lo_locked", lambda b: b.get_sensor("lo_locked", 0)))
+        else:
+            missing.append(Readback(name, "lo_locked", "true", "no such sensor"))
         if scene.radio.clock_source != "internal":
             sensors.append(("ref_locked", lambda b: b.get_mboard_sensor("ref_locked", 0)))
         for sensor, read in sensors:
@@ -408,11 +425,14 @@ def _wait_for_locks(top: Any, scene: Scene, sleep: Callable[[float], None]) -> N
                     )
                 sleep(0.05)
                 waited += 0.05
+    return missing
 
 
-def _align_time(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None]) -> None:
-    """Time zero on every device, last of all settings."""
-    devices = [getattr(top, b) for b in radio_blocks(scene) if b != RADAR_SINK]
+def _align_time(
+    top: Any, scene: Scene, uhd: Any, blocks: Sequence[str], sleep: Callable[[float], None]
+) -> None:
+    """Set time zero on every device, after all other settings."""
+    devices = [getattr(top, b) for b in blocks if b != RADAR_SINK]
     if scene.radio.clock_source == "internal":
         for device in devices:
             device.set_time_now(uhd.time_spec(0.0), 0)
@@ -441,9 +461,9 @@ def _align_time(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None]
 
 
 def start_together(top: Any, scene: Scene, uhd: Any) -> float:
-    """Give every block the same start time, a whole second ahead; returns it in device seconds."""
+    """Set a common start time on every block, a second ahead; returns it in device seconds."""
     now = getattr(top, RADAR_SOURCE).get_time_now(0).get_real_secs()
     at = float(math.floor(now) + 2)
-    for name in radio_blocks(scene):
+    for name in (b for b in radio_blocks(scene) if hasattr(top, b)):
         getattr(top, name).set_start_time(uhd.time_spec(at))
     return at

@@ -1,1 +1,1 @@
-"""One results kit: chains, scores, folders, tables, pages."""
+"""Results of all studies: chains, scores, folders, tables, pages."""

@@ -9,7 +9,7 @@ import numpy as np
 
 __all__ = ["BREAK_PD", "BreakPoint", "Gain", "break_point", "mean_gain", "protection_gain"]
 
-BREAK_PD = 0.9  # a method holds a level as long as Pd is at least this
+BREAK_PD = 0.9  # least Pd at which a method holds, usual for detection requirements
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class Gain:
     Attributes
     ----------
     db : float
-        The value, or the end of the range that ``mark`` names; NaN where nothing is known.
+        The value, or the end of the range that ``mark`` names; NaN if unknown.
     mark : str
-        ``""`` exact, ``"<="`` or ``">="`` where a grid ended first, ``"?"`` where both ends are open.
+        ``""`` exact, ``"<="`` or ``">="`` at the end of a grid, ``"?"`` if both ends are open.
     """
 
     db: float
@@ -33,17 +33,17 @@ class Gain:
 
 @dataclass(frozen=True)
 class BreakPoint:
-    """Lowest SIR down to which a method holds.
+    """Break-point SIR of a method: the lowest SIR down to which Pd is at least the level.
 
     Attributes
     ----------
     sir_db : float
-        Where Pd falls through the level, or the end of the grid that ``mark`` names.
+        SIR at which Pd crosses the level, or the end of the grid that ``mark`` names.
     mark : str
-        ``""``, ``"<="`` where Pd holds down to the lowest SIR measured, ``">="`` where it fails at the highest.
+        ``""``, ``"<="`` if Pd holds down to the lowest measured SIR, ``">="`` if it fails at the highest.
     low_db, high_db : float
-        The same of the curves of upper and lower 95 % Wilson bounds: an interval that holds the break-point; an
-        end of the grid stands for whatever lies beyond it.
+        Break-points of the upper and lower 95 % Wilson bounds of Pd: an interval of the break-point; an end of the
+        grid stands for everything beyond it.
     """
 
     sir_db: float
@@ -66,10 +66,10 @@ def break_point(
     *,
     level: float = BREAK_PD,
 ) -> BreakPoint:
-    """Where a curve of Pd over SIR falls through a level.
+    """SIR at which a curve of Pd falls below a level.
 
-    Going down in SIR, Pd is made monotone by its running minimum: a method that fails at one level and holds again
-    at a lower one cannot be relied on below the first. Between two points of the grid Pd is taken as linear.
+    From the highest SIR down, Pd is replaced by its running minimum: a method that fails at one SIR and holds again at
+    a lower one is not reliable below the first. Pd is interpolated linearly between points of the grid.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def break_point(
 
 
 def _crossing(sir: np.ndarray, pd: np.ndarray, level: float) -> tuple[float, str]:
-    """Of a falling curve, highest SIR first."""
+    """Crossing (SIR, mark) of a falling curve, highest SIR first."""
     below = np.nonzero(pd < level)[0]
     if not below.size:
         return float(sir[-1]), "<="
@@ -122,10 +122,9 @@ _TURNED = {"": "", "<=": ">=", ">=": "<="}
 
 
 def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
-    """How much more interference a method bears than ``base`` (no mitigation): ``base - method`` in decibels.
+    """Protection gain of a method over ``base`` (no mitigation): ``base - method`` in decibels.
 
-    An end that the grid left open stays open in the difference; where the two ends pull in opposite directions the
-    difference is unknown.
+    An end of the grid stays an open end of the difference; open ends in opposite directions make it unknown.
 
     Examples
     --------
@@ -137,7 +136,7 @@ def protection_gain(base: BreakPoint, method: BreakPoint) -> Gain:
 
 
 def mean_gain(gains: Sequence[Gain]) -> Gain:
-    """Mean of gains over several interferers; open where one is, unknown where two are open to opposite sides.
+    """Mean of gains over several interferers; open if one is, unknown if two are open in opposite directions.
 
     Examples
     --------
@@ -150,7 +149,7 @@ def mean_gain(gains: Sequence[Gain]) -> Gain:
 
 
 def _joined(db: float, marks: set[str]) -> tuple[float, str]:
-    """A value from several that may be open: (value, mark)."""
+    """(value, mark) of a combination of values with open ends."""
     marks = marks - {""}
     if len(marks) > 1 or "?" in marks:
         return float("nan"), "?"

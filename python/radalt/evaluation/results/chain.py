@@ -1,4 +1,4 @@
-"""The one chain of every study that needs no flowgraph: method, altimeter, score."""
+"""Processing chain of studies without a flowgraph: method and altimeter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ...core.waveform import Waveform
 
 __all__ = ["Chain", "chains_with", "model_files", "seconds_per_frame"]
 
-_CHUNK = 20  # frames processed at once where only the error counts
+_CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the second-level cache
 
 
 @dataclass(frozen=True)
@@ -28,20 +28,20 @@ class Chain:
     Attributes
     ----------
     label : str
-        As in reports.
+        Label in reports.
     method : str
         Registry name.
     options : tuple of (name, value)
-        Of the method.
+        Options of the method.
     precision : str
-        Of its arithmetic; a model's own word for it goes before this.
+        Arithmetic precision of the method; a model's metadata override it.
     settings : AltimeterSettings
-        Of the altimeter behind it.
+        Settings of the altimeter.
     looks : int
-        Consecutive frames whose power spectra are averaged into one altitude.
+        Consecutive frames whose power spectra are averaged for one altitude.
     independent : bool
-        Whether frames are drawn independently of each other, so that the method is reset before each: `Hybrid` has a
-        budget for searches per stream, and independent frames are no stream.
+        Whether frames are independent, so that the method is reset before each: `Hybrid` has a budget of acquisitions
+        per stream, and independent frames are no stream.
     """
 
     label: str
@@ -67,7 +67,7 @@ class Chain:
         return cls(label or f"tcae {model.stem}", "tcae", options, precision, settings or AltimeterSettings())
 
     def build(self, waveform: Waveform) -> Mitigation:
-        """A fresh method; raises `MitigationError` where it does not fit the waveform."""
+        """A new method; raises `MitigationError` if it does not fit the waveform."""
         span_m = self.settings.resolved(waveform).max_altitude_m
         return create(self.method, waveform, max_altitude_m=span_m, **dict(self.options))
 
@@ -78,7 +78,7 @@ class Chain:
         return Path(model) if model else None
 
     def head(self, waveform: Waveform) -> dict[str, Any]:
-        """What its rows depend on, a network by what it is instead of where it lies; raises `MitigationError`."""
+        """Everything on which its rows depend, a network by its hash, not its path; raises `MitigationError`."""
         options = dict(self.options) | ({"model": self.model.name} if self.model else {})
         sha256 = getattr(self.build(waveform), "sha256", None)
         return vars(self) | {
@@ -88,7 +88,7 @@ class Chain:
         }
 
     def results(self, frames: np.ndarray, waveform: Waveform) -> tuple[np.ndarray, Mitigation]:
-        """Altimeter results of ``(n, N)`` frames behind a fresh start of the method, and the method.
+        """Altimeter results of ``(n, N)`` frames after a reset of the method, and the method.
 
         There are ``n / looks`` of them. The method is built once per process and reset before the first frame.
         """
@@ -97,7 +97,7 @@ class Chain:
     def results_and_changes(
         self, frames: np.ndarray, waveform: Waveform
     ) -> tuple[np.ndarray, Mitigation, np.ndarray]:
-        """What `results` says, and (n,) bool: which frames the method has changed."""
+        """`results`, and (n,) bool: frames that the method has changed."""
         method = _method_of(self, waveform)
         method.reset()
         altimeter = shared_altimeter(waveform, self.settings)
@@ -123,12 +123,12 @@ def _reset(method: Mitigation) -> Mitigation:
 
 
 def model_files(chains: Sequence[Chain]) -> dict[str, Path]:
-    """Networks of chains, by what `chains_with` calls them."""
+    """Networks of chains, by their names in `chains_with`."""
     return {f"model of {chain.label}": chain.model for chain in chains if chain.model}
 
 
 def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Chain, ...]:
-    """The same chains with those networks at other places."""
+    """The chains with their networks at other paths."""
 
     def moved(chain: Chain) -> Chain:
         path = files.get(f"model of {chain.label}")
@@ -141,8 +141,8 @@ def chains_with(chains: Sequence[Chain], files: Mapping[str, Path]) -> tuple[Cha
 
 
 def _averaged(spectra: Spectra, looks: int) -> Spectra:
-    """Mean power spectra of groups of looks; the CFAR keeps its one-look threshold: the safe side."""
-    # spectra come scaled to unit peak; undo that, so that looks weigh by their power
+    """Mean power spectra of groups of looks; the CFAR keeps its threshold for one look, which is conservative."""
+    # spectra are scaled to unit peak: restore the scale, so that looks are weighted by their power
     power = spectra.power * (spectra.scale**2)[:, None, None]
     power = power.reshape(-1, looks, *power.shape[1:]).mean(axis=1)
     scale = np.sqrt(power.max(axis=(1, 2)))
@@ -160,7 +160,7 @@ def _method_of(chain: Chain, waveform: Waveform) -> Mitigation:
 def seconds_per_frame(
     method: str, waveform: Waveform, settings: AltimeterSettings, options: tuple[tuple[str, Any], ...] = ()
 ) -> float:
-    """CPU seconds that a method and the altimeter behind it take per frame here and now, from a trial of eight."""
+    """CPU seconds per frame of a method and its altimeter on this machine, measured on a few frames."""
     chain = Chain(method, method, options, settings=settings)
     frames = np.tile(waveform.reference.astype(np.complex64), (8, 1))
     chain.results(frames[:2], waveform)  # tables, caches

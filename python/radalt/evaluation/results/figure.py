@@ -1,4 +1,4 @@
-"""Figures as files: PNG for pages, PDF for print, SVG for `report.html`, where a point says its values."""
+"""Figures as files: PNG for pages, PDF for print, SVG with tooltips for `report.html`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["new_figure", "save_figure", "say"]
 
 
 def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = False) -> Any:
-    """An empty Agg figure, ``width`` and ``height`` in inches; made without pyplot, so no window system is asked for.
+    """An empty Agg figure, ``width`` and ``height`` in inches, without pyplot and so without a window system.
 
-    With ``shown`` it is pyplot's, which ``matplotlib.pyplot.show()`` and notebooks display.
+    With ``shown`` it is created by pyplot, for ``matplotlib.pyplot.show()`` and notebooks.
     """
     if shown:
         from matplotlib import pyplot
@@ -31,15 +31,15 @@ def new_figure(width: float, height: float, *, dpi: int = 160, shown: bool = Fal
 
 
 def say(axis: Any, x: Sequence[float], y: Sequence[float], texts: Sequence[str]) -> None:
-    """Keep for `save_figure` what each point of an axis says in the SVG when the mouse is over it."""
+    """Store the tooltips of an axis' points for `save_figure`."""
     said = getattr(axis.figure, "radalt_said", [])
     axis.figure.radalt_said = said + list(zip([axis] * len(texts), x, y, texts, strict=True))
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Write PNG (``path``), PDF and SVG beside each other: without dates, the same bytes for the same rows.
+    """Write PNG (``path``), PDF and SVG without dates, so that equal rows give equal bytes.
 
-    By the canvases themselves: `savefig` draws every file twice, the first time for a layout that is made once here.
+    The canvases write directly: `savefig` draws every file twice, the first time for a layout that is computed once here.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -49,14 +49,14 @@ def save_figure(figure: Any, path: Path) -> None:
 
     path.parent.mkdir(parents=True, exist_ok=True)
     for text in figure.findobj(Text):
-        text.set_parse_math(False)  # names of files and methods may hold a dollar
-    # fonts as TrueType (42): publishers take no Type 3
+        text.set_parse_math(False)  # names of files and methods may contain a dollar sign
+    # TrueType fonts (42): publishers refuse Type 3
     with matplotlib.rc_context({"svg.hashsalt": path.stem, "pdf.compression": 6, "pdf.fonttype": 42}):
         figure.get_layout_engine().execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.axes:
             for axis in (axes.xaxis, axes.yaxis):
-                ticks = axis._update_ticks()  # once more per format and label else: a quarter of the drawing
+                ticks = axis._update_ticks()  # otherwise computed per format and label: a quarter of the drawing time
                 axis._update_ticks = lambda ticks=ticks: ticks
         # level 4 of zlib: half the time of the default, 2 % larger
         FigureCanvasAgg(figure).print_png(
@@ -73,9 +73,9 @@ def save_figure(figure: Any, path: Path) -> None:
 
 
 def _said(figure: Any) -> str:
-    """SVG circles that nobody sees, one per point of `say`, with what it says when the mouse is over it.
+    """Invisible SVG circles with tooltips, one per point of `say`.
 
-    As text: as markers of matplotlib they took a sixth of a report's figures.
+    They are written as text: as markers of matplotlib they took a sixth of the time of a report's figures.
     """
     points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
     circles = []

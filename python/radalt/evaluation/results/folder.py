@@ -1,8 +1,8 @@
-"""The result folder of a run: one writer, one marker that says whose run it holds, and what has been measured so far.
+"""The result folder of a run: one writer, a marker that identifies the run, and a journal of measured rows.
 
-``run.json`` is the marker: everything that a row depends on, versions included. ``points.jsonl`` keeps the rows of each
-point as it is measured, every line with a digest of it and of the marker; the tables (``rows.csv`` and others) are
-written from it, so that what is resumed is what was measured, and for this run.
+``run.json`` is the marker: everything on which a row depends, versions included. ``points.jsonl`` is the journal with
+the rows of each measured point, every line with a digest of the line and the marker. The tables (``rows.csv`` and
+others) are written from it, so that a resumed run has the measured rows of this run only.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ __all__ = [
     "write_json",
 ]
 
-SCHEMA = 2
-_JOURNAL_VERSION = 2  # a digest without the marker would let rows of another run in
+SCHEMA = 2  # of report.json
+_JOURNAL_VERSION = 2  # part of the digest: lines of another format are rejected
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
-TEMPORARY = ".tmp"  # how names of files end that are still being written
-MAX_REPORT_BYTES = 256 << 20  # of any file of a result folder that is read back
+TEMPORARY = ".tmp"  # suffix of files that are being written
+MAX_REPORT_BYTES = 256 << 20  # largest file of a result folder for reading, bytes: a million rows
 
 
 class FolderError(ValueError):
@@ -43,7 +43,7 @@ class FolderError(ValueError):
 
 
 def versions(with_network: bool) -> dict[str, str]:
-    """Versions of what a result depends on; onnxruntime only where a network runs."""
+    """Versions on which a result depends; onnxruntime only with a network."""
     import numpy
     import scipy
 
@@ -53,7 +53,7 @@ def versions(with_network: bool) -> dict[str, str]:
     out |= {"numpy": numpy.__version__, "scipy": scipy.__version__}
     try:
         from gnuradio import gr
-    except ImportError:  # pooling reports of others needs no GNU Radio
+    except ImportError:  # results without a flowgraph need no GNU Radio
         pass
     else:
         out["gnuradio"] = gr.version()
@@ -63,7 +63,7 @@ def versions(with_network: bool) -> dict[str, str]:
 
 
 def flatten(value: Any, prefix: str = "") -> dict[str, Any]:
-    """Nested mappings as one, keys joined by dots; lists are values."""
+    """Nested mappings as one mapping with dotted keys; lists are values."""
     if not isinstance(value, dict) or not value:
         return {prefix: value}
     out: dict[str, Any] = {}
@@ -73,7 +73,7 @@ def flatten(value: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def plain_json(value: Any) -> Any:
-    """What JSON can hold: NumPy numbers as Python's, tuples as lists, what is not finite as None."""
+    """A value for JSON: NumPy numbers as Python's, tuples as lists, non-finite numbers as None."""
     if isinstance(value, dict):
         return {str(k): plain_json(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -86,12 +86,12 @@ def plain_json(value: Any) -> Any:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Replace a JSON file in one step: whoever reads it finds the old or the new, never half of one."""
+    """Replace a JSON file atomically: readers find the old or the new content."""
     _replace(path, json.dumps(plain_json(content), indent=1, allow_nan=False) + "\n")
 
 
 def _replace(path: Path, text: str) -> None:
-    # made exclusively, under a name that nobody can have put a link at; with the rights of any new file
+    # created exclusively under a random name, so that no link is followed; with the permissions of any new file
     descriptor, fresh = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
     try:
         with open(descriptor, "w", encoding="utf-8", newline="") as file:
@@ -108,7 +108,7 @@ def _replace(path: Path, text: str) -> None:
 
 
 def _lock_alone(file: int) -> None:
-    """Lock an open file for this process alone, until it is closed; raises OSError where another process has it."""
+    """Lock an open file for this process until it is closed; raises OSError if another process has the lock."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -143,7 +143,7 @@ def read_report(path: Path) -> dict[str, Any]:
     Raises
     ------
     FolderError
-        One line: what is missing, unfinished or cannot be read.
+        One line: the part that is missing, unfinished or cannot be read.
     """
     if (path / _MARKER).is_file() and not (path / _REPORT).exists():
         raise FolderError(
@@ -153,32 +153,32 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 class RunFolder:
-    """A folder that belongs to one run, and to this process while it lives.
+    """The folder of one run, locked by this process.
 
     Parameters
     ----------
     path : Path
-        Made if it is not there. It has to be new, empty, or hold this very run and ``resume`` be set.
+        Created if missing. It has to be new, empty, or, with ``resume``, hold this run.
     head : dict
-        Everything that a row depends on; JSON.
+        Everything on which a row depends; JSON.
     resume : bool
-        Whether the folder may hold a part of this very run.
+        Whether the folder may hold a part of this run.
     replace : bool
-        Whether it may hold another result of the same study, which this one replaces.
+        Whether it may hold another result of the study, which is then replaced.
     holds : callable
-        Whether an entry of the journal (``point``, ``batch``, ``rows``) is one that this run could have written.
+        Whether an entry of the journal (``point``, ``batch``, ``rows``) is valid for this run.
 
     Attributes
     ----------
     done : dict of (point, batch) -> list of dict
-        Rows that are there.
+        Rows of the journal.
     rejected : list of str
-        Lines that did not hold (cut, changed, of another run); their points are measured again.
+        Invalid lines (cut, changed, of another run); their points are measured again.
 
     Raises
     ------
     FolderError
-        If it holds something else, another run (the first difference is named), or another process writes to it.
+        If it holds other files, another run (the first difference is named), or another process writes to it.
     """
 
     def __init__(
@@ -192,7 +192,7 @@ class RunFolder:
     ) -> None:
         self.path, self._replaces = path, replace
         whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
-        self.head = json.loads(json.dumps(plain_json(whole)))  # as JSON gives it back
+        self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         self.done: dict[tuple[str, int], list[dict[str, Any]]] = {}
         self.rejected: list[str] = []
@@ -217,13 +217,13 @@ class RunFolder:
         self._claim(resume, holds)
 
     def _check_links(self) -> None:
-        """No file in it leads elsewhere: what is written here would be written through it."""
+        """Refuse links, through which files elsewhere would be overwritten."""
         for found in self.path.rglob("*"):
             if found.is_symlink():
                 raise FolderError(f"{found} is a link, through which files elsewhere would be overwritten; remove it")
 
     def _check_kinds(self) -> None:
-        """Every file of ours is a file: a pipe would be waited at for ever."""
+        """Refuse files of the run that are no regular files: opening a pipe would block."""
         for name in (_LOCK, _MARKER, _JOURNAL, _REPORT):
             path = self.path / name
             if path.exists() and not path.is_file():
@@ -284,7 +284,7 @@ class RunFolder:
             _replace(journal, "".join(kept))
 
     def add(self, point: str, batch: int, rows: Sequence[dict[str, Any]]) -> None:
-        """Keep the rows of a point, on the disk before this returns."""
+        """Append the rows of a point to the journal; they are on disk when it returns."""
         content = {"point": point, "batch": batch, "rows": list(rows)}
         line = json.dumps(content | {"digest": self._digest(content)}, allow_nan=False) + "\n"
         with (self.path / _JOURNAL).open("a", encoding="utf-8") as file:
@@ -294,18 +294,18 @@ class RunFolder:
         self.done[point, batch] = json.loads(line)["rows"]
 
     def write_text(self, name: str, text: str) -> Path:
-        """Write a file of the folder in one step."""
+        """Write a file of the folder atomically."""
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         _replace(path, text)
         return path
 
     def write_report(self, report: dict[str, Any]) -> None:
-        """Write ``report.json``; last of all, since it says that everything else is there."""
+        """Write ``report.json``, last of all, since it marks a finished run."""
         write_json(self.path / _REPORT, report)
 
     def close(self) -> None:
-        """Let others write into the folder."""
+        """Release the lock."""
         self._lock.close()
 
     def _digest(self, content: dict[str, Any]) -> str:
@@ -314,8 +314,8 @@ class RunFolder:
         return digest.hexdigest()[:16]
 
     def _entry(self, line: str) -> dict[str, Any] | None:
-        """A line of the journal, None where it is cut, was changed or is another run's."""
-        if not line.endswith("\n"):  # a cut inside a number leaves a shorter, valid one
+        """A line of the journal; None if it is cut, changed or of another run."""
+        if not line.endswith("\n"):  # a cut number may be a valid one
             return None
         try:
             entry = json.loads(line)

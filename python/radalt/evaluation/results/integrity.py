@@ -1,9 +1,9 @@
-"""What a tracker's outputs are worth to whoever flies by them: integrity, continuity, availability, time to alert.
+"""Performance of a tracker's outputs: integrity, continuity, availability, time to alert.
 
 An output is *computed* if its status is NORMAL. A computed one is *misleading* if its error exceeds its protection
-level, *hazardous* if the error exceeds the alert limit while the protection level is within it: nobody was warned (the
-terms of RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates carry Clopper-Pearson intervals,
-whose upper bound says something for zero events as well.
+level, *hazardous* if the error exceeds the alert limit while the protection level is within it, so without a warning
+(terms of RTCA DO-229 for satellite navigation, and of the Stanford diagram). Rates have Clopper-Pearson intervals, whose
+upper bound is above zero for zero events as well.
 """
 
 from __future__ import annotations
@@ -30,48 +30,48 @@ __all__ = [
     "time_to_first_s",
 ]
 
-_LEAST_ALERT_M = 10.0  # half a range cell of the default sweep
+_LEAST_ALERT_M = 10.0  # least alert limit, m: half a range cell of the default sweep
 
 
 def alert_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
-    """Alert limit of the campaigns: the accuracy of DO-155, and 10 m where that is less; 10 m where there is no return.
+    """Alert limit of the campaigns in metres: the accuracy of DO-155, at least 10 m; 10 m without a return.
 
-    Half a range cell (20 m) is the floor: two returns nearer than that are one peak.
+    The floor is half a range cell of 20 m: two closer returns are one peak.
     """
     return np.maximum(_LEAST_ALERT_M, accuracy_limit_m(np.nan_to_num(altitude_m)))
 
 
 def error_m(outputs: np.ndarray, truth_m: np.ndarray) -> np.ndarray:
-    """(n,) error of each altitude given, NaN where none is; infinite where there is no return (truth NaN)."""
+    """(n,) error of each computed altitude, NaN for others; infinite where there is no return (truth NaN)."""
     error = np.where(np.isfinite(truth_m), np.abs(outputs["altitude_m"] - truth_m), np.inf)
     return np.where(outputs["status"] == Status.NORMAL, error, np.nan)
 
 
 def is_hazardous(outputs: np.ndarray, truth_m: np.ndarray, limit_m: np.ndarray | float) -> np.ndarray:
-    """(n,) bool: called NORMAL, wrong by more than the alert limit, and bounded within it."""
+    """(n,) bool: status NORMAL, error above the alert limit, protection level within it."""
     return (error_m(outputs, truth_m) > limit_m) & (outputs["protection_level_m"] <= limit_m)
 
 
 @dataclass(frozen=True)
 class Integrity:
-    """Counts over a set of outputs; counts rather than rates, so that sets can be added with ``+``.
+    """Counts over a set of outputs; sets are added with ``+``.
 
     Attributes
     ----------
     outputs, computed : int
-        All outputs with a known truth; those called NORMAL.
+        All outputs with a known truth; those with status NORMAL.
     failures : int
-        Outputs called FAILURE.
+        Outputs with status FAILURE.
     misleading, hazardous : int
         See the module.
     wrong_5m, wrong_20m, wrong_accuracy : int
         Computed outputs whose error is at least 5 m, 20 m, or beyond the accuracy of DO-155 at the true altitude.
     interruptions : int
-        Computed outputs whose next one is not.
+        Computed outputs whose next output is not computed.
     followed : int
-        Computed outputs that have a next one.
+        Computed outputs that have a next output.
     unbounded : int
-        Computed outputs whose protection level exceeds the alert limit: given, but not to be used.
+        Computed outputs whose protection level exceeds the alert limit: not available.
     """
 
     outputs: int = 0
@@ -103,23 +103,23 @@ class Integrity:
 
     @classmethod
     def of_row(cls, row: Mapping[str, Any]) -> Integrity:
-        """Counts as a report's row holds them."""
+        """Counts of a report's row."""
         return cls(*(row[name] for name in COUNTS))
 
     def row(self) -> dict[str, Any]:
-        """Counts, availability, continuity, and the upper bounds of what must not happen."""
+        """Counts, availability, continuity, and upper bounds of the rates of errors."""
         names = ("misleading", "hazardous", "wrong_5m", "wrong_20m", "wrong_accuracy")
         bounds = {f"{name}_bound": self.bound(name) for name in names}
         return vars(self) | {"availability": self.availability, "continuity": self.continuity} | bounds
 
     @property
     def availability(self) -> float:
-        """Share of outputs that are computed with a protection level within the alert limit; NaN without outputs."""
+        """Share of outputs that are computed and have a protection level within the alert limit; NaN without outputs."""
         return (self.computed - self.unbounded) / self.outputs if self.outputs else float("nan")
 
     @property
     def continuity(self) -> float:
-        """Probability that a computed output is followed by another; NaN where none was followed at all."""
+        """Share of computed outputs with a next output whose next output is computed; NaN without any."""
         return 1.0 - self.interruptions / self.followed if self.followed else float("nan")
 
 
@@ -127,7 +127,7 @@ COUNTS = tuple(f.name for f in fields(Integrity))
 
 
 def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarray | float) -> Integrity:
-    """Judge the outputs of one run, in the order of time.
+    """Counts of the outputs of one run, in the order of time.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         wrong by every limit, and hazardous where its protection level is within the alert limit. An output without a meaning (a frame of synchronisation) has to
         be left out by the caller.
     alert_limit_m : (n,) or scalar, > 0
-        Error that must not go unnoticed.
+        Alert limit: the largest error without a warning.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
 
 
 def time_to_first_s(outputs: np.ndarray, sweep_s: float) -> float:
-    """Seconds from the start of the flight to the end of the first computed output; NaN if there is none."""
+    """Seconds from the start of the flight to the end of the first computed output; NaN without one."""
     computed = outputs["status"] == Status.NORMAL
     if not computed.any():
         return float("nan")
@@ -190,9 +190,9 @@ def time_to_alert_s(
     *,
     fault_frame: int,
 ) -> float:
-    """Seconds from a fault to the first output from which on none is hazardous any more; 0 if none ever was.
+    """Seconds from a fault to the end of the last hazardous output; 0 without one.
 
-    Infinite where the last output still is.
+    Infinite if the last output is hazardous.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def time_to_alert_s(
     sweep_s : float
         Seconds per frame.
     fault_frame : int
-        First frame that the fault touches.
+        First frame with the fault.
     """
     hazardous = is_hazardous(outputs, np.asarray(truth_m, dtype=float), alert_limit_m)
     hazardous &= outputs["frame_index"] >= fault_frame
@@ -223,9 +223,9 @@ def stanford(
     outputs, truth_m
         As in `integrity`.
     edges_m : (k + 1,) float
-        Rising bin edges from 0; what lies beyond the last counts in the last bin.
+        Rising bin edges from 0; values beyond the last edge count in the last bin.
     unit_m : (n,) or scalar
-        What the edges are multiples of, such as each output's alert limit.
+        Unit of the edges, such as each output's alert limit.
     """
     edges = np.asarray(edges_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL

@@ -1,4 +1,4 @@
-"""Markdown as the templates of our reports write it, as HTML: headings, paragraphs, lists, tables, figures."""
+"""HTML from the Markdown of the report templates: headings, paragraphs, lists, tables, figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KINDS = {
 }
 _SPANS = (  # in this order, on text between code spans
     (re.compile(r"\[([^\]]*)\]\((https?://[^)\s]*)\)"), r'<a href="\2">\1</a>'),
-    (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),  # a file beside the page may not be where the page is read
+    (re.compile(r"\[([^\]]*)\]\([^)]*\)"), r"\1"),  # files beside the page may be missing
     (re.compile(r"\*\*([^*]+)\*\*"), r"<b>\1</b>"),
     (re.compile(r"(?<!\w)[*_](?=\S)([^*_]+)(?<=\S)[*_](?!\w)"), r"<i>\1</i>"),
 )
@@ -27,15 +27,15 @@ _NUMBER = re.compile(r"(?:[<>]=|[≤≥<>])?\s*([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?
 
 
 def to_html(text: str, figure: Callable[[str], str]) -> str:
-    """A page as HTML, without its frame.
+    """A page as HTML, without ``<html>`` and ``<head>``.
 
-    Tables can be sorted by the script of ``page.html.j2``: each cell carries the number its text begins with, or its
-    text, as the first column always does; nothing where there is a dash. Links to other files become plain text.
+    The script of ``page.html.j2`` sorts tables by a value in each cell: the leading number of its text, else its text,
+    which the first column always has; nothing for a dash. Links to other files become plain text.
 
     Parameters
     ----------
     text : str
-        Markdown: the blocks named above, each begun at the start of a line; code, bold, italics and links in them.
+        Markdown: blocks that begin at the start of a line, with code, bold, italics and links.
     figure : callable
         From the file of a figure to its ``<svg>`` or ``<img>``.
     """
@@ -43,7 +43,7 @@ def to_html(text: str, figure: Callable[[str], str]) -> str:
 
 
 def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:
-    """(kind, lines) of each block; an indented line goes on with the item of a list before it."""
+    """(kind, lines) of each block; an indented line continues the list item before it."""
     kind, lines = "", list[str]()
     for line in text.splitlines():
         new = next((name for name, start in _KINDS.items() if start.match(line)), "p" if line.strip() else "")
@@ -67,7 +67,7 @@ def _block(kind: str, lines: list[str], figure: Callable[[str], str]) -> str:
         return _table(lines)
     if kind == "figure":
         found = _KINDS["figure"].match(lines[0])
-        assert found is not None  # what made it a figure
+        assert found is not None  # by the kind of the block
         caption = _spans(found["caption"])
         return f"<figure>{figure(found['file'])}<figcaption>{caption}</figcaption></figure>"
     if kind in ("ul", "ol"):
@@ -90,7 +90,7 @@ def _cell(text: str, label: bool = False) -> str:
 
 
 def _spans(text: str) -> str:
-    """Code as it is, in the rest links, bold and italics."""
+    """Code unchanged; links, bold and italics elsewhere."""
     out = []
     for k, part in enumerate(text.split("`")):
         if k % 2:

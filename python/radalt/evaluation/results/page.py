@@ -1,4 +1,4 @@
-"""Pages from templates: the prose of a report lies in a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
+"""Pages from templates: the text of a report is a ``.md.j2`` or ``.html.j2`` file beside the study's code."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .markdown import to_html
 
 __all__ = ["render", "write_page", "write_pages"]
 
-_FRAME = Path(__file__).parent  # of every HTML page: page.html.j2
+_FRAME = Path(__file__).parent  # folder of page.html.j2, the frame of every HTML page
 
 
 def render(template: Path, **values: Any) -> str:
-    """The template's text with values filled in; a name that is missing is an error.
+    """Render a template; an undefined name is an error.
 
-    Templates know the functions of `results.table` (``table``, ``number``, ``metres``, ``interval``, ...).
+    Templates may call the functions of `results.table` (``table``, ``number``, ``metres``, ``interval``, ...).
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -30,7 +30,7 @@ def render(template: Path, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=template.name.endswith(".html.j2"),  # Markdown is made of our own values
+        autoescape=template.name.endswith(".html.j2"),  # Markdown contains only values of this package
     )
     functions = {name: getattr(tables, name) for name in tables.__all__}
     return environment.get_template(template.name).render(**functions, **values)
@@ -45,24 +45,24 @@ def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) ->
     template : Path
         ``.md.j2``.
     values : mapping
-        For the template; with ``run``, a `Run` as a dict.
+        Values of the template; ``run`` is a `Run` as a dict.
     """
     return write_page(folder, render(template, **values), values["run"])
 
 
 def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: str = "") -> Path:
-    """Write ``report.md``, and ``report.html``, which needs nothing beside it and no network; returns the former.
+    """Write ``report.md``, and ``report.html``, which contains its figures; returns the path of ``report.md``.
 
     Parameters
     ----------
     folder : RunFolder
-        Holds the figures that the page shows; each is taken from its SVG where there is one.
+        Folder with the page's figures; an SVG is preferred.
     text : str
         Markdown.
     run : mapping
         A `Run` as a dict.
     more : str
-        Markdown at the end of ``report.html`` alone.
+        Markdown at the end of ``report.html`` only.
     """
     page = folder.write_text("report.md", text)
     html = render(
@@ -87,7 +87,7 @@ def _inline(figure: Path) -> str:
 
 
 def _settings(head: Mapping[str, Any]) -> str:
-    """Scene, points, methods, seed: everything that a row depends on but the versions."""
+    """Scene, points, methods, seed: everything on which a row depends, except versions."""
     import yaml
 
     shown = {k: v for k, v in head.items() if k not in ("schema", "journal", "versions")}

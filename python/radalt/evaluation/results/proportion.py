@@ -1,4 +1,4 @@
-"""Intervals of a proportion that was counted."""
+"""Intervals of a binomial proportion."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     centre = p + z2 / (2 * trials)
     half = np.sqrt(z2 * (p * (1 - p) / trials + z2 / (4 * trials**2)))
     low, high = (centre - half) / (1 + z2 / trials), (centre + half) / (1 + z2 / trials)
-    # at the ends the bound is the end itself; rounding must not step over it
+    # at 0 and 1 the bound is exact; rounding must not exceed it
     return (0.0 if successes == 0 else float(low)), (1.0 if successes == trials else float(high))
 
 
@@ -94,9 +94,9 @@ def clopper_pearson_bound(events: int, trials: int, confidence: float = 0.95) ->
 
 
 def mcnemar(ours_alone: int, theirs_alone: int) -> float:
-    """Probability that two methods of equal merit differ so much on the same trials, exact and two-sided.
+    """Exact two-sided p-value of McNemar's test for two methods on the same trials.
 
-    Only trials that one alone has right count: as likely the one's as the other's. Q. McNemar, Psychometrika 12, 1947.
+    Arguments are the trials that only one of them has correct. Q. McNemar, Psychometrika 12, 1947.
 
     Examples
     --------

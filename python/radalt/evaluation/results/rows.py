@@ -1,4 +1,4 @@
-"""Rows of a table: which columns it has, and how a value is written and read back."""
+"""Rows of a table: columns, and conversion of values to and from text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Columns"]
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of one table in their order; those neither text nor whole numbers are floats with nine digits.
+    """Columns of one table in order; columns that are neither text nor whole numbers are floats of nine digits.
 
     Attributes
     ----------
@@ -31,9 +31,9 @@ class Columns:
     timing: frozenset[str] = frozenset()
 
     def row(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """A row as it is kept: these columns, None for what does not exist (missing, NaN, infinite), floats rounded.
+        """A row with these columns, None for missing, NaN and infinite values, floats rounded.
 
-        So a row that was just measured and one that was read back are the same digits.
+        A measured row and a row from a file therefore have equal digits.
         """
         return {name: self._value(name, values.get(name)) for name in self.names}
 
@@ -47,7 +47,7 @@ class Columns:
         return float(f"{float(value):.9g}")
 
     def csv(self, rows: Iterable[Mapping[str, Any]], *, header: bool = True) -> str:
-        """Comma-separated text; what does not exist is an empty field."""
+        """Comma-separated text; missing values are empty fields."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         if header:
@@ -61,5 +61,5 @@ class Columns:
         return str(value) if name in self.text or name in self.whole else f"{float(value):.9g}"
 
     def subset(self, names: Sequence[str]) -> Columns:
-        """The same columns, only these and in this order."""
+        """The named columns, in the given order."""
         return Columns(tuple(names), self.text, self.whole, self.timing)

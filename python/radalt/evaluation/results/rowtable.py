@@ -1,4 +1,4 @@
-"""Rows as a table that prints, and that NumPy and pandas take."""
+"""Rows as a printable table with conversion to NumPy and pandas."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["Table"]
 
 
 class Table(Sequence[Mapping[str, Any]]):
-    """Rows with the same columns; what does not exist (no noise, no detection) is None.
+    """Rows with equal columns; missing values (no noise, no detection) are None.
 
     Parameters
     ----------
     rows : sequence of mapping
     shown : sequence of str, optional
-        Columns that are printed; default all.
+        Printed columns; default all.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Table(Sequence[Mapping[str, Any]]):
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
+        """HTML for notebooks."""
         head = "".join(f"<th>{escape(name)}</th>" for name in self._shown)
         lines = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in self._lines()]
         body = "".join(f"<tr>{line}</tr>" for line in lines)
@@ -75,7 +75,7 @@ class Table(Sequence[Mapping[str, Any]]):
         return out
 
     def to_pandas(self) -> pandas.DataFrame:
-        """The same as a pandas ``DataFrame``; raises ImportError where pandas is not installed."""
+        """The table as a pandas ``DataFrame``; raises ImportError without pandas."""
         import pandas
 
         return pandas.DataFrame({name: self.to_numpy()[name] for name in self.columns})

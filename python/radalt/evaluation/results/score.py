@@ -1,12 +1,12 @@
-"""What a batch of altitudes is worth against the truth: one scorer for every study.
+"""Score of altitudes against the truth, for every study.
 
-A *trial* is a frame that was asked for an altitude. It is *detected* if the altimeter declared one, *correct* if that
-lies within 5 m of the truth, *wrong and valid* if it was declared and does not. A trial without detection counts
-against Pd, never against the error of detections. The error of the forced decision is over all frames that have one; a
-frame that held nothing (silent, not finite, diverged) has none, and ``forced`` says how many did.
+A *trial* is a frame of the programme. It is *detected* if the altimeter declared an altitude, *correct* if the altitude
+is within 5 m of the truth, *wrong and valid* if it is declared and not correct. A trial without detection counts against
+Pd, never against the error of detections. The error of the forced decision is over all frames that have one; an empty
+frame (silent, not finite, diverged) has none, and ``forced`` is the number of the others.
 
-*Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell beside it, in decibels, the mean
-over forced decisions. It is 0 dB where the peak is not the return: 20 m off or more, the return is the lower of the two.
+*Peak-to-sidelobe ratio*: the main lobe of the range profile over the strongest cell outside it, in decibels, the mean
+over forced decisions. It is 0 dB for an error of 20 m or more, where the peak is not the return.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ __all__ = [
     "trials_of",
 ]
 
-CORRECT_LIMIT_M = 5.0  # success criterion of the paper
-FAR_LIMIT_M = 20.0  # a range cell of the default radar: beyond it, it is another target
-_FT_M = 0.3048
+CORRECT_LIMIT_M = 5.0  # largest error of a correct altitude, m: the paper's success criterion
+FAR_LIMIT_M = 20.0  # error from which a detection is another target, m: a range cell of the default sweep
+_FT_M = 0.3048  # international foot
 
 
 def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
@@ -46,18 +46,18 @@ def accuracy_limit_m(altitude_m: np.ndarray | float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Score:
-    """Counts and error sums of a set of trials; sums rather than means, so that sets can be added.
+    """Counts and error sums of a set of trials; sets are added with ``+``.
 
     Attributes
     ----------
     trials, detections, correct : int
         See the module.
     forced : int
-        Trials with a forced decision: all but those whose frame held nothing or was not finite.
+        Trials with a forced decision: all but those of empty or non-finite frames.
     lost : int
-        Frames of the programme that never came out of the segmenter; in none of the other counts.
+        Frames of the programme that the segmenter did not output; not in the other counts.
     far : int
-        Detections at least 20 m off.
+        Detections with an error of 20 m or more.
     squared_detected_m2, error_detected_m : float
         Sums over detections of the squared error and of the signed error (measured minus true).
     squared_forced_m2 : float
@@ -92,7 +92,7 @@ class Score:
 
     @property
     def wrong(self) -> int:
-        """Trials whose declared altitude was wrong: valid, and 5 m off or more."""
+        """Trials with a declared altitude whose error is 5 m or more."""
         return self.detections - self.correct
 
     @property
@@ -149,14 +149,14 @@ SCORE_COLUMNS = tuple(Score().row())
 
 
 def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> Score:
-    """Judge results against the altitudes that were true.
+    """Score results against true altitudes.
 
     Parameters
     ----------
     results : (n,) structured array of the altimeter's `RESULT_DTYPE`
     truth_m : (n,) metres
     lost : int
-        Frames that were flown and are not among the results.
+        Frames of the programme that are missing in the results.
     """
     valid = results["valid"]
     error = (results["altitude_m"] - truth_m)[valid]
@@ -180,17 +180,17 @@ def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> 
 
 
 def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None) -> Score:
-    """Judge one method's results against the programme.
+    """Score one method's results against the programme.
 
     Parameters
     ----------
     results : (n,) structured array of `RESULT_DTYPE`
-        Any order; frames outside the trials (preamble, synchronisation, past the end) do not count, and of a
-        frame index that occurs twice only the first.
+        In any order; frames outside the trials (preamble, synchronisation, past the end) and repetitions of a frame
+        index do not count.
     programme : Programme
-        Which altitude was flown in which frame.
+        True altitudes by frame.
     truth_m : (n,) metres, optional
-        What was flown instead, where altitudes were set by hand.
+        True altitudes instead of the programme's, where altitudes were set by hand.
     """
     counted, true = trials_of(results, programme, truth_m)
     return score_frames(counted, true, lost=programme.trial_frames - len(counted))
@@ -199,7 +199,7 @@ def score(results: np.ndarray, programme: Programme, truth_m: np.ndarray | None 
 def trials_of(
     results: np.ndarray, programme: Programme, truth_m: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Results that count, one per trial, and the altitudes in metres that were true for them; as `score` takes them."""
+    """Results of the trials, one each, and their true altitudes in metres; parameters as in `score`."""
     if truth_m is None:
         truth_m = programme.altitude_m(results["frame_index"])
     trials = np.flatnonzero(programme.is_trial(results["frame_index"]))
@@ -208,16 +208,16 @@ def trials_of(
 
 
 def pool(rows: Sequence[dict[str, Any]]) -> Score:
-    """The `Score` of several rows of reports together: counts added, error sums rebuilt from means."""
+    """Pooled `Score` of rows of reports: sums of counts, error sums from means."""
 
     def total(count: str, mean: str, power: int) -> float:
-        # a row without detections has no mean and adds nothing
+        # a row without detections has no mean
         return float(sum(row[count] * row[mean] ** power for row in rows if row[count]))
 
     def counted(name: str) -> int:
         return sum(row[name] for row in rows)
 
-    # rows written before there was this column make their pool have none
+    # without the column in one row, the pool has no value
     stated = all(row.get("peak_to_sidelobe_db") is not None for row in rows if row["forced"])
     return Score(
         trials=counted("trials"),

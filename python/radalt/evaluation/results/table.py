@@ -1,4 +1,4 @@
-"""Markdown tables and the numbers in them, written alike in every report."""
+"""Markdown tables and their numbers, in one format for every report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _exists(value: float | None) -> TypeGuard[float]:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Fixed digits; a dash where there is no number."""
+    """Fixed digits; a dash for a missing number."""
     return f"{value:.{digits}f}" if _exists(value) else DASH
 
 

@@ -1,37 +1,57 @@
-"""What a base station or a QPSK transmitter may send, and what happens to it on the way.
-
-Emitters have typical error vectors unless a case is called ideal.
-"""
+"""What a base station or a QPSK transmitter sends, and what happens to it on the way."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...core.channel.simulated import ChannelSettings, SimulatedChannel
+from ...core.interference.amplifier import Amplifier
+from ...core.interference.effects import ImpairedEmitter, Impairments
 from ...core.interference.emitters import NamedEmitter
 from ...core.interference.emitters.nr import NrEmitter
-from ...core.interference.emitters.qpsk import QpskEmitter
 from ...core.interference.emitters.qpsk_received import QpskReceivedEmitter
 from ...core.interference.emitters.tones import ToneEmitter
 from ...core.interference.evm import TYPICAL
-from ...core.interference.multipath import FadedEmitter, FadingChannel
-from ...core.interference.placement import Interferer, interference_frames
+from ...core.interference.multipath import FadingChannel
+from ...core.interference.placement import Emitter, Interferer, interference_frames
 from ...core.interference.stream import JammerStream
 from ...core.returns.point import point_return
 from ...core.waveform import Waveform
 
-__all__ = ["CASES", "NR10", "SNR_DB", "WAVEFORM", "Case", "received"]
+__all__ = ["CASES", "NR10", "SNR_DB", "SPEED_M_PER_S", "WAVEFORM", "Case", "Noisy", "received"]
 
 WAVEFORM = Waveform()
 SNR_DB = 10.0
-SPEED_M_PER_S = 10.0
+SPEED_M_PER_S = 10.0  # vertical speeds are drawn up to it
+NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41}
+_NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43}
+_NR20 = {
+    "channel_bandwidth_hz": 20e6,
+    "subcarrier_spacing_hz": 30e3,
+    "modulation": "256qam",
+    "frame_count": 2,
+    "seed": 45,
+}
+_NR100 = {"channel_bandwidth_hz": 100e6, "subcarrier_spacing_hz": 30e3, "seed": 47}
 _LEAD = 4  # frames of a stream before the first that counts
-NR10 = {"channel_bandwidth_hz": 10e6, "cell_id": 211, "frame_count": 2, "seed": 41, "evm": TYPICAL}
-_NR5 = {"channel_bandwidth_hz": 5e6, "cell_id": 402, "frame_count": 2, "seed": 43, "evm": TYPICAL}
-_QPSK = QpskReceivedEmitter(evm=TYPICAL)
+_30_KM_PER_H_HZ, _5_KM_PER_H_HZ = 120.0, 20.0  # at 4.3 GHz
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noisy(NamedEmitter):
+    """An emitter with white noise ``noise_db`` below it that comes along: emitter protocol."""
+
+    emitter: Emitter
+    noise_db: float
+
+    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        """(count,) complex128 at `rate_hz`, mean power of the signal 1."""
+        sent = self.emitter.samples(count, rate_hz, rng)
+        noise = rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
+        return sent + np.sqrt(0.5 * 10.0 ** (-self.noise_db / 10.0)) * noise
 
 
 @dataclass(frozen=True)
@@ -42,86 +62,35 @@ class Case:
     ----------
     title : str
         As in tables.
-    carrier : mapping
-        Keys of `NrEmitter`.
+    emitter : Emitter
+    method : str
+        The one that is made for it.
     overlap : float
         Of each frame.
-    fading : FadingChannel or None
-        On the way, drawn anew for every frame.
-    antennas : int
-        That send streams of their own on the same elements.
-    own_snr_db : float or None
-        Of the emitter's signal over noise that comes with it; None is none.
     tones : int
         Carriers of equal power together beside it, with as much power as it has.
     stream : bool
-        Goes on from frame to frame; otherwise it starts anew with each.
-    radio : mapping
+        Goes on from frame to frame; otherwise each frame is drawn, and searched, for itself.
+    radio : mapping or None
         Keys of `ChannelSettings`: what clocks, mixers and converters do to a stream.
-    qpsk : QpskEmitter or None
-        Sends in the place of an NR carrier.
-    asked : bool
-        Whether its limit was asked for beforehand; then it is measured with three times as many frames.
     """
 
     title: str
-    carrier: Mapping[str, object] = field(default_factory=lambda: NR10)
+    emitter: Emitter
+    method: str = "ofdm_cancel"
     overlap: float = 1.0
-    fading: FadingChannel | None = None
-    antennas: int = 1
-    own_snr_db: float | None = None
     tones: int = 0
     stream: bool = False
     radio: Mapping[str, object] | None = None
-    qpsk: QpskEmitter | None = None
-    asked: bool = False
-
-    def frames(self, count: int) -> int:
-        """How many frames per SIR a study of ``count`` gives it."""
-        return 3 * count if self.asked else count
 
 
-@dataclass(frozen=True, kw_only=True)
-class Antennas(NamedEmitter):
-    """A base station's antennas, each with a stream of its own on the same elements, and noise that comes along.
-
-    Emitter protocol; the streams have equal power, one timing, and payloads and phases of their own.
-    ``sent``, if given, gets what an ideal transmitter would have sent, (count,) complex64 per call: a genie knows all
-    symbols, and neither error vectors nor noise.
-    """
-
-    carrier: NrEmitter
-    antennas: int = 1
-    own_snr_db: float | None = None
-    sent: list[np.ndarray] | None = field(default=None, compare=False, repr=False)
-
-    def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-        """(count,) complex128 at `rate_hz`, mean power of the signal 1."""
-        window = int(rng.integers(2**62))
-        phase = np.exp(2j * np.pi * rng.random(self.antennas))
-
-        def streams(**changes: float) -> np.ndarray:
-            """(count,) the antennas' sum."""
-            each = (
-                turn
-                * replace(self.carrier, seed=self.carrier.seed + number, **changes).samples(
-                    count, rate_hz, np.random.default_rng(window)
-                )
-                for number, turn in enumerate(phase)
-            )
-            return sum(each) / np.sqrt(self.antennas)
-
-        sent = streams()
-        if self.sent is not None:
-            self.sent.append((streams(evm=0.0) if self.carrier.evm else sent).astype(np.complex64))
-        if self.own_snr_db is None:
-            return sent
-        noise = rng.standard_normal((count, 2)).view(np.complex128)[:, 0]
-        return sent + np.sqrt(0.5 * 10.0 ** (-self.own_snr_db / 10.0)) * noise
+def _nr10(evm: float = 0.0, **changes: object) -> NrEmitter:
+    return NrEmitter(**{**NR10, "evm": evm, **changes})
 
 
-def _nr10(**changes: object) -> dict[str, object]:
-    return {**NR10, **changes}
+def _faded(profile: str, doppler_hz: float = 0.0) -> ImpairedEmitter:
+    fading = FadingChannel(profile=profile, doppler_hz=doppler_hz)
+    return ImpairedEmitter(emitter=_nr10(0.03), effects=Impairments(fading=fading))
 
 
 _TWO_RADIOS = {
@@ -132,101 +101,68 @@ _TWO_RADIOS = {
     "iq_phase_deg": 0.3,
     "adc_bits": 12,
 }
-_30_KM_PER_H_HZ = 120.0  # at 4.3 GHz
+_QPSK = QpskReceivedEmitter(evm=TYPICAL)
 CASES = {
-    "nr10_qpsk": Case("10 MHz, QPSK", _nr10(modulation="qpsk")),
-    "nr10_16qam": Case("10 MHz, 16QAM", _nr10(modulation="16qam")),
-    "nr10_64qam": Case("10 MHz, 64QAM", asked=True),
-    "nr10_256qam": Case("10 MHz, 256QAM", _nr10(modulation="256qam"), asked=True),
-    "nr10_mixed": Case("10 MHz, users of all four alphabets", _nr10(modulation="mixed"), asked=True),
-    "nr10_mixed_stream": Case(
-        "10 MHz, users of all four alphabets, goes on from frame to frame",
-        _nr10(modulation="mixed"),
-        stream=True,
-        asked=True,
+    "ideal": Case("64QAM, ideal", _nr10()),
+    "evm_3": Case("64QAM, EVM 3 %", _nr10(0.03)),
+    "evm_5": Case("64QAM, EVM 5 %", _nr10(0.05)),
+    "evm_8": Case("64QAM, EVM 8 %", _nr10(0.08)),
+    "256qam": Case("256QAM, EVM 3.5 %", _nr10(0.035, modulation="256qam")),
+    "16qam": Case("16QAM, EVM 12.5 %", _nr10(0.125, modulation="16qam")),
+    "qpsk_users": Case("QPSK, EVM 17.5 %", _nr10(0.175, modulation="qpsk")),
+    "mixed": Case("users of all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed")),
+    "powers": Case(
+        "the same, powers within 6 dB, EVM 3 %", _nr10(0.03, modulation="mixed", power_spread_db=6.0)
     ),
-    "nr10_stream": Case("10 MHz, 64QAM, goes on from frame to frame", stream=True),
-    "nr10_stream_256qam": Case(
-        "10 MHz, 256QAM, goes on from frame to frame", _nr10(modulation="256qam"), stream=True
+    "load_30": Case("64QAM, EVM 3 %, 30 % of the blocks in use", _nr10(0.03, load=0.3)),
+    "amplifier": Case(
+        "64QAM, amplifier 6 dB below saturation",
+        ImpairedEmitter(emitter=_nr10(), effects=Impairments(amplifier=Amplifier(backoff_db=6.0))),
     ),
-    "nr10_part": Case("10 MHz, 64QAM, 0.6 of the frame", overlap=0.6, asked=True),
-    "nr10_burst": Case("10 MHz, 64QAM, 0.3 of the frame", overlap=0.3),
-    "nr10_load70": Case("10 MHz, 64QAM, 70 % of the blocks in use", _nr10(load=0.7)),
-    "nr10_load30": Case("10 MHz, 64QAM, 30 % of the blocks in use", _nr10(load=0.3)),
-    "nr10_offset": Case("10 MHz, 64QAM, carrier 1.234 567 MHz off", _nr10(carrier_hz=1_234_567.0)),
-    "nr10_offset_stream": Case(
-        "10 MHz, 64QAM of 3.7 GHz, carrier 1.234 567 MHz off, goes on from frame to frame",
-        _nr10(carrier_hz=1_234_567.0, upconversion_frequency_hz=3_699.99e6),
-        stream=True,
+    "layer_20": Case("64QAM, second layer 20 dB down", _nr10(second_layer_db=-20.0)),
+    "layer_0": Case("64QAM, second layer of equal power", _nr10(second_layer_db=0.0)),
+    "precoding": Case("64QAM, EVM 3 %, precoding per group and slot", _nr10(0.03, precoding=True)),
+    "eva": Case("64QAM, EVM 3 %, nine paths (EVA)", _faded("EVA")),
+    "ra4": Case("64QAM, EVM 3 %, four paths (RA4)", _faded("RA4")),
+    "pa": Case("64QAM, EVM 3 %, four paths (PA)", _faded("PA")),
+    "etu": Case("64QAM, EVM 3 %, echoes beyond the prefix (ETU)", _faded("ETU")),
+    "eva_moving": Case("EVA, 30 km/h, EVM 3 %", _faded("EVA", _30_KM_PER_H_HZ)),
+    "ra4_moving": Case("RA4, 30 km/h, EVM 3 %", _faded("RA4", _30_KM_PER_H_HZ)),
+    "pa_moving": Case("PA, 30 km/h, EVM 3 %", _faded("PA", _30_KM_PER_H_HZ)),
+    "nr5": Case("5 MHz, 64QAM, EVM 8 %", NrEmitter(**_NR5, evm=0.08)),
+    "nr20": Case("20 MHz, 30 kHz, 256QAM, EVM 3.5 %", NrEmitter(**_NR20, evm=0.035)),
+    "nr100": Case("100 MHz, 30 kHz, 64QAM, EVM 3 %", NrEmitter(**_NR100, evm=0.03)),
+    "part": Case("64QAM, EVM 3 %, 0.6 of the frame", _nr10(0.03), overlap=0.6),
+    "burst": Case("64QAM, EVM 3 %, 0.3 of the frame", _nr10(0.03), overlap=0.3),
+    "tones": Case("64QAM, EVM 3 %, and three tones as strong", _nr10(0.03), tones=3),
+    "noise_10": Case("64QAM, noise 10 dB below it", Noisy(emitter=_nr10(), noise_db=10.0)),
+    "noise_5": Case("64QAM, noise 5 dB below it", Noisy(emitter=_nr10(), noise_db=5.0)),
+    "stream": Case("stream, 64QAM, EVM 3 %", _nr10(0.03), stream=True),
+    "stream_mixed": Case(
+        "stream, all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed"), stream=True
     ),
-    "nr5": Case("5 MHz, 64QAM", _NR5, asked=True),
-    "nr5_part": Case("5 MHz, 64QAM, 0.6 of the frame", _NR5, overlap=0.6),
-    "nr10_eva": Case("10 MHz, 64QAM, nine paths (EVA)", fading=FadingChannel(profile="EVA")),
-    "nr10_eva_moving": Case(
-        "10 MHz, 64QAM, nine paths (EVA), 30 km/h",
-        fading=FadingChannel(profile="EVA", doppler_hz=_30_KM_PER_H_HZ),
-    ),
-    "nr10_paths_moving": Case(
-        "10 MHz, 64QAM, four paths (RA4), 30 km/h",
-        fading=FadingChannel(profile="RA4", doppler_hz=_30_KM_PER_H_HZ),
-        asked=True,
-    ),
-    "nr10_walk_moving": Case(
-        "10 MHz, 64QAM, four paths (PA), 30 km/h",
-        fading=FadingChannel(profile="PA", doppler_hz=_30_KM_PER_H_HZ),
-        asked=True,
-    ),
-    "nr10_etu": Case("10 MHz, 64QAM, nine paths over 5 us (ETU)", fading=FadingChannel(profile="ETU")),
-    "nr10_radios": Case("10 MHz, 64QAM, two radios", stream=True, radio=_TWO_RADIOS, asked=True),
-    "nr10_tones": Case("10 MHz, 64QAM, and three tones as strong", tones=3),
-    "nr10_powers": Case(
-        "10 MHz, mixed users of powers within 6 dB", _nr10(modulation="mixed", power_spread_db=6.0)
-    ),
-    "nr10_idle": Case("10 MHz, 64QAM, half of the slots idle", _nr10(slot_load=0.5)),
-    "nr10_noise10": Case("10 MHz, 64QAM, heard with noise 10 dB below it", own_snr_db=10.0),
-    "nr10_noise5": Case("10 MHz, 64QAM, heard with noise 5 dB below it", own_snr_db=5.0),
-    "nr10_antennas": Case("10 MHz, 64QAM, two antennas' streams on the same elements", antennas=2),
-    "qpsk": Case("QPSK, 2 MHz, rectangular pulses, as received", qpsk=_QPSK, asked=True),
-    "qpsk_stream": Case("QPSK, rectangular, goes on from frame to frame", stream=True, qpsk=_QPSK),
-    "qpsk_rrc": Case("QPSK, 2 MHz, root-raised-cosine, as received", qpsk=replace(_QPSK, pulse="rrc")),
-    "qpsk_part": Case("QPSK, rectangular, 0.6 of the frame", overlap=0.6, qpsk=_QPSK),
-    "qpsk_burst": Case("QPSK, rectangular, 0.3 of the frame", overlap=0.3, qpsk=_QPSK),
-    "qpsk_eva": Case("QPSK, rectangular, nine paths (EVA)", fading=FadingChannel(profile="EVA"), qpsk=_QPSK),
-    "qpsk_radios": Case("QPSK, rectangular, two radios", stream=True, radio=_TWO_RADIOS, qpsk=_QPSK),
-    "nr10_ideal": Case("10 MHz, 64QAM, ideal emitter", _nr10(evm=0.0)),
-    "nr10_256qam_ideal": Case("10 MHz, 256QAM, ideal emitter", _nr10(modulation="256qam", evm=0.0)),
-    "qpsk_ideal": Case("QPSK, rectangular, as received, ideal emitter", qpsk=QpskReceivedEmitter()),
-    "qpsk_paper": Case("QPSK as in the paper, switched on the sample grid, ideal", qpsk=QpskEmitter()),
+    "stream_radios": Case("stream, two radios, EVM 3 %", _nr10(0.03), stream=True, radio=_TWO_RADIOS),
+    "stream_ra4_5": Case("stream, RA4, 5 km/h, EVM 3 %", _faded("RA4", _5_KM_PER_H_HZ), stream=True),
+    "stream_ra4_30": Case("stream, RA4, 30 km/h, EVM 3 %", _faded("RA4", _30_KM_PER_H_HZ), stream=True),
+    "qpsk": Case("QPSK, 2 MHz, rectangular, typical EVM", _QPSK, "qpsk_cancel"),
+    "qpsk_stream": Case("stream, QPSK, rectangular, typical EVM", _QPSK, "qpsk_cancel", stream=True),
 }
 
 
 def received(
-    case: Case,
-    sir_db: float | None,
-    count: int,
-    rng: np.random.Generator,
-    sent: list[np.ndarray] | None = None,
+    case: Case, sir_db: float | None, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(count, N) complex64 frames at the case's SIR (None: without interference) and their altitudes, 3..1500 m.
-
-    ``sent``, if given, gets what NR antennas sent in each frame, (N,) complex64.
-    """
+    """(count, N) complex64 frames at the case's SIR (None: without interference) and their altitudes, 3..1500 m."""
     n, rate_hz = WAVEFORM.samples_per_frame, WAVEFORM.rate_hz
     altitude_m = rng.uniform(3.0, 1500.0, count)
-    speed = rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S, count)
     returns = point_return(
         WAVEFORM,
         altitude_m,
-        vertical_speed_m_per_s=speed,
+        vertical_speed_m_per_s=rng.uniform(-SPEED_M_PER_S, SPEED_M_PER_S, count),
         phase_cycles=rng.random(count),
         dtype=np.complex128,
     )
-    emitter = case.qpsk or NrEmitter(**case.carrier)
-    if case.antennas > 1 or case.own_snr_db is not None or sent is not None:
-        emitter = Antennas(carrier=emitter, antennas=case.antennas, own_snr_db=case.own_snr_db, sent=sent)
-    if case.fading is not None:
-        emitter = FadedEmitter(emitter=emitter, channel=case.fading)
-    interferers = [Interferer(emitter, 0.0 if sir_db is None else sir_db, case.overlap)]
+    interferers = [Interferer(case.emitter, 0.0 if sir_db is None else sir_db, case.overlap)]
     if case.tones:
         interferers.append(Interferer(ToneEmitter(case.tones), interferers[0].sir_db, case.overlap))
     if case.stream:
@@ -237,9 +173,7 @@ def received(
         jam = np.stack([stream.next_frame() for _ in range(count + _LEAD)])
         if sir_db is None:
             jam[:] = 0
-        # gain is set so that the converter clips at four times the rms
-        full_scale = 4.0 * np.sqrt(1.0 + 10.0 ** (-(sir_db or 0.0) / 10.0))
-        return _through(case, returns, jam, full_scale, rng), altitude_m
+        return _through(case, returns, jam, sir_db, rng), altitude_m
     noise = rng.standard_normal((count, n, 2)).view(np.complex128)[..., 0]
     frames = returns + np.sqrt(0.5 * 10.0 ** (-SNR_DB / 10.0)) * noise
     if sir_db is not None:
@@ -248,10 +182,12 @@ def received(
 
 
 def _through(
-    case: Case, returns: np.ndarray, jam: np.ndarray, full_scale: float, rng: np.random.Generator
+    case: Case, returns: np.ndarray, jam: np.ndarray, sir_db: float | None, rng: np.random.Generator
 ) -> np.ndarray:
     """(count, N) complex64: both streams through the simulated front end, whole frames again."""
     n = WAVEFORM.samples_per_frame
+    # gain is set so that the converter clips at four times the rms
+    full_scale = 4.0 * np.sqrt(1.0 + 10.0 ** (-(sir_db or 0.0) / 10.0))
     settings = ChannelSettings(
         snr_db=SNR_DB, start_offset_samples=float(n), full_scale=full_scale, **(case.radio or {})
     )

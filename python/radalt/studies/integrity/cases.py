@@ -6,23 +6,28 @@ Everything is a function of (case, seed, batch).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
 
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
+from ...core.interference.effects import ImpairedEmitter, Impairments, Running
 from ...core.interference.effects import parts as parts_of
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.evm import TYPICAL
+from ...core.interference.multipath import FadingChannel
 from ...core.interference.stream import Continued
+from ...core.receiver.leakage import LeakageCalibration, LeakageCanceller
 from ...core.receiver.segmenter import FrameSegmenter
 from ...core.returns.landing import LandingSpec
 from ...core.returns.point import point_return
 from ...core.scene import load_scene
-from ...core.waveform import Waveform
+from ...core.waveform import Waveform, altitude_to_delay_s, exp_cycles
 
 __all__ = ["BLOCK", "KINDS", "SCENES", "WAVEFORM", "Case", "Flight", "case_of", "cases", "fly", "received"]
 
@@ -33,9 +38,19 @@ _ANEW = "fmcw"  # heard now and then: each frame's window is drawn to meet a pas
 _PERIODIC = "pulsed_radar"  # of 4 kHz: every frame the same
 _LOWEST_M, _HIGHEST_M, _FASTEST = 5.0, 1400.0, 10.0  # m, m, m/s
 _NR_FRAMES = BLOCK // 10  # of 10 ms in a window of an emitter
-_DRAWN = 60  # cases that have nothing in common
+_DRAWN, _NOISE = 60, 4  # cases that have nothing in common but their kind
 _PREAMBLE = 8  # frames at altitude zero, on which the segmenter takes its timing
-_DRIFT = 150.0  # m/s of range for each ppm between the clocks of two altimeters, c / 2 * 1e-6
+_DRIFT = 150.0  # m/s of range for each ppm between two clocks, c / 2 * 1e-6
+_SPAN_M = 1500.0  # the altimeter's highest altitude
+_LATE = (
+    BLOCK // 4
+)  # frames of a block's last quarter, in which a step shows one output later (docs/tracker.md)
+_PEAK_M = 20.0  # two returns within a resolution cell of 7.5 MHz are one peak
+_NR_REPEATED = 20  # frames that a repeating transmitter sends again and again (docs/tracker.md)
+_TRANSMITTED_S = 0.3  # of GNU Radio's transmitters, from which every 40 ms are drawn
+_LEAKAGE_M, _GEAR_M = 1.0, 4.5  # of the scene `leakage`
+_CABLES_M = 15.0  # longest cables to the antennas, as altitude
+_CALIBRATION_FRAMES = 400  # docs/leakage.md
 
 KINDS = {
     "noise": "noise alone",
@@ -54,7 +69,33 @@ KINDS = {
     "altimeter_alone": "another altimeter slides through, no ground",
     "spoofed": "second return switched on in mid-track",
     "spoofed_first": "second return there before the ground",
+    "pull_off": "copy switched on over the ground walks off",
+    "two_grounds": "two grounds 5 to 30 m apart",
+    "bounce": "double and triple bounce",
+    "beyond": "ground beyond the span, to the unambiguous limit",
+    "frozen": "receiver repeats a frame or a block",
+    "leakage": "leakage with its calibration, cables of 0 to 15 m",
+    "gear": "landing gear beside leakage of 30 dB",
+    "nonlinear": "sweep not linear, by a share of its bandwidth",
+    "clock": "sample clocks of transmitter and receiver differ",
+    "gnuradio": "GNU Radio's own transmitters",
+    "fading": "NR and QPSK through fading that goes on",
+    "repeating": "interference that repeats itself exactly",
 }
+_SEGMENTED = ("slip", "clock", "leakage", "gear")  # received as a stream, by the segmenter
+# kinds without a fault in mid-flight
+_WHOLE = (
+    "noise",
+    "interference",
+    "jammed",
+    "drawn",
+    "landing",
+    "terrain",
+    "spoofed_first",
+    "two_grounds",
+    "bounce",
+)
+_WHOLE += ("beyond", "leakage", "nonlinear", "clock", "gnuradio", "fading", "repeating")
 
 
 @dataclass(frozen=True)
@@ -74,7 +115,8 @@ class Case:
     value : float
         Size of the fault: metres, share of frames, parts per million, rail over RMS.
     known : str
-        What of it docs/tracker.md names among what the tracker cannot tell; empty where the tracker has to stand it.
+        The limit of docs/tracker.md or docs/leakage.md, in that page's words, that puts the case outside the claim;
+        empty inside it.
     """
 
     kind: str
@@ -87,16 +129,20 @@ class Case:
     value: float = 0.0
     known: str = ""
 
+    @property
+    def known_limit(self) -> int:
+        """1 outside the claim, 0 inside: a matter of the case, never of what was measured."""
+        return int(bool(self.known))
+
 
 @dataclass(frozen=True)
 class Flight:
-    """Altitudes by frame, NaN without a return; the first frame of a fault (None: no fault); frames of steps."""
+    """Altitudes by frame, NaN without a return; the first frame of a fault (None: no fault); who makes the echoes."""
 
     middle_m: np.ndarray
     end_m: np.ndarray
     speed_m_per_s: np.ndarray
     fault_frame: int | None = None
-    steps: tuple[int, ...] = ()
     landing: object | None = None
 
 
@@ -111,7 +157,8 @@ def _scenes(kind: str, sirs: tuple[float, ...], snrs: tuple[float, ...], ground:
 
 
 def _all() -> Iterator[Case]:
-    yield Case("noise", "noise", ground=False)
+    for number in range(_NOISE):
+        yield Case("noise", f"noise/{number}", ground=False)
     yield from _scenes("interference", (-60.0, -30.0, 0.0), (10.0,), False)
     for number in range(_DRAWN):
         yield Case("drawn", f"drawn/{number}", overlap=np.nan, sir_db=np.nan, snr_db=np.nan)
@@ -125,6 +172,7 @@ def _all() -> Iterator[Case]:
     for value in (-300.0, -100.0, -30.0, -12.0, 12.0, 30.0, 100.0, 300.0):
         yield Case("step", f"step/{value:+g}m", value=value)
         yield Case("step", f"step/{value:+g}m/nr5/-20dB", "nr5", sir_db=-20.0, value=value)
+        yield Case("step", f"step/{value:+g}m/late", value=value, known="in the last quarter of a block")
     for kind, values in (("missing", (0.1, 0.4)), ("nan", (0.1, 0.4)), ("clipped", (0.1, 0.5, 1.5))):
         for value in values:
             yield Case(kind, f"{kind}/{value:g}", value=value)
@@ -134,7 +182,7 @@ def _all() -> Iterator[Case]:
     for ppm in (0.05, 0.3, 3.0, 20.0):
         for sir in (10.0, 0.0, -20.0):
             slow, what = _DRIFT * ppm <= 20.0, f"{ppm:g}ppm/{sir:g}dB"
-            hides = "stronger from the start, drifts as an aircraft" if slow and sir < -6.0 else ""
+            hides = "radar of the same sweep" if slow and sir < -6.0 else ""
             yield Case("altimeter", f"altimeter/{what}", sir_db=sir, value=ppm, known=hides)
             yield Case(
                 "altimeter_alone",
@@ -142,14 +190,74 @@ def _all() -> Iterator[Case]:
                 sir_db=sir,
                 value=ppm,
                 ground=False,
-                known="drifts as an aircraft, no ground" if slow else "",
+                known="radar of the same sweep" if slow else "",
             )
     for side, way in ((1.0, "beyond"), (-1.0, "nearer")):
         for level in (-8.0, -3.0, 3.0, 10.0, 20.0):
             for kind, hides_db in (("spoofed", 20.0), ("spoofed_first", 10.0 if side > 0 else 6.0)):
                 name = f"{kind}/{way}/{level:+g}dB"
-                known = f"stronger by {level:g} dB" if level >= hides_db else ""
-                yield Case(kind, name, sir_db=-level, value=side, known=known)
+                limit = "side lobes hide the ground" if kind == "spoofed" else "before the ground was seen"
+                yield Case(kind, name, sir_db=-level, value=side, known=limit if level >= hides_db else "")
+    yield from _returns()
+    yield from _faults()
+    yield from _transmitters()
+
+
+def _returns() -> Iterator[Case]:
+    """More than one return, or one where none is expected."""
+    for side, way in ((1.0, "up"), (-1.0, "down")):
+        for level in (6.0, 10.0, 15.0, 20.0):
+            yield Case("pull_off", f"pull_off/{way}/{level:+g}dB", sir_db=-level, value=side)
+    for apart in (5.0, 10.0, 15.0, 20.0, 30.0):
+        for level in (-6.0, 0.0, 6.0):
+            yield Case("two_grounds", f"two_grounds/{apart:g}m/{level:+g}dB", sir_db=-level, value=apart)
+        known = "echo within the peak" if apart <= _PEAK_M else ""
+        yield Case(
+            "two_grounds", f"two_grounds/{apart:g}m/nr5", "nr5", sir_db=-20.0, value=apart, known=known
+        )
+    for level in (-20.0, -10.0, -3.0):
+        yield Case("bounce", f"bounce/{level:g}dB", value=level)
+        yield Case("bounce", f"bounce/{level:g}dB/nr5/-20dB", "nr5", sir_db=-20.0, value=level)
+    for snr in (-10.0, 10.0, 30.0):
+        for number in range(4):
+            yield Case("beyond", f"beyond/{number}/snr{snr:g}", snr_db=snr)
+    for scene in ("nr5", "paper_qpsk"):
+        known = "Ground beyond the span where interference hides it"
+        yield Case("beyond", f"beyond/{scene}/-30dB", scene, sir_db=-30.0, known=known)
+
+
+def _faults() -> Iterator[Case]:
+    """Installation and receiver."""
+    for frames in (1.0, float(BLOCK)):
+        yield Case("frozen", f"frozen/{frames:g}", value=frames)
+        yield Case("frozen", f"frozen/{frames:g}/qpsk/-20dB", "paper_qpsk", sir_db=-20.0, value=frames)
+    for level in (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0):
+        yield Case("leakage", f"leakage/{level:+g}dB", value=level)
+    for left in (-15.0, 0.0, 6.0):  # of 40 dB, their phase changed since the calibration
+        known = "+6 dB and more" if left >= 6.0 else ""
+        yield Case("leakage", f"leakage/left{left:+g}dB", sir_db=-left, value=40.0, known=known)
+    for level in (-10.0, 0.0, 10.0, 20.0):
+        yield Case("gear", f"gear/{level:+g}dB", value=level)
+    for level in (-15.0, 0.0, 10.0):  # lowered in flight, so not in the calibration
+        known = "+6 dB and more" if level >= 6.0 else ""
+        yield Case("gear", f"gear/lowered/{level:+g}dB", sir_db=-level, value=level, known=known)
+    for share in (0.001, 0.003, 0.01):
+        yield Case("nonlinear", f"nonlinear/{100 * share:g}%", value=share)
+    for ppm in (-20.0, 20.0):
+        yield Case("clock", f"clock/{ppm:+g}ppm", value=ppm)
+
+
+def _transmitters() -> Iterator[Case]:
+    """Interference from other transmitters, through other channels, and sent again and again."""
+    for sir in (-20.0, -40.0):
+        for name in ("dvbt", "dvbt2", "atsc", "dvbs2", "ofdm"):
+            yield Case("gnuradio", f"gnuradio/{name}/{sir:g}dB", name, sir_db=sir)
+        for scene in ("nr5", "nr10", "qpsk_shaped"):
+            for doppler_hz in (10.0, 300.0):
+                name = f"fading/{scene}/{doppler_hz:g}Hz/{sir:g}dB"
+                yield Case("fading", name, scene, sir_db=sir, value=doppler_hz)
+    for scene, sir in (("nr10", -40.0), ("paper_qpsk", -28.0)):
+        yield Case("repeating", f"repeating/{scene}", scene, sir_db=sir, known="repeats itself exactly")
 
 
 @lru_cache(maxsize=1)
@@ -177,9 +285,12 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     """Draw the flight: a start from 5 to 1400 m, even in the logarithm, and a speed up to 10 m/s."""
     rng, sweep_s = _rng(case, seed, batch, 0), WAVEFORM.sweep_s
     index = np.arange(frames)
-    whole = ("noise", "interference", "jammed", "drawn", "landing", "terrain", "spoofed_first")
-    faulty = case.kind not in whole
-    fault = int(rng.integers(2 * frames // 5, frames // 2)) if faulty else None
+    begin = (2 * frames // 5, frames // 2)
+    if (
+        case.kind == "pull_off"
+    ):  # from a track that has just begun on; what is left is for the copy to walk off
+        begin = 4 * BLOCK, max(5 * BLOCK, frames // 5)
+    fault = None if case.kind in _WHOLE else int(rng.integers(*begin))
     if not case.ground:
         nothing = np.full(frames, np.nan)
         return Flight(nothing, nothing, np.zeros(frames))
@@ -191,12 +302,20 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
     if case.kind == "landing":
         start, speed = rng.uniform(40.0, 250.0), -abs(speed)
         at = np.sort(rng.integers(BLOCK, frames, max(1, frames // 400)))
+        at -= _LATE * (at % BLOCK >= BLOCK - _LATE)  # one later in a block is outside the claim
         steps = [(int(k), float(rng.uniform(-15.0, 15.0))) for k in at]
     elif case.kind == "step":
         start = float(rng.uniform(max(50.0, 30.0 - case.value), 1000.0))
+        place = fault % BLOCK
+        fault += (BLOCK - _LATE + place % _LATE if case.known else place % (BLOCK - _LATE)) - place
         steps = [(fault, case.value)]
     elif case.kind.startswith("spoofed"):
         start = float(rng.uniform(450.0, 900.0))
+    elif case.kind == "pull_off":  # aircraft and copy part
+        start, speed = float(rng.uniform(150.0, 900.0)), -case.value * abs(speed)
+    elif case.kind == "beyond":
+        top_m = WAVEFORM.max_unambiguous_altitude_m
+        start, speed = float(np.exp(rng.uniform(np.log(_SPAN_M), np.log(top_m)))), abs(speed)
     if start + speed * frames * sweep_s < _LOWEST_M:
         speed = abs(speed)
 
@@ -206,7 +325,7 @@ def fly(case: Case, seed: int, batch: int, frames: int) -> Flight:
         return np.maximum(start + speed * time_s + jumps, _LOWEST_M)
 
     middle, end = at((index + 0.5) * sweep_s), at((index + 1) * sweep_s)
-    return Flight(middle, end, np.full(frames, speed), fault, tuple(k for k, _ in steps))
+    return Flight(middle, end, np.full(frames, speed), fault)
 
 
 def _landing(rng: np.random.Generator, frames: int) -> Flight:
@@ -227,22 +346,22 @@ def _landing(rng: np.random.Generator, frames: int) -> Flight:
 def received(case: Case, flight: Flight, seed: int, batch: int) -> Iterator[tuple[np.ndarray, ...]]:
     """(frame index, (n, N) complex64 frames, timing offset in s) of up to 40 frames, as the receiver hands them on."""
     rng = _rng(case, seed, batch, 1)
-    if case.kind == "slip":
+    if case.kind in _SEGMENTED:
         return _segmented(case, flight, rng)
     return ((index, frames, 0.0) for index, frames in _frames(case, flight, rng) if index.size)
 
 
 def _frames(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    n, total = WAVEFORM.samples_per_frame, flight.middle_m.size
+    total = flight.middle_m.size
     if case.kind == "drawn":
         overlap, levels = float(rng.choice((0.3, 0.6, 1.0))), rng.uniform((-62.0, -10.0), (-20.0, 15.0))
         case = dataclasses.replace(case, overlap=overlap, sir_db=float(levels[0]), snr_db=float(levels[1]))
     sources = _sources(case, flight, rng)
     out = _spoilt(case, flight, rng) if case.kind in ("missing", "nan") else np.zeros(total, dtype=bool)
-    level, rail = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0)), None
+    level, rail, held = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0)), None, []
     for first in range(0, total, BLOCK):
         index = np.arange(first, min(first + BLOCK, total))
-        frames = rng.standard_normal((index.size, n, 2), dtype=np.float32).view(np.complex64)[..., 0] * level
+        frames = _noise(index.size, rng) * level
         for source, begin in sources:
             on = index >= begin
             if on.any():
@@ -251,12 +370,24 @@ def _frames(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator[tu
         if case.kind == "clipped":
             rail = case.value * float(np.std(rails)) if rail is None else rail  # a gain that is set once
             np.clip(rails, -rail, rail, out=rails)
+        if case.kind == "frozen":
+            for k, frame in zip(index, frames, strict=True):
+                if k >= flight.fault_frame + case.value:
+                    frame[:] = held[(k - flight.fault_frame) % len(held)]
+                elif k >= flight.fault_frame:
+                    held.append(frame.copy())
         bad = out[index]
         if case.kind == "nan":
             rails[bad] = np.nan
         elif case.kind == "missing":
             index, frames = index[~bad], frames[~bad]
         yield index, frames
+
+
+def _noise(frames: int, rng: np.random.Generator) -> np.ndarray:
+    """(frames, N) complex64, each rail of unit power."""
+    shape = frames, WAVEFORM.samples_per_frame, 2
+    return rng.standard_normal(shape, dtype=np.float32).view(np.complex64)[..., 0]
 
 
 Source = Callable[[np.ndarray], np.ndarray]
@@ -267,14 +398,15 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
     w, sources = WAVEFORM, []
     fault = flight.fault_frame or 0
     phase = rng.random(2)
+    ground = flight.middle_m, flight.speed_m_per_s
     if flight.landing is not None:
         sources.append((lambda k: np.stack([flight.landing.frame(int(i)) for i in k]), 0))
+    elif case.kind == "nonlinear":
+        sources.append((_bent(case.value, _point(*ground, phase[0]), flight.middle_m, rng), 0))
     elif case.ground:
-        sources.append((_point(flight.middle_m, flight.speed_m_per_s, phase[0]), 0))
-    if case.kind == "drawn" and rng.random() < 0.5:
-        echo = _point(flight.middle_m + rng.uniform(5.0, 120.0), flight.speed_m_per_s, phase[1])
-        share = np.float32(10.0 ** (rng.uniform(-25.0, -6.0) / 20.0))
-        sources.append((lambda k: echo(k) * share, 0))
+        sources.append((_point(*ground, phase[0]), 0))
+    for where, speed, level_db, begin in _others(case, flight, rng):
+        sources.append((_point(where, speed, phase[1], level_db), begin))
     if case.scene or case.kind == "drawn":
         interferers, total = _interferers(case, rng)
 
@@ -290,25 +422,83 @@ def _sources(case: Case, flight: Flight, rng: np.random.Generator) -> list[tuple
             )
 
         sources.append((interference, fault if case.kind == "switched_on" else 0))
-        return sources
-    if case.kind.startswith("altimeter"):
+    return sources
+
+
+def _others(
+    case: Case, flight: Flight, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, np.ndarray, float, int]]:
+    """Returns beside the ground's: altitudes, speeds, level over the ground's in dB, and the frame from which on."""
+    ground, speed, fault = flight.middle_m, flight.speed_m_per_s, flight.fault_frame or 0
+    time_s = (np.arange(ground.size) + 0.5) * WAVEFORM.sweep_s
+    if case.kind == "drawn" and rng.random() < 0.5:
+        apart = rng.uniform(5.0, 120.0)
+        yield ground + apart, speed, rng.uniform(-25.0, -6.0), 0
+    elif case.kind.startswith("altimeter"):
         drift = _DRIFT * case.value * float(rng.choice((-1.0, 1.0)))
-        time_s = (np.arange(flight.middle_m.size) - 0.4 * flight.middle_m.size + 0.5) * w.sweep_s
-        where, speed, begin = rng.uniform(0.0, 1500.0) + drift * time_s, np.full(time_s.size, drift), 0
+        where = rng.uniform(0.0, _SPAN_M) + drift * (time_s - 0.4 * ground.size * WAVEFORM.sweep_s)
+        yield where, np.full(ground.size, drift), -case.sir_db, 0
     elif case.kind.startswith("spoofed"):
         apart = case.value * float(rng.uniform(60.0, 400.0))
-        where, speed = flight.middle_m + apart, flight.speed_m_per_s
-        begin = fault if case.kind == "spoofed" else 0
-    else:
-        return sources
-    second, strength = _point(where, speed, phase[1]), np.float32(10.0 ** (-case.sir_db / 20.0))
-    return [*sources, (lambda k: second(k) * strength, begin)]
+        yield ground + apart, speed, -case.sir_db, fault
+    elif case.kind == "pull_off":
+        copy = case.value * float(rng.uniform(_FASTEST, 2.0 * _FASTEST))
+        apart = (copy - speed) * np.maximum(time_s - fault * WAVEFORM.sweep_s, 0.0)
+        yield ground + apart, np.full(ground.size, copy), -case.sir_db, fault
+    elif case.kind == "two_grounds":
+        yield ground + case.value, speed, 0.0 if case.scene else -case.sir_db, 0
+    elif case.kind == "bounce":
+        yield 2.0 * ground, 2.0 * speed, case.value, 0
+        yield 3.0 * ground, 3.0 * speed, 2.0 * case.value, 0
 
 
-def _point(altitude_m: np.ndarray, speed: np.ndarray, phase: float) -> Source:
-    return lambda k: point_return(
-        WAVEFORM, altitude_m[k], vertical_speed_m_per_s=speed[k], phase_cycles=phase
+def _bent(share: float, source: Source, altitude_m: np.ndarray, rng: np.random.Generator) -> Source:
+    """A return whose sweep leaves the line by ``share`` of its bandwidth at most; the receiver's sweep does not.
+
+    The deviation is a function of the frequency, as an oscillator's is: one to three waves over the band.
+    """
+    w, waves, start = WAVEFORM, int(rng.integers(1, 4)), rng.random()
+    scale = share * w.bandwidth_hz * w.half_sweep_s / (2.0 * np.pi * waves)
+
+    def frames(index: np.ndarray) -> np.ndarray:
+        delayed = w.sample_times_s - np.asarray(altitude_to_delay_s(altitude_m[index]))[:, None]
+        half = np.mod(delayed, w.sweep_s) / w.half_sweep_s
+        band = np.where(half < 1.0, half, 2.0 - half)
+        wave = np.sin(2.0 * np.pi * (waves * band + start)) - np.sin(2.0 * np.pi * start)
+        return source(index) * exp_cycles(np.where(half < 1.0, scale, -scale) * wave)
+
+    return frames
+
+
+def _point(altitude_m: np.ndarray, speed: np.ndarray, phase: float, level_db: float = 0.0) -> Source:
+    strength = np.float32(10.0 ** (level_db / 20.0))
+    return lambda k: (
+        point_return(WAVEFORM, altitude_m[k], vertical_speed_m_per_s=speed[k], phase_cycles=phase) * strength
     )
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """An emitter of which nothing is known but its samples, so that no period of it is played again."""
+
+    samples: Callable[[int, float, np.random.Generator], np.ndarray]
+
+
+def _transmitter(name: str, seed: int) -> _Samples:
+    """Stretches of one of GNU Radio's transmitters, each from a place drawn at random."""
+    from scipy import signal
+
+    from ...evaluation.transmitters import TRANSMITTERS, transmit
+
+    ratio = Fraction(WAVEFORM.rate_hz) / Fraction(TRANSMITTERS[name].rate_hz)
+    sent = transmit(name, _TRANSMITTED_S, seed)
+    sent = signal.resample_poly(sent, ratio.numerator, ratio.denominator).astype(np.complex64)
+
+    def samples(count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+        first = int(rng.integers(sent.size - count + 1))
+        return sent[first : first + count]
+
+    return _Samples(samples)
 
 
 def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer], float | None]:
@@ -316,6 +506,9 @@ def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer]
     if case.kind == "drawn":
         parts = [Interferer(_emitter(rng), 0.0, case.overlap) for _ in range(rng.integers(1, 4))]
         total_sir_db = case.sir_db
+    elif case.kind == "gnuradio":
+        parts = [Interferer(_transmitter(case.scene, int(rng.integers(1 << 31))), case.sir_db)]
+        total_sir_db = None
     else:
         scene = load_scene(case.scene).at(overlap=case.overlap, sir_db=case.sir_db)
         parts, total_sir_db = scene.interference, scene.total_sir_db
@@ -326,10 +519,15 @@ def _interferers(case: Case, rng: np.random.Generator) -> tuple[list[Interferer]
             span = emitter.span_hz or WAVEFORM.rate_hz
             tones = rng.uniform(-0.5, 0.5, emitter.count) * span
             emitter = dataclasses.replace(emitter, frequencies_hz=tuple(tones))
-        name = parts_of(emitter)[0].scene_name
-        if name != _ANEW:
-            periodic = name == _PERIODIC
-            length = 1 if periodic else BLOCK
+        name = getattr(parts_of(emitter)[0], "scene_name", "")
+        if case.kind == "fading":
+            fading = FadingChannel(profile="EVA", doppler_hz=case.value)
+            through = ImpairedEmitter(emitter=_Samples(emitter.samples), effects=Impairments(fading=fading))
+            emitter = Running(through, WAVEFORM.samples_per_frame)
+            emitter.steady = True
+        elif name != _ANEW:
+            periodic = name == _PERIODIC or case.kind == "repeating"
+            length = (1 if name == _PERIODIC else _NR_REPEATED) if periodic else BLOCK
             emitter = Continued(emitter, WAVEFORM.samples_per_frame, length, repeats=periodic)
         out.append(dataclasses.replace(interferer, emitter=emitter, start=start))
     return out, total_sir_db if len(out) > 1 or case.kind == "drawn" else None
@@ -366,10 +564,21 @@ def _spoilt(case: Case, flight: Flight, rng: np.random.Generator) -> np.ndarray:
 
 
 def _segmented(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, ...]]:
-    """Samples lost once without a tag, and what the segmenter makes of the stream."""
+    """What the segmenter makes of the stream: samples lost once without a tag, clocks apart, leakage."""
     w, n = WAVEFORM, WAVEFORM.samples_per_frame
-    segmenter = FrameSegmenter(w, None, true_delay=True)
     total = flight.middle_m.size
+    cut, lost = total * n, 0
+    background, leakage, installation_m = np.zeros((2, n), np.complex64), None, 0.0
+    if case.kind in ("leakage", "gear"):
+        background, leakage, installation_m = _installed(case, rng)
+    apart = _DRIFT * case.value if case.kind == "clock" else 0.0
+    begun_s = (np.arange(total) + 0.5) * w.sweep_s
+    heard = dataclasses.replace(
+        flight,
+        middle_m=flight.middle_m + installation_m + apart * begun_s,
+        speed_m_per_s=flight.speed_m_per_s + apart,
+    )
+    segmenter = FrameSegmenter(w, None, true_delay=True, leakage=leakage)
 
     def sent(index: int) -> tuple[float, float]:
         at = index - _PREAMBLE
@@ -379,15 +588,46 @@ def _segmented(case: Case, flight: Flight, rng: np.random.Generator) -> Iterator
         return float(flight.middle_m[at]), float(flight.speed_m_per_s[at])
 
     segmenter.follow(sent)
-    lost = int(rng.choice([rng.integers(1, 10), rng.integers(1, n), n * int(rng.integers(1, 4))]))
-    cut = flight.fault_frame * n + int(rng.integers(0, n))
-    noise = rng.standard_normal((_PREAMBLE, n, 2), dtype=np.float32).view(np.complex64)[..., 0]
-    segmenter.push((point_return(w, np.zeros(_PREAMBLE)) + np.float32(0.1) * noise).ravel())
-    for index, frames in _frames(case, flight, rng):
-        first = int(index[0]) * n
-        position = first + np.arange(frames.size)
+    if case.kind == "slip":
+        lost = int(rng.choice([rng.integers(1, 10), rng.integers(1, n), n * int(rng.integers(1, 4))]))
+        cut = flight.fault_frame * n + int(rng.integers(0, n))
+    first = background[0] if leakage is not None else point_return(w, np.zeros(_PREAMBLE))
+    segmenter.push((first + np.float32(0.1) * _noise(_PREAMBLE, rng)).ravel())
+    tail = np.array([total]), _noise(1, rng)  # the last frame ends some samples later
+    for index, frames in itertools.chain(_frames(case, heard, rng), [tail]):
+        frames += background[(index >= (flight.fault_frame or 0)).astype(int)]
+        position = int(index[0]) * n + np.arange(frames.size)
         found = segmenter.push(frames.ravel()[(position < cut) | (position >= cut + lost)])
         found = [f for f in found if 0 <= f.index - _PREAMBLE < total]
         if found:
             numbers = np.array([f.index - _PREAMBLE for f in found])
             yield numbers, np.stack([f.samples for f in found]), np.array([f.offset_s for f in found])
+
+
+def _installed(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, LeakageCanceller, float]:
+    """(2, N) what stands beside the ground before and after a fault, its canceller, and the cables in metres."""
+
+    def line(level_db: float, distance_m: float) -> np.ndarray:
+        return point_return(WAVEFORM, distance_m, phase_cycles=rng.random()) * np.float32(
+            10.0 ** (level_db / 20.0)
+        )
+
+    cables_m = float(rng.uniform(0.0, _CABLES_M))
+    if case.kind == "leakage":
+        before = line(case.value, _LEAKAGE_M)
+        left = 0.0 if case.sir_db is None else 10.0 ** ((-case.sir_db - case.value) / 20.0)
+        after = stored = before
+        before = after = before * np.complex64(np.exp(2j * np.arcsin(0.5 * left)))
+    else:
+        stored = before = line(30.0, _LEAKAGE_M)
+        gear = line(case.value, _GEAR_M)
+        after = before + gear
+        if case.sir_db is None:
+            stored = before = after
+    noise = np.float32(10.0 ** (-case.snr_db / 20.0) / np.sqrt(2.0))
+    parts = [
+        LeakageCalibration.measured(WAVEFORM, stored + noise * _noise(BLOCK, rng)).coefficients
+        for _ in range(_CALIBRATION_FRAMES // BLOCK)
+    ]
+    found = LeakageCalibration(WAVEFORM, np.mean(parts, axis=0), cables_m - _LEAKAGE_M)
+    return np.stack([before, after]), LeakageCanceller(found), cables_m

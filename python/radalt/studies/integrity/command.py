@@ -1,11 +1,10 @@
 """Can the altitude be trusted: tracked outputs of every method over interference, faults and deception.
 
     .venv/bin/python flowgraphs/integrity.py  # one flight of 2 s through each case, into results/integrity
-    .venv/bin/python flowgraphs/integrity.py --outputs=100000 --resume  # hours; goes on with what is there
+    .venv/bin/python flowgraphs/integrity.py --frames=2120 --resume --publish docs  # 100,276 outputs inside the claim
     .venv/bin/python flowgraphs/integrity.py --replay jammed/nr5/1/-40dB/snr10:1:0  # one flight, output by output
-    .venv/bin/python flowgraphs/integrity.py --publish docs  # then docs/integrity.md, its figures and tables
 
-Exits with 1 if an output was hazardous beyond the limits that docs/tracker.md states.
+Exits with 1 if an output was hazardous inside the claim: in no case at a limit that docs/tracker.md states.
 """
 
 from __future__ import annotations
@@ -72,9 +71,9 @@ def _after(folder: Path, args: argparse.Namespace, study: IntegrityStudy) -> int
     report = read_report(folder)
     if args.captures:
         _keep(study, report["events"], folder)
-    said = report["headline"]["open"]
-    print(f"{said['hazardous']} of {said['outputs']} outputs hazardous beyond the stated limits,", end=" ")
-    print(f"below {said['bound']:.1e} (95 %)")
+    said = report["headline"]["inside"]
+    print(f"{said['hazardous']} of {said['outputs']} outputs hazardous inside the claim,", end=" ")
+    print(f"below {said['bound']:.1e} per output, {said['flight_bound']:.1e} per flight (95 %)")
     return 1 if said["hazardous"] else 0
 
 

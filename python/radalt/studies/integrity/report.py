@@ -14,7 +14,7 @@ from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.page import write_pages
 from ...evaluation.results.score import Score, clopper_pearson_bound
 from ...evaluation.results.table import DASH, number, table
-from .cases import BLOCK, KINDS, WAVEFORM, case_of, fly
+from .cases import BLOCK, KINDS, WAVEFORM, case_of
 from .columns import BY_KIND, EVENTS, POOLED
 
 if TYPE_CHECKING:
@@ -69,16 +69,6 @@ def pooled(rows: Sequence[Row], key: Callable[[Row], Any]) -> list[dict[str, Any
     return [summarise(mine) for mine in groups.values()]
 
 
-def _cause(row: Row, last: int, study: IntegrityStudy) -> str:
-    """Which limit that docs/tracker.md states a hazardous output comes of; empty for none."""
-    case = case_of(row["case"])
-    if case.known or case.kind not in ("step", "landing"):
-        return case.known
-    steps = fly(case, study.seed, row["batch"], study.frames).steps
-    late = any(last - BLOCK // 4 < k <= last for k in steps)
-    return "step in the block's last quarter" if late else ""
-
-
 def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]]:
     """Every hazardous output, a row of `EVENTS` each."""
     out = []
@@ -87,7 +77,7 @@ def events_of(rows: Sequence[Row], study: IntegrityStudy) -> list[dict[str, Any]
             values = dict(zip(EVENTS.names[4:9], event.split(","), strict=True))
             numbers = {k: float(v) if v else None for k, v in values.items()}
             where = {"replay": f"{row['case']}:{study.seed}:{row['batch']}", "seed": study.seed}
-            where["cause"] = _cause(row, int(numbers["frame_index"]), study)
+            where["cause"] = case_of(row["case"]).known
             out.append(EVENTS.row({**row, **numbers, **where}))
     return out
 
@@ -107,12 +97,13 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
     default = "tcae" if "tcae" in study.methods else study.methods[-1]
     report = folder.head | {
         "run": run.as_dict(),
-        "headline": _headline(rows, by_case, events, default),
+        "headline": _headline(rows, by_case, default),
         "hazardous": len(events),
     }
     values = report | {
         "flight_s": study.frames * WAVEFORM.sweep_s,
-        "kind_table": _kind_table(by_kind),
+        "kind_table": _kind_table([r for r in by_kind if not r["known_limit"]]),
+        "outside_table": _kind_table([r for r in by_kind if r["known_limit"]]),
         "unavailable_table": _unavailable_table(by_case, default),
         "event_table": _event_table(events),
         "flights_listed": _LISTED,
@@ -124,34 +115,44 @@ def write_report(folder: RunFolder, study: IntegrityStudy, rows: Sequence[Row], 
     return page
 
 
-def _headline(
-    rows: Sequence[Row], by_case: Sequence[Row], events: Sequence[Row], default: str
-) -> dict[str, Any]:
-    """Numbers of the first paragraph: all methods, the default method, and both without what is known to be open."""
-    open_ = [r for r in rows if not case_of(r["case"]).known]
+def _claim(rows: Sequence[Row]) -> dict[str, Any]:
+    """Outputs and flights of rows, those that are hazardous, and the 95 % bounds of both rates.
+
+    Outputs of a flight are not independent. A flight counts once, whatever its methods.
+    """
+    total = sum((Integrity.of_row(r) for r in rows), Integrity())
+    flights = {(r["case"], r["batch"]) for r in rows}
+    wrong = {(r["case"], r["batch"]) for r in rows if r["hazardous"]}
+    return {
+        "outputs": total.outputs,
+        "hazardous": total.hazardous,
+        "bound": total.bound("hazardous"),
+        "flights": len(flights),
+        "hazardous_flights": len(wrong),
+        "flight_bound": clopper_pearson_bound(len(wrong), len(flights)),
+    }
+
+
+def _headline(rows: Sequence[Row], by_case: Sequence[Row], default: str) -> dict[str, Any]:
+    """Numbers of the first paragraph: the cases inside the claim, all methods and the default one; availability."""
+    inside = [r for r in rows if not case_of(r["case"]).known_limit]
     names = {r["case"] for r in _visible(by_case, default)}
     seen = [r for r in rows if r["method"] == default and r["case"] in names]
-    jammed = [r for r in seen if r["kind"] == "jammed"]
 
     def share(mine: Sequence[Row]) -> dict[str, float]:
         total = sum((Integrity.of_row(r) for r in mine), Integrity())
         return {"all": total.availability, "after_start": _after_start(total, len(mine))}
 
-    def judged(method: str = "") -> dict[str, Any]:
-        outputs = sum(r["outputs"] for r in open_ if r["method"] == method or not method)
-        count = sum(not e["cause"] for e in events if e["method"] == method or not method)
-        return {"outputs": outputs, "hazardous": count, "bound": clopper_pearson_bound(count, outputs)}
-
     return {
         "default": default,
         "cases": len({r["case"] for r in rows}),
-        "outputs": sum(r["outputs"] for r in rows),
-        "open": judged(),
-        "of_default": judged(default),
+        "cases_inside": len({r["case"] for r in inside}),
+        "inside": _claim(inside),
+        "of_default": _claim([r for r in inside if r["method"] == default]),
+        "all": _claim(rows),
         "visible_cases": len(names),
-        "flights": len({(r["case"], r["batch"]) for r in rows}),
         "availability": share(seen),
-        "availability_jammed": share(jammed),
+        "availability_jammed": share([r for r in seen if r["kind"] == "jammed"]),
     }
 
 
@@ -190,23 +191,24 @@ def _rate(value: float) -> str:
 
 
 def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """`summarise` by kind and method; what is known to be open stands in rows of its own."""
-    found = pooled(rows, lambda r: (r["kind"], bool(case_of(r["case"]).known), r["method"]))
+    """`summarise` by kind and method; what is outside the claim stands in rows of its own."""
+    found = pooled(rows, lambda r: (r["kind"], case_of(r["case"]).known_limit, r["method"]))
     for row in found:
-        row["known_limit"] = int(bool(case_of(row["case"]).known))
+        row["known_limit"] = case_of(row["case"]).known_limit
     return sorted(found, key=lambda r: (list(KINDS).index(r["kind"]), r["known_limit"]))
 
 
 def _kind_table(found: Sequence[Row]) -> str:
-    """A line per kind, its methods side by side."""
+    """A line per kind, its methods side by side; empty without rows."""
     methods = list(dict.fromkeys(r["method"] for r in found))
     lines = []
-    for kind, known in dict.fromkeys((r["kind"], r["known_limit"]) for r in found):
-        at = {r["method"]: r for r in found if (r["kind"], r["known_limit"]) == (kind, known)}
+    for kind in dict.fromkeys(r["kind"] for r in found):
+        at = {r["method"]: r for r in found if r["kind"] == kind}
         mine = [at[m] for m in methods]
         lines.append(
             [
-                KINDS[kind] + (" (known limit)" if known else ""),
+                KINDS[kind],
+                mine[0]["parts"],
                 mine[0]["outputs"],
                 " / ".join(number(r["availability"]) for r in mine),
                 " / ".join(number(r["after_start"]) for r in mine),
@@ -219,6 +221,7 @@ def _kind_table(found: Sequence[Row]) -> str:
         )
     header = [
         "case",
+        "flights",
         "outputs per method",
         "available",
         "after the start",
@@ -226,7 +229,7 @@ def _kind_table(found: Sequence[Row]) -> str:
         "hazardous",
         "its bound",
     ]
-    return table([*header, "Pd per frame", "wrong per frame"], lines)
+    return table([*header, "Pd per frame", "wrong per frame"], lines) if lines else ""
 
 
 def _event_table(events: Sequence[Row]) -> str:

@@ -43,6 +43,15 @@ __all__ = [
 TRACKER = TrackerSettings(doppler=True, leakage_m=0.0)
 # milliseconds a frame that a scene's interference takes; the rest of a frame is _BASE_S
 _SCENE_MS = {"qpsk_shaped": 0.5, "tones": 0.3, "mixture": 1.2, "fmcw": 10.0, "faa_mask": 1.0}
+_KIND_MS = {
+    "terrain": 8.0,
+    "leakage": 1.0,
+    "gear": 1.0,
+    "fading": 1.5,
+    "gnuradio": 1.0,
+    "bounce": 0.5,
+    "nonlinear": 0.5,
+}
 _BASE_S = 8e-4
 
 
@@ -195,7 +204,7 @@ class IntegrityStudy(Study):
     def seconds(self, point: Point) -> float:
         """See `Study`."""
         case = case_of(point.case)
-        ms = _SCENE_MS.get(case.scene, 0.1) + (8.0 if case.kind == "terrain" else 0.0)
+        ms = _SCENE_MS.get(case.scene, 0.1) + _KIND_MS.get(case.kind, 0.0)
         alone = sum(seconds_per_frame(c.method, WAVEFORM, c.settings) for c in self.chains)
         return point.frames * (_BASE_S + 1e-3 * ms + alone + 1e-4 * len(self.methods))
 

@@ -1,4 +1,4 @@
-"""Every emitter that a scene can name: one file each, called as in a scene, imported when a scene names it.
+"""Emitters by their name in a scene: one file each, named as in a scene and imported on first use.
 
 A new emitter is a file here, or a class anywhere that is passed to `register` (docs/design.md, "Add an interferer").
 """
@@ -22,7 +22,7 @@ class NamedEmitter:
     Attributes
     ----------
     scene_name : str
-        Key in a scene's ``interference``; of an emitter in this folder also the name of its file.
+        Key in a scene's ``interference``; for an emitter in this folder also the name of its file.
     """
 
     scene_name: ClassVar[str] = ""
@@ -38,7 +38,7 @@ class NamedEmitter:
 
     @property
     def stated_sir_db(self) -> float | None:
-        """SIR by a link budget of the emitter's own, in decibels; None leaves it to the scene."""
+        """SIR by the emitter's link budget, in decibels; None leaves it to the scene."""
         return None
 
     def notes(self, rate_hz: float) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ _FILES = tuple(file.name for file in pkgutil.iter_modules(__path__) if not file.
 
 
 def register(cls: _Class) -> _Class:
-    """Class decorator: scenes may name this emitter by its ``scene_name`` from now on.
+    """Class decorator: makes an emitter known to scenes by its ``scene_name``.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def register(cls: _Class) -> _Class:
 
 
 def emitter_names() -> tuple[str, ...]:
-    """Names that a scene can use: the files of this folder, then what was registered from outside."""
+    """Names that a scene can use: the files of this folder, then registered emitters."""
     return (*_FILES, *(name for name in _CLASSES if name not in _FILES))
 
 

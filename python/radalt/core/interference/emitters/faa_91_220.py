@@ -3,10 +3,10 @@
 91 FR 48656 (in force 2026-09-29) gives the power flux density in dBW/m^2/MHz that an altimeter has to
 withstand from 0 to 500 ft. A receiving antenna of gain G collects
 
-    PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi)        [dBW/MHz]
+    PSD(f) = PFD(f) + G + 10 log10(lambda(f)^2 / 4 pi) - cable        [dBW/MHz]
 
-which the receiver's selectivity weighs. Every band of the table is taken as filled at once, the hardest
-reading.
+at the receiver's input (`core/returns/link_budget.py`), weighted by the receiver's selectivity. All bands of the
+table are taken as occupied at once, the worst case.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from scipy.constants import Boltzmann, foot, speed_of_light
+from scipy.constants import Boltzmann, foot
 
+from ...returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
+from ...returns.terrain.antenna import GaussianAntenna
+from ...returns.terrain.ground import reflectivity
 from ..receiver_filter import check_count, check_receiver, decimate_window, receiver_taps, window_guard
 from . import NamedEmitter, register
 
@@ -37,9 +40,9 @@ TABLE_1 = (
     (4450.0, 4460.0, 6.5),
     (4460.0, 5600.0, 9.5),
 )
-BAND_HZ = (4.2e9, 4.4e9)
-MAX_ALTITUDE_FT = 500.0
-REFERENCE_TEMPERATURE_K = 290.0
+BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
+MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
+REFERENCE_TEMPERATURE_K = 290.0  # of noise figures, IEEE Std 145
 
 
 def check_altitude_ft(altitude_ft: float) -> None:
@@ -134,7 +137,7 @@ class BandReport:
 
 @dataclass(frozen=True)
 class FaaReport:
-    """What the mask does to the receiver; powers in dBm, ratios in dB, `sir_db` before any compression."""
+    """Received powers under the mask in dBm, ratios in dB; `sir_db` before any compression."""
 
     altitude_ft: float
     range_m: float
@@ -171,8 +174,10 @@ class FaaMask(NamedEmitter):
     center_hz : radar centre frequency, in 4.2e9..4.4e9
     noise_figure_db : 0..30; 8 dB as quoted for the first altimeter of ITU-R M.2059 Table 2
     tx_power_w : transmit power of the return's budget, > 0; 0.4 W of the same altimeter
-    sigma0_db : near-nadir reflectivity of the ground (m^2/m^2 in dB); to be swept
-    beamwidth_deg : full two-way beam that bounds the lit ground, 1..120
+    losses_db : cables, both ways together, 0..60; interference passes the receiver's half. Assumed
+    sigma0_db : reflectivity of the ground at nadir (m^2/m^2 in dB), falling with incidence as `Morchin`'s built-up land
+        does; no measured value was found, so it is to be swept
+    beamwidth_deg : full beam of one antenna between its -3 dB points, 1..120
     antenna_height_m : antenna above the wheels, > 0: the range at 0 ft
     receiver_bandwidth_hz : flat bandwidth of `samples`; None is 0.9 of the rate
 
@@ -185,7 +190,7 @@ class FaaMask(NamedEmitter):
     -------
     >>> report = FaaMask(altitude_ft=200.0).report()
     >>> round(report.in_band_dbm, 1)
-    -67.3
+    -70.3
     """
 
     scene_name: ClassVar[str] = "faa_91_220"
@@ -196,7 +201,8 @@ class FaaMask(NamedEmitter):
     center_hz: float = 4.3e9
     noise_figure_db: float = 8.0
     tx_power_w: float = 0.4
-    sigma0_db: float = 0.0
+    losses_db: float = 6.0
+    sigma0_db: float = 10.5
     beamwidth_deg: float = 40.0
     antenna_height_m: float = 2.0
     receiver_bandwidth_hz: float | None = None
@@ -208,6 +214,7 @@ class FaaMask(NamedEmitter):
             "center_hz": BAND_HZ,
             "noise_figure_db": (0.0, 30.0),
             "tx_power_w": (1e-6, 1e3),
+            "losses_db": (0.0, 60.0),
             "sigma0_db": (-60.0, 40.0),
             "beamwidth_deg": (1.0, 120.0),
             "antenna_height_m": (0.1, 20.0),
@@ -245,25 +252,25 @@ class FaaMask(NamedEmitter):
 
     def power_densities_w(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Received W/Hz before and after the filter at `frequency_hz` (...)."""
-        aperture_m2 = (
-            10.0 ** (self.antenna_gain_dbi / 10.0) * (speed_of_light / frequency_hz) ** 2 / (4 * np.pi)
+        unit_db = port_density_dbm_per_mhz(
+            0.0, frequency_hz=self.center_hz, gain_dbi=self.antenna_gain_dbi, cable_db=0.5 * self.losses_db
         )
-        density = 10.0 ** (pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) / 10.0) * 1e-6 * aperture_m2
+        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # of W/Hz
+        density = 10.0 ** (level_db / 10.0) * (self.center_hz / frequency_hz) ** 2
         return density, density * self.receiver_filter.power_gain(frequency_hz)
 
     def return_power_w(self) -> float:
-        """Beam-limited ground return in watts, by the radar equation for the lit disc.
-
-        P G^2 lambda^2 sigma0 A / ((4 pi)^3 R^4) with A = pi (R tan(beamwidth/2))^2.
-        """
-        range_m = self.range_m
-        area_m2 = np.pi * (range_m * np.tan(np.radians(self.beamwidth_deg) / 2)) ** 2
-        gain = 10.0 ** (self.antenna_gain_dbi / 10.0)
-        wavelength_m = speed_of_light / self.center_hz
-        cross_section_m2 = 10.0 ** (self.sigma0_db / 10.0) * area_m2
-        return (
-            self.tx_power_w * gain**2 * wavelength_m**2 * cross_section_m2 / ((4 * np.pi) ** 3 * range_m**4)
+        """Return of level, diffuse ground in watts: the same budget as `RadarLink`'s over terrain."""
+        ground = reflectivity()
+        nadir_db = 10.0 * math.log10(float(ground.sigma0(np.array(0.0), self.center_hz)))
+        loss_db = diffuse_loop_loss_db(
+            self.range_m,
+            antenna=GaussianAntenna(self.beamwidth_deg, self.antenna_gain_dbi),
+            ground=reflectivity(level_db=self.sigma0_db - nadir_db),
+            carrier_hz=self.center_hz,
+            losses_db=self.losses_db,
         )
+        return self.tx_power_w * 10.0 ** (-loss_db / 10.0)
 
     @property
     def range_m(self) -> float:
@@ -335,5 +342,5 @@ def band_limited_noise(
 
 
 def filter_energy(rate_hz: float, bandwidth_hz: float) -> float:
-    """Sum of the squared taps of the receiver's filter: its mean output power for unit white input."""
+    """Sum of the squared taps of the receiver's filter: its mean output power for white input of unit power."""
     return float(np.sum(receiver_taps(rate_hz, rate_hz / 2, bandwidth_hz) ** 2))

@@ -1,8 +1,8 @@
 """Another FMCW radio altimeter.
 
-The signal is computed at a multiple of the radar's rate that holds its whole band. It is then filtered and decimated as
-in a receiver, so that what lies outside the band does not fold into it. Its long-run mean power after the filter is
-about 1. It is heard in short passages only, so by default a window is placed to meet one.
+The signal is computed at a multiple of the radar's rate that holds all of its band. It is then filtered and decimated
+as in a receiver, so that nothing aliases into the band. Its long-run mean power after the filter is about 1. It crosses
+the band for a short time only, so by default a window is drawn that contains a crossing.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class FmcwEmitter(NamedEmitter):
     up_fraction : part of the period spent on the up sweep, 0..1; 0.5 is a triangle, 1 and 0 are sawtooths
     receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     always_in_window : draw the timing such that the sweep crosses the band inside the window; False draws it
-        uniformly, and many short windows are then silent
+        uniformly, and many short windows are then empty
 
     Raises
     ------

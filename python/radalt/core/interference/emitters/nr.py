@@ -1,6 +1,6 @@
 """5G NR downlink as an interferer: OFDM (TS 38.211 clause 5.3.1), reception at the radar's rate, emitter.
 
-The carrier is built at its own rate (or a multiple, where its offset demands it), and moved to its offset. It is
+The carrier is generated at its native rate (or a multiple, where its offset needs it) and shifted to its offset. It is
 then filtered as in a receiver, resampled by polyphase filters and cached. Windows are cut from the cache.
 """
 
@@ -46,9 +46,11 @@ __all__ = [
     "ssb_block",
 ]
 
-FRAME_SECONDS = 10e-3
-_AMPLIFIED = 4  # times the carrier's own rate: products up to the seventh order fold outside the carrier
-HALF_SUBFRAME_SYMBOLS = 7  # of 15 kHz; the long cyclic prefix comes every 0.5 ms
+FRAME_SECONDS = 10e-3  # radio frame, TS 38.211 clause 4.3.1
+_AMPLIFIED = 4  # rate of the amplifier over the native rate: products up to the seventh order alias outside the carrier
+HALF_SUBFRAME_SYMBOLS = (
+    7  # symbols of 15 kHz spacing in 0.5 ms, after which the long cyclic prefix comes again
+)
 
 
 def cyclic_prefix_lengths(fft_length: int, spacing_hz: float = SUBCARRIER_SPACING_HZ) -> np.ndarray:
@@ -130,7 +132,7 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     length = config.fft_length if fft_length is None else fft_length
     errors = np.random.default_rng(
         [config.seed, 0xE7]
-    )  # of their own: the payload is that of the ideal carrier
+    )  # a separate generator for errors: the payload equals the ideal carrier's
     frames = [
         ofdm_modulate(
             transmitted(resource_grid(config, rng), errors),
@@ -186,7 +188,7 @@ class NrEmitter(NamedEmitter, NrConfig):
 
     @property
     def period_s(self) -> float:
-        """After how long the signal repeats."""
+        """Period of the signal in seconds."""
         return self.frame_count * FRAME_SECONDS
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -203,8 +205,8 @@ class NrEmitter(NamedEmitter, NrConfig):
         """One period of the received signal, for streaming: (frame_count * 10 ms * rate,) complex128, and Hz.
 
         The array (read-only, cached, unit mean power) repeats without a seam. It holds the carrier at a
-        multiple of 100 Hz; the second value, within +-50 Hz, is what is left to shift. An ``amplifier`` acts on
-        what is sent, at four times the carrier's rate or more. Raises as `samples`.
+        multiple of 100 Hz; the second value, within +-50 Hz, is the remaining shift. An ``amplifier`` acts on the
+        transmitted signal, at four times the carrier's rate or more. Raises as `samples`.
         """
         return _received(self, float(rate_hz), amplifier)
 
@@ -214,7 +216,7 @@ class NrEmitter(NamedEmitter, NrConfig):
 
 
 def _internal_fft_length(emitter: NrEmitter, rate_hz: float) -> int:
-    """Transform long enough that what the offset shift folds over stays outside the receiver's band."""
+    """FFT length at which aliases of the shifted carrier stay outside the receiver's band."""
     need_hz = abs(emitter.carrier_hz) + emitter.sample_rate_hz / 2 + rate_hz / 2
     length = emitter.fft_length
     while length * emitter.subcarrier_spacing_hz < need_hz:
@@ -234,7 +236,7 @@ def _receive(
             f"keep |carrier_hz| below {reach_hz:g}"
         )
     length = _internal_fft_length(emitter, rate_hz)
-    if amplifier is not None:  # room for what grows beside the carrier
+    if amplifier is not None:  # room for spectral regrowth
         length = max(length, _AMPLIFIED * emitter.fft_length)
     sent = frame_samples(emitter, length)
     sent_energy = np.vdot(sent, sent).real
@@ -252,7 +254,7 @@ def _receive(
     return received, fraction, emitter.carrier_hz - steps / FRAME_SECONDS
 
 
-@lru_cache(maxsize=8)  # a second is 120 MB
+@lru_cache(maxsize=8)  # a period of a second is 120 MB
 def _received(
     emitter: NrEmitter, rate_hz: float, amplifier: Amplifier | None = None
 ) -> tuple[np.ndarray, float]:

@@ -1,8 +1,8 @@
 """A coherent pulsed radar.
 
-The signal is computed at a multiple of the radar's rate that holds its whole band. It is then filtered and decimated as
-in a receiver, so that what lies outside the band does not fold into it. Its long-run mean power after the filter is
-about 1. It is heard in short passages only, so by default a window is placed to meet one.
+The signal is computed at a multiple of the radar's rate that holds all of its band. It is then filtered and decimated
+as in a receiver, so that nothing aliases into the band. Its long-run mean power after the filter is about 1. Its duty
+cycle is low, so by default a window is drawn that contains a pulse.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class PulsedRadarEmitter(NamedEmitter):
     rise_time_s : duration of each raised-cosine edge, > 0
     receiver_bandwidth_hz : flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate
     always_in_window : draw the timing such that a pulse lies inside the window; False draws it uniformly, and many
-        short windows are then silent
+        short windows are then empty
 
     Raises
     ------

@@ -48,8 +48,8 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
 class QpskEmitter(NamedEmitter):
     """QPSK with rectangular or root-raised-cosine pulses, random symbols, phase and symbol timing.
 
-    Rectangular pulses are the paper's: they switch on the sample grid, unfiltered. `QpskReceivedEmitter` is what a
-    receiver hears.
+    Rectangular pulses are the paper's: symbols change on the sample grid, unfiltered. `QpskReceivedEmitter` adds the
+    receiver's filter and a separate symbol clock.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class QpskEmitter(NamedEmitter):
             symbols = _CONSTELLATION[drawn]
             if self.evm:
                 symbols += error_vectors(symbols.size, self.evm_fraction, rng)
-            if not self.carrier_hz:  # there are fewer symbols to turn than samples
+            if not self.carrier_hz:  # the carrier phase is applied to symbols, which are fewer than samples
                 return np.take(symbols * turn, index)
             baseband = symbols[index]
         else:
@@ -134,10 +134,10 @@ class QpskEmitter(NamedEmitter):
         return baseband * turn
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """Samples of that mean power into ``span``, complex64 or complex128, where this takes less than `samples`.
+        """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.
 
-        True if written: ideal rectangular pulses without a carrier have one modulus, so their symbols are scaled before
-        they are held. Otherwise nothing is drawn or written.
+        True if written: ideal rectangular pulses without a carrier offset have constant modulus, so symbols are scaled
+        in place of samples. Otherwise nothing is drawn or written.
         """
         rate = self.symbol_rate_hz / rate_hz
         if self.pulse != "rectangular" or self.carrier_hz or self.evm or rate > 1:
@@ -154,23 +154,23 @@ class QpskEmitter(NamedEmitter):
     def _held(
         count: int, rate: float, offset: float, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols, ``rate`` per sample, as points of the constellation; and which each of ``count`` samples holds."""
-        # times are not negative: the conversion is the floor. Made with the sum it takes half the time, and to 32 bits
-        # it is vectorised
+        """Constellation points of the symbols, ``rate`` per sample, and the (count,) symbol index of each sample."""
+        # conversion of non-negative times is the floor; fused with the sum it takes half the time, and 32 bits are
+        # vectorised
         index = np.add(_ramp(count, rate), offset, out=np.empty(count, dtype=np.int32), casting="unsafe")
         return rng.integers(0, 4, int(index[-1]) + 1 if count else 1), index
 
     def _shaped(self, count: int, rate: float, offset: float, rng: np.random.Generator) -> np.ndarray:
-        """Polyphase root-raised-cosine at the rational ``down/up`` samples-per-symbol nearest the wanted one."""
+        """Polyphase root-raised-cosine at the rational ``down/up`` samples per symbol nearest to ``1/rate``."""
         ratio = Fraction(1 / rate).limit_denominator(64)
         up, down = ratio.numerator, ratio.denominator
-        # a pulse rings on for the inverse of its roll-off: cut at 1.2 of that its spectrum ripples by a few percent
+        # a pulse decays over 1 / rolloff symbols: truncated at 1.2 / rolloff, its spectrum ripples by a few percent
         side = int(np.ceil(min(32.0, max(6.0, 1.2 / max(self.rolloff, 1e-3)))))
         taps = rrc_taps(self.rolloff, up, 2 * side)
         lead = int(offset * up)  # symbol timing, in steps of 1/up symbol
         symbols = -(-(count * down + lead) // up) + 2 * side
         start = side * up + lead
-        pad = -start % down  # in front of the taps, so that every ``down``-th sample is one that is wanted
+        pad = -start % down  # zeros before the taps, so that decimation by ``down`` keeps the right samples
         taps = np.concatenate([np.zeros(pad), taps * np.sqrt(up)])
         from scipy import signal  # see core/fir.py
 
@@ -183,14 +183,14 @@ _CONSTELLATION = np.exp(0.25j * np.pi * (1 + 2 * np.arange(4)))
 
 
 def qpsk_symbols(count: int, rng: np.random.Generator, evm: float = 0.0) -> np.ndarray:
-    """(count,) random unit QPSK symbols, with error vectors of that RMS."""
+    """(count,) random unit QPSK symbols with error vectors of RMS ``evm``."""
     symbols = _CONSTELLATION[rng.integers(0, 4, count)]
     return symbols + error_vectors(count, evm, rng) if evm else symbols
 
 
 @lru_cache(maxsize=16)
 def _ramp(count: int, step: float) -> np.ndarray:
-    """(count,) float64 multiples of ``step`` from 0 on, read-only: the same for every frame of an emitter."""
+    """(count,) float64 multiples of ``step`` from 0 on, read-only and cached: every frame of an emitter needs them."""
     ramp = np.arange(count) * step
     ramp.setflags(write=False)
     return ramp

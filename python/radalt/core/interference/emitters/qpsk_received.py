@@ -1,4 +1,4 @@
-"""QPSK as a receiver with a filter and a clock of its own hears it."""
+"""QPSK behind a receiver's filter, with a symbol clock that is independent of the sample clock."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from .qpsk import QpskEmitter, qpsk_symbols, rrc_taps
 
 __all__ = ["QpskReceivedEmitter"]
 
+# rate of the pulses over the radar's: rectangular ones have side lobes without end, root-raised-cosine is band-limited
 _OVERSAMPLING = {"rectangular": 16, "rrc": 2}
-_STEPS = 256  # per symbol, between which the root-raised-cosine pulse is interpolated: -90 dB
+_STEPS = 256  # table of the root-raised-cosine pulse, steps per symbol: linear interpolation errs by -90 dB
 
 
 @register
@@ -23,17 +24,17 @@ _STEPS = 256  # per symbol, between which the root-raised-cosine pulse is interp
 class QpskReceivedEmitter(QpskEmitter):
     """QPSK whose symbols begin between samples, through the receiver's filter: emitter protocol.
 
-    `QpskEmitter` switches its rectangular pulses on the sample grid, as the paper does. So every sample is one of four
-    points, and a method can exploit what no receiver hears. Here pulses are made at 16 times the rate, each fine sample
-    being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses are made at twice
-    the rate, at the exact times.
+    `QpskEmitter` changes its rectangular symbols on the sample grid, as the paper does. Every sample is then one of
+    four points, which no receiver observes and a method could exploit. Here pulses are made at 16 times the rate, each
+    fine sample being the mean over its duration; then they are filtered and decimated. Root-raised-cosine pulses are
+    made at twice the rate, at the exact times.
 
     Parameters
     ----------
     bandwidth_hz, carrier_hz, pulse, rolloff, evm
-        As in `QpskEmitter`. ``carrier_hz`` includes what the two oscillators are apart.
+        As in `QpskEmitter`. ``carrier_hz`` includes the carrier frequency offset of the oscillators.
     clock_ppm : float
-        How much faster the emitter's symbol clock runs than the radar's, -1000..1000.
+        Symbol clock offset against the radar, -1000..1000; positive where the emitter's clock is faster.
     receiver_bandwidth_hz : float or None
         Flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate.
     """
@@ -71,7 +72,7 @@ class QpskReceivedEmitter(QpskEmitter):
         return decimate_window(fine * exp_cycles(cycles, np.complex128), rate_hz, factor, bandwidth_hz)
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
-        """Nothing is written faster than `samples` gives it."""
+        """Always False: there is no faster way than `samples`."""
         return False
 
 
@@ -94,7 +95,7 @@ def _shaped(times: np.ndarray, rolloff: float, evm: float, rng: np.random.Genera
     index = times.astype(np.intp)
     symbols = qpsk_symbols(int(index[-1]) + 2 * side, rng, evm)
     out = np.zeros(times.size, dtype=np.complex128)
-    for offset in range(2 * side):  # the pulse is longest ago first
+    for offset in range(2 * side):  # the oldest pulse first
         at = low + (2 * side - 1 - offset) * _STEPS
         out += symbols[index + offset] * (taps[at] * (1 - part) + taps[at + 1] * part)
     return out

@@ -1,4 +1,4 @@
-"""A recording as an interferer: what was once on the air, moved into the band and placed like every emitter."""
+"""A recording as an interferer: shifted into the band and placed like every emitter."""
 
 from __future__ import annotations
 
@@ -18,43 +18,46 @@ from . import NamedEmitter, register
 
 __all__ = ["RecordingEmitter"]
 
-_MOST_S = 1.0
-_MOST_BYTES = 1 << 40
-_MOST_UP = 16
+_MOST_S = 1.0  # longest part of a recording in use, s: 120 MB at 7.5 MS/s
+_MOST_BYTES = 1 << 40  # largest file, bytes: five hours at 7.5 MS/s, complex64
+_MOST_UP = 16  # largest oversampling for the frequency shift: beyond it the offset is a mistake of the scene
 _REMEDY = "name another file, or make one by flowgraphs/make_recording.py"
-_FOLDED = 1e-7  # of the power: what the filter's stop band lets through
+_FOLDED = (
+    1e-7  # smallest share of the power that is signal: ten times the receiver filter's stop band (80 dB)
+)
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class RecordingEmitter(NamedEmitter):
-    """Samples of a file, as the radar's receiver would hear them: emitter protocol, mean power 1.
+    """Samples of a file behind the radar's receiver filter: emitter protocol, mean power 1.
 
     Parameters
     ----------
     file : str
         A ``.sigmf-meta`` of one complex channel, or raw samples if ``rate_hz`` and ``datatype`` are given.
     offset_hz : float
-        By how much it is moved in frequency: where its centre ends, relative to the radar's. Rounded to a whole number
-        of cycles over ``seconds``.
+        Frequency shift: the recording's centre relative to the radar's afterwards. Rounded to a whole number of cycles
+        over ``seconds``.
     start_s, seconds : float
-        Which part of it is used, at most 1 s. It repeats.
+        Part of the file in use, at most 1 s. It repeats.
     rate_hz : float or None
-        Of raw samples; a SigMF file states its own.
+        Sample rate of raw samples; a SigMF file states its rate.
     datatype : str
-        Of raw samples, in SigMF's words: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
+        Format of raw samples as in SigMF: ``cf32_le``, ``ci16_le``, ``ci8``, ``cu8``.
     receiver_bandwidth_hz : float or None
         Flat two-sided bandwidth of the radar's channel filter; None is 0.9 of the rate.
 
     Raises
     ------
     ValueError
-        One line: what is missing or does not fit; from `samples` for what the file holds.
+        One line: what is missing or does not fit; the file's content is checked by `samples`.
 
     Notes
     -----
-    A recording has its own noise, which no demodulation takes away. An estimate of it becomes a note of the report,
-    with licence, author and description in its metadata. The file is read when samples are first asked for.
+    A recording contains the noise of its receiver, which demodulation cannot remove. An estimate of it becomes a note
+    of the report, beside licence, author and description from the metadata. The file is opened when samples are first
+    needed.
     """
 
     scene_name: ClassVar[str] = "recording"
@@ -93,33 +96,35 @@ class RecordingEmitter(NamedEmitter):
         return f"recording {Path(self.file).stem}"
 
     def notes(self, rate_hz: float) -> tuple[str, ...]:
-        """What the metadata say of origin and licence, and the recording's own noise (`prefix_snr_db`)."""
+        """Origin and licence by the metadata, and the noise of the recording (`prefix_snr_db`)."""
         name = Path(self.file).name
         try:
             head = _open(self).head
             snr_db = prefix_snr_db(self.load(rate_hz), rate_hz)
-        except ValueError:  # said where samples are asked for
+        except ValueError:  # `samples` raises it
             return ()
         said = ((word, head.get(f"core:{word}")) for word in ("license", "author", "description"))
         if snr_db is None:
-            noise = f"{name}: no OFDM found, so its own noise is not known"
+            noise = f"{name}: no OFDM found, so its noise is not known"
         elif snr_db == MOST_DB:
-            noise = f"{name}: OFDM {snr_db:.0f} dB or more above the recording's own noise (coherence of its prefix)"
+            noise = (
+                f"{name}: OFDM {snr_db:.0f} dB or more above the recording's noise (coherence of its prefix)"
+            )
         else:
             noise = (
-                f"{name}: OFDM {snr_db:.1f} dB above the recording's own noise (coherence of its prefix); "
+                f"{name}: OFDM {snr_db:.1f} dB above the recording's noise (coherence of its prefix); "
                 f"demodulation gains at most {10 * np.log10(1 + 10 ** (snr_db / 10)):.1f} dB"
             )
         return (*(f"{name}: {word} {shown(text)}" for word, text in said if text), noise)
 
     @property
     def period_s(self) -> float:
-        """After how long it repeats: ``seconds``, or what the file has of them. Raises ValueError as `load`."""
+        """Period in seconds: ``seconds``, or the rest of a shorter file. Raises ValueError as `load`."""
         recording = _open(self)
         return min(self.seconds, recording.sample_count / _source_hz(self, recording.rate_hz) - self.start_s)
 
     def load(self, rate_hz: float) -> np.ndarray:
-        """The part in use as the radar hears it, at ``rate_hz``: (n,) complex128, mean power 1, read-only, kept."""
+        """The part in use behind the receiver's filter, at ``rate_hz``: (n,) complex128, mean power 1, read-only."""
         return _heard(self, float(rate_hz))
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -152,7 +157,7 @@ def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
 
 @lru_cache(maxsize=4)
 def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
-    """The part of the file in use, filtered, moved and at the radar's rate, mean power 1; read-only."""
+    """The part of the file in use, filtered, shifted and at the radar's rate, mean power 1; read-only."""
     bandwidth_hz = check_receiver(rate_hz, emitter.receiver_bandwidth_hz)
     recording = _open(emitter)
     source_hz = _source_hz(emitter, recording.rate_hz)
@@ -168,7 +173,7 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
     samples = recording.read(first, count).astype(np.complex128)
     if not np.isfinite(samples.view(np.float64)).all():
         raise ValueError(f"recording.file {emitter.file} holds samples that are not finite; start elsewhere")
-    # what is moved must not fold at the source's own rate
+    # oversample so that the shifted signal does not alias
     up = int(np.ceil((2 * abs(emitter.offset_hz) + source_hz) / source_hz))
     if up > _MOST_UP:
         raise ValueError(

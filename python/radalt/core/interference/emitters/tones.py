@@ -37,7 +37,7 @@ class ToneEmitter(NamedEmitter):
     def __post_init__(self) -> None:
         number = len(self.frequencies_hz) or self.count
         if not 1 <= number <= 256:
-            # all of them are summed at once: count x samples of a frame
+            # they are summed as one matrix product: count x samples of a frame
             raise ValueError(f"tones.count is {number}; it has to be within 1..256")
         if self.span_hz < 0:
             raise ValueError(f"tones.span_hz is {self.span_hz:g}; it has to be 0 (the whole band) or more")

@@ -1,5 +1,4 @@
-"""The landing scenario: geodesy, trajectory, terrain, antenna, ground reflectivity, and the radar return of
-it all.
+"""The landing scenario: geodesy, trajectory, terrain, antenna, ground reflectivity, and the radar return.
 
 Nothing here is imported unless a scene asks for terrain.
 """

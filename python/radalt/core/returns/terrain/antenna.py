@@ -13,11 +13,11 @@ from ...parsing import InputError, read_text
 
 __all__ = ["Antenna", "GaussianAntenna", "TabulatedAntenna"]
 
-_MOST_BYTES = 16 << 20  # of a pattern file
+_MOST_BYTES = 16 << 20  # largest pattern file, bytes: a sphere in steps of half a degree
 
 
 class Antenna(Protocol):
-    """What the ground return needs of an antenna."""
+    """Protocol of an antenna, for the ground return."""
 
     def gain(self, angle_rad: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """One-way power gain (linear, over isotropic) off boresight; azimuth from nose to right wing."""
@@ -106,7 +106,7 @@ class TabulatedAntenna:
             text = read_text(path, most_bytes=_MOST_BYTES, what="antenna file")
         except InputError as error:
             raise ValueError(str(error)) from None
-        text = text.removeprefix("\ufeff")  # as spreadsheets write it
+        text = text.removeprefix("\ufeff")  # byte order mark of spreadsheets
         lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
         rows = list(csv.DictReader(lines))
         names = set(rows[0]) if rows else set()

@@ -16,14 +16,14 @@ VOID_M = -32767
 
 LATITUDE_INTERVAL_S = {0: 30, 1: 3, 2: 1}  # Table I, seconds of arc between posts of a meridian
 ZONE_LIMITS_DEG = (50, 70, 75, 80, 90)  # Table I, zones I-V
-ZONE_FACTORS = (1, 2, 3, 4, 6)
+ZONE_FACTORS = (1, 2, 3, 4, 6)  # Table I, longitude interval over latitude interval by zone
 
 
 def intervals_s(level: int, latitude_deg: int) -> tuple[int, int]:
     """Post spacing (longitude, latitude) in seconds of arc of the cell with this south edge."""
     if level not in LATITUDE_INTERVAL_S:
         raise TerrainError(f"DTED level is {level!r}; allowed: 0, 1, 2")
-    # the zone of a cell is that of its edge nearest to the equator
+    # a cell belongs to the zone of its edge nearest to the equator
     edge = latitude_deg if latitude_deg >= 0 else -(latitude_deg + 1)
     zone = next(i for i, limit in enumerate(ZONE_LIMITS_DEG) if edge < limit)
     return LATITUDE_INTERVAL_S[level] * ZONE_FACTORS[zone], LATITUDE_INTERVAL_S[level]

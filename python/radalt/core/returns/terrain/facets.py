@@ -21,7 +21,7 @@ from .trajectory import AircraftState
 __all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
 
 MIN_HEIGHT_M = 0.5
-"""Lowest antenna height above ground that is simulated: below it the antenna's near field begins."""
+"""Least simulated height of the antenna above ground, metres: below it lies the antenna's near field."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class GroundGrid:
     Parameters
     ----------
     seed : int
-        Of the scatterers' places and amplitudes, 0 <= seed < 2^63.
+        Seed of the scatterers' positions and amplitudes, 0 <= seed < 2^63.
     cells_per_radius : int
         Cell size is the power of two (metres) that puts between this many and twice as many cells into the
         radius of the footprint. The size steps with height, and with it the speckle is drawn anew at each
@@ -129,7 +129,7 @@ class GroundGrid:
         direction = local / distance[:, None]
         secant = np.sqrt(1.0 + slope_e**2 + slope_n**2)
         # facet normal (-dz/de, -dz/dn, 1) / secant against the direction back to the aircraft; the up vectors
-        # of facet and aircraft differ by the arc between them, below 2e-4 rad in any footprint
+        # at facet and aircraft differ by the arc between them, below 2e-4 rad in any footprint
         cosine = (direction[:, 0] * slope_e + direction[:, 1] * slope_n - direction[:, 2]) / secant
         return Facets(
             range_m=distance,

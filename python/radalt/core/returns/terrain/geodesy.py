@@ -19,9 +19,9 @@ __all__ = [
     "geodetic_to_ecef",
 ]
 
-SEMI_MAJOR_M = 6378137.0
-FLATTENING = 1.0 / 298.257223563
-ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
+SEMI_MAJOR_M = 6378137.0  # TR8350.2, Table 3.1
+FLATTENING = 1.0 / 298.257223563  # TR8350.2, Table 3.1
+ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)  # first eccentricity
 
 
 def geodetic_to_ecef(

@@ -1,4 +1,4 @@
-"""A landing by frame index, for flowgraphs: the altitude profile, and the echo of the ground frame by frame."""
+"""A landing by frame index, for flowgraphs: altitude profile and ground return of each frame."""
 
 from __future__ import annotations
 

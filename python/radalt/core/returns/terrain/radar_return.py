@@ -58,7 +58,7 @@ class RadarLink:
 
 @dataclass(frozen=True)
 class GroundReturn:
-    """One frame and the truth behind it.
+    """One frame of the return, and its truth.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class GroundReturn:
     height_m : float
         Height of the antenna above the terrain vertically below it.
     nearest_m : float
-        Range of the nearest facet that is seen; below ``height_m`` over sloping ground.
+        Range of the nearest visible facet; below ``height_m`` over sloping ground.
     climb_m_per_s : float
-        Rate of ``height_m``: vertical speed less what the terrain rises under the track.
+        Rate of ``height_m``: vertical speed less the terrain's rise along the track.
     power_w : float
         Expected received power, the mean over speckle.
     noise_w : float
@@ -94,7 +94,7 @@ class GroundReturn:
 
 @dataclass(frozen=True)
 class TerrainReturn:
-    """Everything but the trajectory: build it once, call it a frame.
+    """Terrain return of one radar over one terrain: constructed once, called once per frame.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class TerrainReturn:
     footprint_db : float
         Facets are sampled out to the angle at which the two-way gain is this far below its peak.
     max_off_nadir_deg : float
-        ... but never beyond this angle off nadir.
+        Largest angle off nadir at which facets are sampled.
     tilt_deg : float
         Boresight tilt towards the nose, to level an antenna on a nose-up aircraft.
 
@@ -197,7 +197,7 @@ class TerrainReturn:
 
 
 def _tilted(axes: np.ndarray, tilt_deg: float) -> np.ndarray:
-    """Body axes turned about the wing so that the boresight moves ``tilt_deg`` towards the nose."""
+    """Body axes rotated about the wing so that the boresight moves ``tilt_deg`` towards the nose."""
     nose, wing, belly = axes
     c, s = np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))
     return np.stack([c * nose - s * belly, wing, c * belly + s * nose])

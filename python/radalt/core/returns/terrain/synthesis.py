@@ -1,7 +1,7 @@
 """From scatterers to a complex frame: the sum of delayed, Doppler-shifted sweeps, by a shortcut and directly.
 
 Relative to the reference, each scatterer is a tone in either half sweep, except during the first ``tau``
-seconds of a half, when its echo still belongs to the half before. All tones of an extended ground lie within
+seconds of a half, when its echo belongs to the half before. All tones of an extended ground lie within
 a few tens of kilohertz, so their sum is summed at a few dozen instants and interpolated, and the two short
 transitions are summed over range bins. `synthesise` does that; `synthesise_directly` adds every sweep at
 every sample, and the tests hold one against the other.
@@ -19,9 +19,9 @@ from ..point import point_return
 __all__ = ["synthesise", "synthesise_directly"]
 
 TAPS = 14  # interpolator length; its error is near -100 dB at twofold oversampling
-KAISER_BETA = 11.0
-NODE_STEP = 16  # node counts are rounded up to this, so that few interpolators are ever built
-BIN_M = 4.0  # range bins of the transitions
+KAISER_BETA = 11.0  # Kaiser window of the interpolator: side lobes near -100 dB
+NODE_STEP = 16  # node counts are multiples of this, so that few interpolators are built
+BIN_M = 4.0  # width of a range bin in the transitions, metres: a fifth of the range resolution at 7.5 MHz
 
 
 def synthesise_directly(
@@ -97,8 +97,8 @@ def synthesise(
     for down in (False, True):
         start = half if down else 0
         relative[start : start + half] = _half_sweep(waveform, amplitude, tau, rate, down)
-        late = np.flatnonzero(waveform.sample_times_s[:half] < tau.max())
-        relative[start + late] = _transition(waveform, amplitude, tau, rate, down, late)
+        first = np.flatnonzero(waveform.sample_times_s[:half] < tau.max())
+        relative[start + first] = _transition(waveform, amplitude, tau, rate, down, first)
     reference = exp_cycles(waveform.phase_cycles(waveform.sample_times_s, frame_index), np.complex128)
     return reference * relative
 
@@ -167,10 +167,15 @@ def _interpolator(samples: int, rate_hz: float, count: int) -> tuple[np.ndarray,
 
 
 def _transition(
-    waveform: Waveform, amplitude: np.ndarray, tau: np.ndarray, rate: np.ndarray, down: bool, late: np.ndarray
+    waveform: Waveform,
+    amplitude: np.ndarray,
+    tau: np.ndarray,
+    rate: np.ndarray,
+    down: bool,
+    first: np.ndarray,
 ) -> np.ndarray:
-    """Echo relative to the reference at samples ``late`` of a half in which some scatterers' echoes lag
-    behind.
+    """Echo relative to the reference at samples ``first`` of a half, where some scatterers' echoes belong to the half
+    before.
 
     There the echo's frequency stays within ``k tau`` of the turning point, so scatterers of one range bin
     share their modulation once the turning point's own phase is applied exactly.
@@ -179,7 +184,7 @@ def _transition(
     f0 = -0.5 * waveform.bandwidth_hz if waveform.centered else 0.0
     edge_hz = f0 + waveform.bandwidth_hz if down else f0
     start_s = half_s if down else 0.0
-    time = waveform.sample_times_s[late] + start_s
+    time = waveform.sample_times_s[first] + start_s
     here = tau + rate * (time.mean() - half_s)  # the frame's middle is at T_h
     step = 2.0 * BIN_M / C_M_PER_S
     index = np.floor((here - here.min()) / step).astype(np.intp)

@@ -17,11 +17,11 @@ from .geodesy import curvature_radii_m
 
 __all__ = ["DtedCell", "FlatTerrain", "Terrain", "TerrainModel"]
 
-_MOST_BYTES = 64 << 20  # of a DTED file; level 2 has 26 MB
+_MOST_BYTES = 64 << 20  # largest DTED file, bytes: level 2 has 26 MB
 
 
 class TerrainModel(Protocol):
-    """What the ground return needs of terrain."""
+    """Protocol of terrain, for the ground return."""
 
     def height_m(self, latitude_deg: np.ndarray, longitude_deg: np.ndarray) -> np.ndarray:
         """Heights above mean sea level, same shape as the broadcast arguments."""
@@ -186,7 +186,7 @@ def _fill_nearest(posts: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Terrain:
-    """Several DTED cells side by side; where cells share an edge, the first one given answers.
+    """Several DTED cells side by side; on a shared edge the first cell is used.
 
     Heights between posts are bilinear in latitude and longitude, exact on the posts. A query outside all
     cells, or one that needs a void post, raises `TerrainError`.
@@ -250,5 +250,5 @@ class Terrain:
         )
         raise TerrainError(
             f"terrain does not cover {latitude_deg:.5f}, {longitude_deg:.5f} deg "
-            f"(it covers {covered or 'nothing'}); add the DTED cell of that place"
+            f"(it covers {covered or 'nothing'}); add the DTED cell there"
         )

@@ -17,10 +17,10 @@ from .geodesy import curvature_radii_m
 
 __all__ = ["AircraftState", "Trajectory"]
 
-_MOST_BYTES = 64 << 20  # of a CSV file
+_MOST_BYTES = 64 << 20  # largest CSV file, bytes: 400,000 state vectors
 
-STANDARD_GRAVITY = 9.80665
-FOOT_M = 0.3048
+STANDARD_GRAVITY = 9.80665  # m/s^2, ISO 80000-3
+FOOT_M = 0.3048  # international foot
 
 # column names in use (own files, OpenSky Network state vectors, common track exports), first match wins
 COLUMNS = {
@@ -156,11 +156,10 @@ class Trajectory:
     ) -> Trajectory:
         """Read a track from CSV; lines beginning with ``#`` are comments.
 
-        Two kinds are told apart by their columns: a plain track (time, latitude, longitude, altitude in
-        metres, or altitude_ft), and ADS-B state vectors as the OpenSky Network gives them (time, icao24, lat,
-        lon, velocity, heading, vertrate, onground, baroaltitude, geoaltitude; metres, seconds). Of the
-        latter, rows on the ground, without position or altitude, and with a position repeated from the row
-        before (stale) are left out.
+        The columns distinguish a plain track (time, latitude, longitude, altitude in metres, or altitude_ft)
+        from ADS-B state vectors of the OpenSky Network (time, icao24, lat, lon, velocity, heading, vertrate,
+        onground, baroaltitude, geoaltitude; metres, seconds). State vectors on the ground, without position
+        or altitude, or with the position of the row before (stale) are left out.
 
         Parameters
         ----------
@@ -308,7 +307,7 @@ def _one_aircraft(
 def _usable(
     path: Path, rows: list[dict[str, str]], column: dict[str, str | None], height: str
 ) -> tuple[list[list[float]], Counter]:
-    """Points (time, latitude, longitude, altitude) and counts of what was left out."""
+    """Points (time, latitude, longitude, altitude), and counts of skipped rows by reason."""
     kept: list[list[float]] = []
     skipped: Counter = Counter()
     names = [column["time"], column["latitude"], column["longitude"], height]

@@ -1,0 +1,150 @@
+"""Amplifier, mixer and converter of a deramping altimeter: compression, intermodulation, clipping.
+
+A memoryless nonlinearity acts on the envelope, and so commutes with the mixing by a sweep of constant modulus. A weak
+signal beside a strong one is then scaled by a gain that follows the strong one's envelope alone; no simulation at radio
+frequency is needed. Amplitudes are square-root milliwatts at the receiver's input; the small-signal gain is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+__all__ = ["Amplifier", "Converter", "EnvelopeGain"]
+
+_SHARPNESS = 3  # s of the saturation law: third order stays within 0.07 dB of the cubic up to P1dB - 15 dB
+_NODES = 64  # Gauss-Laguerre nodes over an exponential power: gains within 1e-6
+
+
+@dataclass(frozen=True)
+class EnvelopeGain:
+    """What a strong signal does.
+
+    Attributes
+    ----------
+    own : float
+        Gain of its own amplitude (what correlates with it).
+    weak : float
+        Mean gain of a weak signal's amplitude beside it.
+    modulation : float
+        Variance of that gain over its square: the power of a weak line that the strong envelope turns into a noise
+        skirt as wide as the strong signal's band.
+    """
+
+    own: float
+    weak: float
+    modulation: float
+
+
+@dataclass(frozen=True)
+class Amplifier:
+    """Amplifier and mixer, whose 1 dB compression point and third-order intercept are set apart.
+
+        G(A) = A / (1 + 2 s (A / A3)^2 + (A / b)^(2 s))^(1 / 2 s),  s = 3
+
+    ``A3`` is the amplitude at IIP3, and ``b`` follows from P1dB exactly. Rapp's law alone (no ``A3``) ties IIP3 to
+    P1dB; the cubic alone grows without bound.
+
+    Parameters
+    ----------
+    p1db_dbm : float
+        Input power at which the gain has fallen by 1 dB.
+    iip3_dbm : float
+        Input third-order intercept point, more than 7.8 dB above ``p1db_dbm``: below, the cubic term alone compresses
+        sooner.
+    """
+
+    p1db_dbm: float
+    iip3_dbm: float
+
+    def __post_init__(self) -> None:
+        if not self._rest > 0:
+            raise ValueError(
+                f"iip3_dbm {self.iip3_dbm:g} is {self.iip3_dbm - self.p1db_dbm:g} dB above p1db_dbm; it has to be more "
+                "than 7.8 dB above: raise it or lower p1db_dbm"
+            )
+
+    @property
+    def _rest(self) -> float:
+        """``(A / b)^2s`` at P1dB: what of 1 dB the cubic term leaves to saturation."""
+        return 10 ** (_SHARPNESS / 10) - 1 - 2 * _SHARPNESS * 10 ** ((self.p1db_dbm - self.iip3_dbm) / 10)
+
+    @cached_property
+    def _scales(self) -> tuple[float, float]:
+        """``A3^2`` and ``b^2``, in milliwatts."""
+        p1db_mw = 10 ** (self.p1db_dbm / 10)
+        return 10 ** (self.iip3_dbm / 10), p1db_mw / self._rest ** (1 / _SHARPNESS)
+
+    def envelope(self, amplitude: np.ndarray) -> np.ndarray:
+        """Output amplitude of an input amplitude, any shape, >= 0."""
+        square = np.square(amplitude)
+        third, limit = self._scales
+        s = _SHARPNESS
+        return amplitude / (1 + 2 * s * square / third + (square / limit) ** s) ** (1 / (2 * s))
+
+    def gain(self, amplitude: np.ndarray) -> np.ndarray:
+        """``G(A) / A``."""
+        square = np.square(amplitude)
+        third, limit = self._scales
+        s = _SHARPNESS
+        return (1 + 2 * s * square / third + (square / limit) ** s) ** (-1 / (2 * s))
+
+    def weak_gain(self, amplitude: np.ndarray) -> np.ndarray:
+        """Gain of a weak signal elsewhere: half of the radial and the tangential one, ``(G' + G / A) / 2``."""
+        square = np.square(amplitude)
+        third, limit = self._scales
+        s = _SHARPNESS
+        gain = self.gain(amplitude)
+        # A G'(A) / G(A) = 1 - (2 s A^2 / A3^2 + s (A / b)^2s) / (s D)
+        slope = 1 - (2 * square / third + (square / limit) ** s) * gain ** (2 * s)
+        return 0.5 * gain * (1 + slope)
+
+    def beside(self, power_dbm: float, *, constant_envelope: bool) -> EnvelopeGain:
+        """Gains beside a strong signal of a mean power.
+
+        Parameters
+        ----------
+        power_dbm : float
+            At the input.
+        constant_envelope : bool
+            A carrier or sweep; else complex Gaussian, as OFDM and noise are, whose power is exponential.
+        """
+        power = 10 ** (power_dbm / 10)
+        if constant_envelope:
+            amplitude = np.array(np.sqrt(power))
+            return EnvelopeGain(float(self.gain(amplitude)), float(self.weak_gain(amplitude)), 0.0)
+        share, weight = np.polynomial.laguerre.laggauss(_NODES)
+        amplitude = np.sqrt(power * share)
+        weak = self.weak_gain(amplitude)
+        mean = float(weight @ weak)
+        own = float(weight @ (share * self.gain(amplitude)))  # E[G(A) A] / E[A^2]
+        return EnvelopeGain(own, mean, float(weight @ weak**2) / mean**2 - 1)
+
+
+@dataclass(frozen=True)
+class Converter:
+    """Gain control and analogue-to-digital converter of the IF.
+
+    Parameters
+    ----------
+    bits : int
+        Per rail, 4..24.
+    headroom_db : float
+        Full scale over the rms of a rail, which the gain control sets anew for every output.
+    """
+
+    bits: int
+    headroom_db: float
+
+    def __call__(self, frames: np.ndarray, rms: np.ndarray | float) -> np.ndarray:
+        """Clipped and rounded samples (n, N) of frames, ``rms`` that of their rails, a scalar or (n, 1)."""
+        full_scale = np.asarray(rms * 10 ** (self.headroom_db / 20), dtype=np.float32)
+        step = full_scale / np.float32(2 ** (self.bits - 1))
+        rails = frames.view(np.float32) / step
+        np.rint(rails, out=rails)
+        limit = np.float32(2 ** (self.bits - 1))
+        np.clip(rails, -limit, limit - 1, out=rails)
+        rails *= step
+        return rails.view(np.complex64)

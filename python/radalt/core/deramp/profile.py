@@ -1,0 +1,355 @@
+"""An altimeter as data: every number with its source and its standing, from a YAML file.
+
+A profile lies in ``flowgraphs/altimeters/``. Its numbers are lists ``[value, standing, source]``; the standing is
+
+- ``read in source``: we read the number in the source that is named;
+- ``secondary``: somebody we read quotes that source;
+- ``assumed``: ours, and the source says why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.constants import Boltzmann, foot
+
+from ..parsing import InputError, load_yaml
+from ..parsing.mappings import build
+from ..paths import share_dir
+from ..receiver.altimeter import Altimeter, AltimeterSettings
+from ..receiver.summed_detector import CounterDetector, SummedDetector
+from ..receiver.tracker import AltitudeTracker
+from ..receiver.tracker_settings import TrackerSettings
+from ..returns.link_budget import diffuse_loop_loss_db, port_density_dbm_per_mhz
+from ..returns.terrain.antenna import GaussianAntenna
+from ..returns.terrain.ground import Reflectivity, reflectivity
+from ..waveform import SHAPES
+from .front_end import Amplifier, Converter
+from .if_waveform import IfWaveform
+
+__all__ = ["STANDINGS", "Profile", "load_profile", "profile_names"]
+
+STANDINGS = ("read in source", "secondary", "assumed")
+_TEMPERATURE_K = 290.0
+_WORDS = {
+    "sweep": tuple(SHAPES),
+    "mixer": ("iq", "real"),
+    "detector": ("fft", "counter", "tracker"),
+    "strategy": ("strongest", "leading_edge"),
+}
+_LIMITS = {
+    "carrier_hz": (4.2e9, 4.4e9),
+    "bandwidth_hz": (1e6, 200e6),
+    "period_s": (0.2e-3, 20e-3),
+    "transmit_w": (1e-3, 1e3),
+    "gain_dbi": (-20.0, 40.0),
+    "beamwidth_deg": (1.0, 120.0),
+    "cable_db": (0.0, 30.0),
+    "installation_delay_ft": (0.0, 200.0),
+    "noise_figure_db": (0.0, 30.0),
+    "if_rate_hz": (1e4, 1e8),
+    "if_pass_hz": (1e3, 5e7),
+    "preselector_hz": (1e6, 1e9),
+    "preselector_order": (1, 20),
+    "p1db_dbm": (-80.0, 30.0),
+    "iip3_dbm": (-70.0, 60.0),
+    "isolation_db": (20.0, 150.0),
+    "lo_noise_dbc_per_hz": (-200.0, -60.0),
+    "converter_bits": (4, 24),
+    "headroom_db": (0.0, 60.0),
+    "sweeps_per_output": (1, 1000),
+    "pfa": (1e-12, 0.5),
+    "max_altitude_ft": (100.0, 20_000.0),
+    "max_vertical_speed_m_per_s": (0.0, 300.0),
+    "sigma0_db": (-60.0, 40.0),
+    "other_altimeters": (0, 8),
+    "other_coupling_db": (20.0, 150.0),
+}
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A deramping altimeter on an aircraft. The *port* is the receiver's input, behind the receive cable.
+
+    Parameters
+    ----------
+    name, about : str
+    sweep : str
+        ``triangle``, ``sawtooth_up``, ``sawtooth_down``.
+    mixer : str
+        ``iq``, or ``real``: one rail, and 3 dB less signal to noise.
+    detector : str
+        ``fft`` (`SummedDetector`), ``counter`` (`CounterDetector`), ``tracker`` (`AltitudeTracker`).
+    strategy : str
+        ``strongest`` or ``leading_edge``.
+    carrier_hz, bandwidth_hz, period_s : float
+        Centre, width and one whole period of the sweep: up and down of a triangle, one ramp of a sawtooth.
+    transmit_w, gain_dbi, beamwidth_deg, cable_db : float
+        Power; gain and -3 dB width of each antenna (Gaussian pattern); loss of each cable.
+    installation_delay_ft : float
+        What the altimeter would read on the ground, and subtracts.
+    noise_figure_db, if_rate_hz, if_pass_hz : float
+        Of the receiver; rate of the IF samples, and flat part of the IF filter: the channel filter.
+    preselector_hz, preselector_order : float
+        3 dB width about the carrier and order (Butterworth) of the filter before the amplifier.
+    p1db_dbm, iip3_dbm, isolation_db : float
+        `Amplifier`; from the transmitter's output to the port. The steady leakage is taken to be removed by the IF's
+        high-pass; what a strong envelope modulates onto it is not.
+    lo_noise_dbc_per_hz : float
+        Broadband phase noise of the transmitter, which is the local oscillator: it mixes whatever is within the sweep's
+        band into the IF.
+    converter_bits, headroom_db : float
+        `Converter`.
+    sweeps_per_output, pfa, max_altitude_ft, max_vertical_speed_m_per_s : float
+        Frames (two ramps each) per output, false alarms per output in noise, span, fastest climb.
+    sigma0_db : float
+        Reflectivity of diffuse ground at nadir, for the loop loss; falls with incidence as `Morchin`'s built-up land.
+    other_altimeters, other_coupling_db : float
+        Further altimeters of this kind on the aircraft, and the loss from their transmitters to the port.
+    standing : dict of name -> (standing, source)
+    """
+
+    name: str
+    about: str
+    sweep: str
+    carrier_hz: float
+    bandwidth_hz: float
+    period_s: float
+    transmit_w: float
+    gain_dbi: float
+    beamwidth_deg: float
+    cable_db: float
+    installation_delay_ft: float
+    noise_figure_db: float
+    if_rate_hz: float
+    if_pass_hz: float
+    preselector_hz: float
+    preselector_order: int
+    p1db_dbm: float
+    iip3_dbm: float
+    isolation_db: float
+    lo_noise_dbc_per_hz: float
+    converter_bits: int
+    headroom_db: float
+    sweeps_per_output: int
+    pfa: float
+    max_altitude_ft: float
+    max_vertical_speed_m_per_s: float
+    sigma0_db: float
+    other_altimeters: int
+    other_coupling_db: float
+    mixer: str = "iq"
+    detector: str = "fft"
+    strategy: str = "strongest"
+    standing: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, allowed in _WORDS.items():
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(allowed)}")
+        for name, (low, high) in _LIMITS.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} is {getattr(self, name):g}; it has to be within {low:g}..{high:g}")
+        if self.detector == "counter" and self.mixer == "real":
+            raise ValueError("mixer is real; the counter counts phase and needs iq")
+        if self.detector == "tracker" and self.sweeps_per_output < 8:
+            raise ValueError(f"sweeps_per_output is {self.sweeps_per_output}; the tracker needs at least 8")
+        beat_hz = self.waveform.altitude_to_beat_hz(self.max_range_m)
+        if not beat_hz <= self.if_pass_hz:
+            raise ValueError(
+                f"if_pass_hz is {self.if_pass_hz:g}; the beat of max_altitude_ft and the installation delay is "
+                f"{beat_hz:.4g} Hz: raise it or lower max_altitude_ft"
+            )
+        _ = self.amplifier  # says what does not fit
+
+    @cached_property
+    def waveform(self) -> IfWaveform:
+        """The sweep at the IF; a frame is one period of a triangle, two of a sawtooth."""
+        return IfWaveform(
+            bandwidth_hz=self.bandwidth_hz,
+            sweep_s=self.period_s * (1 if self.sweep == "triangle" else 2),
+            rate_hz=self.if_rate_hz,
+            carrier_hz=self.carrier_hz,
+            shape=self.sweep,
+            pass_hz=self.if_pass_hz,
+        )
+
+    # -- levels -----------------------------------------------------------------------------------------------------
+
+    @property
+    def max_range_m(self) -> float:
+        """Range of the highest altitude, the installation delay included."""
+        return (self.max_altitude_ft + self.installation_delay_ft) * foot
+
+    @property
+    def transmit_dbm(self) -> float:
+        """Transmit power."""
+        return float(10 * np.log10(self.transmit_w) + 30)
+
+    @property
+    def noise_mw_per_hz(self) -> float:
+        """``k T0 F`` at the port."""
+        return Boltzmann * _TEMPERATURE_K * 1e3 * 10 ** (self.noise_figure_db / 10)
+
+    @property
+    def antenna(self) -> GaussianAntenna:
+        """Either antenna."""
+        return GaussianAntenna(self.beamwidth_deg, self.gain_dbi)
+
+    @property
+    def ground(self) -> Reflectivity:
+        """Diffuse ground of the stated reflectivity at nadir."""
+        nadir = float(reflectivity().sigma0(np.array(0.0), self.carrier_hz))
+        return reflectivity(level_db=self.sigma0_db - 10 * np.log10(nadir))
+
+    def loop_loss_db(self, altitude_ft: float) -> float:
+        """From transmitter to port over diffuse ground; cables included."""
+        return diffuse_loop_loss_db(
+            altitude_ft * foot,
+            antenna=self.antenna,
+            ground=self.ground,
+            carrier_hz=self.carrier_hz,
+            losses_db=2 * self.cable_db,
+        )
+
+    def flux_dbw_per_m2_mhz(self, density_dbm_per_mhz: float) -> float:
+        """Power flux density in the sweep's band that makes a density at the port, from the antenna's boresight."""
+        unit = port_density_dbm_per_mhz(
+            0.0, frequency_hz=self.carrier_hz, gain_dbi=self.gain_dbi, cable_db=self.cable_db
+        )
+        return density_dbm_per_mhz - unit
+
+    # -- receiver ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def amplifier(self) -> Amplifier:
+        """Amplifier and mixer."""
+        return Amplifier(self.p1db_dbm, self.iip3_dbm)
+
+    @property
+    def converter(self) -> Converter:
+        """Gain control and converter."""
+        return Converter(self.converter_bits, self.headroom_db)
+
+    @property
+    def noise_bandwidth_hz(self) -> float:
+        """Of the preselector: the integral of its Butterworth response."""
+        x = np.pi / (2 * self.preselector_order)
+        return self.preselector_hz * x / np.sin(x)
+
+    def preselector_loss_db(self, frequency_hz: float) -> float:
+        """Attenuation of the preselector."""
+        offset = 2 * abs(frequency_hz - self.carrier_hz) / self.preselector_hz
+        return float(10 * np.log10(1 + offset ** (2 * self.preselector_order)))
+
+    @property
+    def output_s(self) -> float:
+        """Time between outputs; it follows the sweep."""
+        return self.sweeps_per_output * self.waveform.sweep_s
+
+    def make_detector(self) -> Any:
+        """Callable: (n, N) IF frames of whole outputs -> (status, altitude in metres), installation delay included."""
+        w, top_m = self.waveform, self.max_range_m
+        speed = self.max_vertical_speed_m_per_s
+        if self.detector == "counter":
+            return CounterDetector(w, self.sweeps_per_output, max_altitude_m=top_m)
+        if self.detector == "tracker":
+            settings = AltimeterSettings(
+                max_altitude_m=top_m, max_vertical_speed_m_per_s=speed, strategy=self.strategy
+            )
+            return _Tracked(
+                Altimeter(w, settings), TrackerSettings(self.output_s, max_vertical_speed_m_per_s=speed)
+            )
+        return SummedDetector(
+            w,
+            self.sweeps_per_output,
+            max_altitude_m=top_m,
+            max_vertical_speed_m_per_s=speed,
+            pfa=self.pfa,
+            strategy=self.strategy,
+        )
+
+
+class _Tracked:
+    """The bench's own tracker, begun anew with every call."""
+
+    def __init__(self, altimeter: Altimeter, settings: TrackerSettings) -> None:
+        self._altimeter, self._settings = altimeter, settings
+
+    def __call__(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        out = AltitudeTracker(self._altimeter, self._settings).process(self._altimeter.spectra(frames))
+        return out["status"], out["altitude_m"]
+
+
+def profile_names() -> list[str]:
+    """The shipped profiles."""
+    return sorted(file.stem for file in (share_dir() / "flowgraphs" / "altimeters").glob("*.yaml"))
+
+
+def load_profile(name: str | Path) -> Profile:
+    """A profile by path, or by the bare name of a shipped one.
+
+    Raises
+    ------
+    InputError
+        One line: file, key, value, what is allowed.
+    """
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        path = share_dir() / "flowgraphs" / "altimeters" / f"{name}.yaml"
+        if not path.is_file():
+            raise InputError(f"there is no altimeter {str(name)!r}; there are {', '.join(profile_names())}")
+    try:
+        return _built(_merged(path))
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"altimeter {path.name}: {error}") from None
+
+
+def _merged(path: Path, depth: int = 0) -> dict[str, Any]:
+    """A file's keys over those of the file beside it that ``base`` names."""
+    data = load_yaml(path, what="altimeter")
+    if not isinstance(data, dict) or not all(
+        isinstance(data.get(k, {}), dict) for k in ("numbers", "sources")
+    ):
+        raise ValueError("expected a mapping with the mappings numbers and sources")
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    if depth > 3 or not isinstance(base, str):
+        raise ValueError(f"base is {base!r}; name a profile beside this one, four deep at most")
+    below = _merged(path.with_name(f"{base}.yaml"), depth + 1)
+    for key in ("numbers", "sources"):
+        data[key] = below.get(key, {}) | data.get(key, {})
+    return below | data
+
+
+def _built(data: dict[str, Any]) -> Profile:
+    """Every number unpacked, its standing kept."""
+    numbers, sources = data.pop("numbers", {}), data.pop("sources", {})
+    standing: dict[str, tuple[str, str]] = {}
+    values = dict(data)
+    for name, entry in numbers.items():
+        if not (isinstance(entry, list) and len(entry) == 3):
+            raise ValueError(f"numbers.{name} is {entry!r}; expected [value, standing, source]")
+        value, level, source = entry
+        if level not in STANDINGS:
+            raise ValueError(f"numbers.{name} has the standing {level!r}; allowed: {', '.join(STANDINGS)}")
+        if level != "assumed" and source not in sources:
+            raise ValueError(f"numbers.{name} names the source {source!r}; sources has {', '.join(sources)}")
+        standing[name] = level, str(sources.get(source, source))
+        values[name] = value
+    needed = {f.name for f in fields(Profile)} - set(_WORDS) - {"name", "about", "standing"}
+    absent = sorted(needed - set(numbers))
+    if absent:
+        raise ValueError(
+            f"numbers.{absent[0]} is missing; every number is given as [value, standing, source]"
+        )
+    if "standing" in values:
+        raise ValueError("unknown key 'standing'; it stands beside each number")
+    return build(Profile, values | {"standing": standing}, "")

@@ -1,0 +1,145 @@
+"""Radar return: is it visible, where is its tone, and is what is left consistent with one return and white noise?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, ndimage
+
+from ...waveform import C_M_PER_S, Waveform
+from .arrays import exp_ramp, power
+from .settings import OfdmSettings
+
+__all__ = ["ReturnEstimate", "ReturnEstimator"]
+
+
+@dataclass(frozen=True)
+class ReturnEstimate:
+    """A return as one tone per half sweep, at beats that one return at an allowed speed can have.
+
+    Attributes
+    ----------
+    samples : (N,) complex64
+    ratios : (2,) float32
+        Power of each half's tone over the mean power of noise in a cell there.
+    """
+
+    samples: np.ndarray
+    ratios: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Best pair of beats in the spectra of both halves: their cells (2,) int and ratios (2,), and the spectra."""
+
+    cells: np.ndarray
+    ratios: np.ndarray
+    levels: np.ndarray
+    noise: np.ndarray
+
+
+class ReturnEstimator:
+    """Return of a frame, seen dechirped: ``beat = frame conj(reference)`` has one tone per half sweep.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    span_m : float
+        Highest altitude, above 0.
+    settings : OfdmSettings
+    """
+
+    def __init__(self, waveform: Waveform, span_m: float, settings: OfdmSettings) -> None:
+        self._s, self._half = settings, waveform.samples_per_half
+        self._reference = waveform.reference.astype(np.complex64)
+        self._table = self._reference.conj().reshape(2, -1)
+        cell_hz = waveform.rate_hz / self._half
+        top = int(np.ceil(waveform.slope_hz_per_s * 2 * span_m / C_M_PER_S / cell_hz))
+        # beats of the first half are negative with this reference, of the second positive
+        cells = np.arange(-3, top + 4)
+        self._cells = np.stack([-cells % self._half, cells % self._half + self._half])
+        fine = np.arange(2 * cells[0], 2 * cells[-1] + 1)
+        self._fine = np.stack([-fine % (2 * self._half), fine % (2 * self._half) + 2 * self._half])
+        n = np.arange(self._half)
+        self._window = (0.5 - 0.5 * np.cos(2 * np.pi * (n + 0.5) / self._half)).astype(np.float32)
+
+    def _dechirped(self, frame: np.ndarray) -> np.ndarray:
+        return frame.reshape(2, -1) * self._table
+
+    def visibility(self, frame: np.ndarray) -> float:
+        """The weaker half sweep's beat peak over the mean power of an (N,) frame; 0 if the two are not at one beat.
+
+        White interference alone stays below some ``ln(cells)``, 7 for 300 cells.
+        """
+        level = power(fft.fft(self._dechirped(frame), axis=1))
+        band = level.take(self._cells)
+        peak = band.argmax(axis=1)
+        if abs(int(peak[0]) - int(peak[1])) > self._s.visible_cells:
+            return 0.0
+        return float((band.max(axis=1) / np.maximum(level.mean(axis=1), 1e-30)).min())
+
+    def estimate(self, frame: np.ndarray) -> ReturnEstimate:
+        """Return of an (N,) frame, where samples of 0 are missing.
+
+        Frequency by a parabola through three bins of the twice zero-padded amplitude spectrum, amplitude and phase by
+        the mean over the samples that are there.
+        """
+        beat = self._dechirped(frame)
+        band = fft.fft(beat, 2 * self._half, axis=1).take(self._fine)
+        found = self._pair(power(band))
+        steps = np.empty(2)
+        for row, cell in enumerate(np.clip(found.cells, 1, band.shape[1] - 2)):
+            low, mid, high = np.abs(band[row, cell - 1 : cell + 2])
+            bend = low - 2 * mid + high
+            off = float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+            steps[row] = (1 if row else -1) * (cell + off - 6) / (2 * self._half)
+        tone = exp_ramp(steps, self._half)
+        there = np.maximum((beat != 0).sum(axis=1), 1)
+        gain = (beat * tone.conj()).sum(axis=1) / there
+        out = (gain[:, None].astype(np.complex64) * tone).ravel() * self._reference
+        return ReturnEstimate(out, found.ratios)
+
+    def _pair(self, levels: np.ndarray) -> _Pair:
+        """Pair of beats with the largest sum of ratios, of those that differ by no more than the speed allows."""
+        noise = np.maximum(np.median(levels, axis=1) / np.log(2), 1e-30)
+        up, down = levels / noise[:, None]
+        reach = self._s.speed_cells
+        first = int(_pair_sums(up, down, reach).argmax())
+        low = max(first - reach, 0)
+        second = low + int(down[low : first + reach + 1].argmax())
+        return _Pair(np.array([first, second]), np.array([up[first], down[second]]), levels, noise)
+
+    def is_consistent(self, frame: np.ndarray) -> bool:
+        """Integrity: whether an (N,) cancelled frame is consistent with one return and white noise.
+
+        Beat spectra of the two half sweeps (Hann window, over their noise) are added for all pairs of beats that one
+        return at an allowed speed can have. Cells of noise are exponential, and the sum of two exceeds x by chance with
+        probability ``(1 + x) exp(-x)``; with as many pairs as are as close, the best pair has to be unlikely by chance,
+        and larger than every other. A return has one power in both halves: where they differ, the weaker one has to be
+        unlikely by chance, too. The pair that an altimeter takes has to be at a speed that is flown. Symbols decided
+        wrongly leave one half, or several beats, and an altitude beside the return's.
+        """
+        s = self._s
+        beat = self._dechirped(frame) * self._window
+        found = self._pair(power(fft.fft(beat, 2 * self._half, axis=1).take(self._fine)))
+        best, weaker = float(found.ratios.sum()), float(found.ratios.min())
+        # pairs of cells that are as close to each other
+        apart = 2 * abs(int(found.cells[0]) - int(found.cells[1])) + 1
+        if apart > 2 * s.flown_cells + 1:
+            return False
+        if self._cells.shape[1] * apart * (1 + best) * np.exp(-best) > s.chance:
+            return False
+        powers = found.ratios * found.noise
+        unequal = 10 * abs(np.log10(powers[0] / powers[1])) > s.balance_db
+        if unequal and apart * np.exp(-weaker) > s.chance:
+            return False
+        rest = found.levels / found.noise[:, None]
+        for row, cell in zip(rest, found.cells, strict=True):
+            row[max(cell - s.lobe_cells, 0) : cell + s.lobe_cells + 1] = 0
+        return bool(best > s.pair_margin * _pair_sums(*rest, s.speed_cells).max())
+
+
+def _pair_sums(up: np.ndarray, down: np.ndarray, reach: int) -> np.ndarray:
+    """(cells,) ratios of the first half, each with the largest of the second within ``reach`` cells."""
+    return up + ndimage.maximum_filter1d(down, 2 * reach + 1, mode="constant")

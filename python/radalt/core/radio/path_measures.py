@@ -1,0 +1,89 @@
+"""What a receiver's samples say of the path: power, clipping, lines, flatness, IQ image, a burst's share of the time.
+
+Powers are relative to full scale: a complex sample of magnitude 1 is 0 dBFS. Samples that are NaN are missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..waveform import Waveform
+
+__all__ = ["burst_share", "clipped_percent", "db", "mean_power", "ripple_and_image", "strongest_lines"]
+
+_RAIL = 0.998  # of full scale: a 12-bit converter ends at 2047 / 2048
+_INNER = 0.8  # of the band; beyond, the radios' half-band filters roll off
+_PIECES = 30  # of the band, in which the flatness is averaged
+_SMOOTH = 75  # samples of an envelope's mean, some symbols of any interferer
+_BURST = 0.1  # of the burst's power, above which it is taken to be on
+
+
+def db(power: float) -> float:
+    """Decibels of a power ratio, at least -300."""
+    return float(10.0 * np.log10(max(float(power), 1e-30)))
+
+
+def mean_power(samples: np.ndarray) -> float:
+    """Mean power of the samples that are there; 0 without any."""
+    there = samples[np.isfinite(samples)]
+    return float(np.mean(np.abs(there) ** 2)) if there.size else 0.0
+
+
+def clipped_percent(samples: np.ndarray) -> float:
+    """Share of I and Q of complex64 samples at full scale, in percent."""
+    rails = samples[np.isfinite(samples)].view(np.float32)
+    return float(100.0 * np.mean(np.abs(rails) >= _RAIL)) if rails.size else 0.0
+
+
+def strongest_lines(frames: np.ndarray, rate_hz: float) -> tuple[float, float, float]:
+    """(DC in dBFS, strongest other line in dBFS, its frequency in hertz) of (k, N) frames, over the noise."""
+    n = frames.shape[1]
+    window = np.hanning(n)
+    power = np.mean(np.abs(np.fft.fft(frames * window, axis=1) / window.sum()) ** 2, axis=0)
+    power -= np.median(power)  # the noise in a bin
+    dc = power[[-1, 0, 1]].max()
+    power[[-2, -1, 0, 1, 2]] = 0.0
+    return db(dc), db(power.max()), float(np.fft.fftfreq(n)[power.argmax()] * rate_hz)
+
+
+def ripple_and_image(
+    waveform: Waveform, sweeps: np.ndarray, delay_samples: float, first: int = 0
+) -> tuple[float, float]:
+    """Flatness (peak to peak, dB, over the inner 80 % of the band) and IQ image (dBc) of a received sweep.
+
+    The sweep's frequency is a function of time, so its power over time is the path's response. The image is the
+    conjugate sweep, fitted by least squares beside the sweep and a constant.
+
+    Parameters
+    ----------
+    waveform : Waveform
+    sweeps : (k, N) complex
+        As received at altitude zero; their mean is taken. NaN gives NaN.
+    delay_samples : float
+        Within 0..1: how much later than the first sample each begins.
+    first : int
+        Number of the first one.
+    """
+    rotation = np.conj(waveform.frame_rotation(np.arange(first, first + len(sweeps))))
+    sweep = (sweeps * rotation[:, None]).mean(axis=0)
+    if not np.isfinite(sweep).all():
+        return np.nan, np.nan
+    w = waveform
+    time_s = np.mod(w.sample_times_s - delay_samples / w.rate_hz, w.sweep_s)
+    sent = np.exp(2j * np.pi * w.phase_cycles(time_s))
+    parts = np.stack([sent, np.conj(sent), np.ones_like(sent)], axis=1)
+    direct, image, _ = np.linalg.lstsq(parts, sweep.astype(complex), rcond=None)[0]
+    hz = w.slope_hz_per_s * np.minimum(time_s, w.sweep_s - time_s) - w.centered * w.bandwidth_hz / 2
+    band = np.mod(hz / w.rate_hz + 0.5, 1.0)
+    inner = np.abs(band - 0.5) < _INNER / 2
+    piece = np.floor(band[inner] * _PIECES).astype(int)
+    count = np.bincount(piece)
+    levels = np.bincount(piece, np.abs(sweep[inner]) ** 2)[count > 0] / count[count > 0]
+    return float(np.ptp(10 * np.log10(levels))), 2 * db(abs(image) / abs(direct))
+
+
+def burst_share(samples: np.ndarray, noise: float) -> float:
+    """Share of the time in which a burst is on; ``noise`` is the mean power without it."""
+    power = np.abs(np.nan_to_num(samples)) ** 2
+    envelope = np.convolve(power, np.full(_SMOOTH, 1.0 / _SMOOTH), "same") - noise
+    return float(np.mean(envelope > _BURST * np.percentile(envelope, 90)))

@@ -1,0 +1,75 @@
+"""When an altimeter has stopped being usable, and the level at which that happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.constants import foot
+
+from ...core.receiver.tracker_settings import Status
+
+__all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "break_level", "judged"]
+
+# Commonly quoted of RTCA 274-20/PMC-2073, not read there: mean error above 0.5 %, fewer than 98 % within 2 %, any
+# no-computed-data.
+_MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98
+_LEAST_M = 3 * foot  # below which no altitude is called wrong (assumed)
+_ALERT_S = 1.0  # longest time for which a wrong altitude may be called NORMAL (assumed)
+LOWEST_DBM, HIGHEST_DBM = -150, 20  # beyond, receivers break rather than misread
+_BRACKET_DB = 8
+
+CRITERIA = {
+    "mean_error": "mean error above 0.5 %",
+    "within": "fewer than 98 % within 2 %",
+    "no_data": "any output without computed data",
+    "wrong": "any output wrong (2 % and 3 ft) and NORMAL",
+    "alert": "wrong and NORMAL for longer than 1 s",
+}
+
+
+def judged(status: np.ndarray, altitude_m: np.ndarray, truth_m: float, output_s: float) -> dict[str, bool]:
+    """Which criteria have fallen.
+
+    Parameters
+    ----------
+    status, altitude_m : (n,) arrays
+        Outputs.
+    truth_m : float
+    output_s : float
+        Time between outputs.
+    """
+    normal = status == Status.NORMAL
+    error = np.where(normal, altitude_m - truth_m, np.nan)
+    within = normal & (np.abs(error) <= _WITHIN_SHARE * truth_m)
+    wrong = normal & (np.abs(error) > max(_WITHIN_SHARE * truth_m, _LEAST_M))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    longest = int(np.max(edges[1::2] - edges[::2], initial=0))
+    mean = abs(np.mean(error[normal])) if normal.any() else np.inf
+    return {
+        "mean_error": bool(mean > _MEAN_SHARE * truth_m),
+        "within": bool(np.mean(within) < _WITHIN),
+        "no_data": bool(not normal.all()),
+        "wrong": bool(wrong.any()),
+        "alert": bool(longest * output_s > _ALERT_S),
+    }
+
+
+def break_level(fallen: Callable[[int], bool], expected: float) -> float | None:
+    """The level at which something falls, to +/-0.5 dB; None where it still stands at `HIGHEST_DBM`.
+
+    Bisection over whole decibels, begun about an expected level. It takes what falls to stay fallen.
+    """
+    low = int(np.clip(round(expected) - _BRACKET_DB // 2, LOWEST_DBM, HIGHEST_DBM - 1))
+    step = _BRACKET_DB
+    while low > LOWEST_DBM and fallen(low):
+        low, step = max(low - step, LOWEST_DBM), 2 * step
+    high, step = low + 1, _BRACKET_DB
+    while not fallen(high):
+        if high == HIGHEST_DBM:
+            return None
+        low, high, step = high, min(high + step, HIGHEST_DBM), 2 * step
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if fallen(middle) else (middle, high)
+    return high - 0.5

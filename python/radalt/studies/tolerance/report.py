@@ -1,0 +1,232 @@
+"""The page and the figure of the tolerance campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import special
+
+from ...core.deramp.profile import Profile, load_profile
+from ...core.interference.emitters.faa_91_220 import MAX_ALTITUDE_FT, pfd_dbw_per_m2_mhz
+from ...evaluation.engine.study import Run
+from ...evaluation.results.figure import new_figure, save_figure, say
+from ...evaluation.results.folder import RunFolder
+from ...evaluation.results.page import write_pages
+from ...evaluation.results.table import DASH, table
+from .criteria import CRITERIA, HIGHEST_DBM
+from .interferers import INTERFERERS
+
+if TYPE_CHECKING:
+    from .study import ToleranceStudy
+
+__all__ = ["Pooled", "pooled", "write_report"]
+
+MARGIN_DB = 6.0  # the safety margin that compatibility studies add
+# Okabe and Ito's colours and a marker, in the order of the interferers
+_STYLES = (
+    ("#000000", "o"), ("#E69F00", "s"), ("#0072B2", "D"), ("#009E73", "^"), ("#D55E00", "v"), ("#CC79A7", "P"),
+    ("#56B4E9", "X"), ("#8C6D31", "*"), ("#7F7F7F", "h"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A break-point over seeds.
+
+    Attributes
+    ----------
+    mean, half : float
+        Mean and half of the 95 % interval (Student's t; at least the bisection's 0.5 dB), in dBm at the port; NaN where
+        no seed has one.
+    open : int
+        Seeds in which nothing broke.
+    clean : bool
+        Whether the altimeter works without interference.
+    density, flux, margin : float
+        Of the mean: dBm/MHz at the port, dBW/m2/MHz, dB to Table 1 (NaN where that does not apply).
+    first : str
+        Criteria that fell first in any seed.
+    """
+
+    mean: float
+    half: float
+    open: int
+    clean: bool
+    density: float
+    flux: float
+    margin: float
+    first: str
+
+
+def pooled(rows: Sequence[Mapping[str, Any]]) -> Pooled:
+    """Rows of one interferer, method and altitude."""
+
+    def mean(name: str) -> float:
+        values = [r[name] for r in rows if r.get(name) is not None]
+        return float(np.mean(values)) if values else float("nan")
+
+    levels = np.array([r["break_dbm"] for r in rows if r.get("break_dbm") is not None])
+    clean = not any(r["first"].startswith("without interference") for r in rows)
+    half = 0.5
+    if levels.size > 1:
+        t = float(special.stdtrit(levels.size - 1, 0.975))
+        half = max(half, t * float(levels.std(ddof=1)) / np.sqrt(levels.size))
+    words = dict.fromkeys(word for r in rows for word in r["first"].split() if word in CRITERIA)
+    return Pooled(
+        mean=float(levels.mean()) if levels.size else float("nan"),
+        half=half,
+        open=sum(r["first"] == "none" for r in rows),
+        clean=clean,
+        density=mean("break_dbm_per_mhz"),
+        flux=mean("break_dbw_per_m2_mhz"),
+        margin=mean("margin_db"),
+        first=", ".join(words),
+    )
+
+
+def _groups(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, float], Pooled]:
+    """(method, interferer, altitude) -> break-point."""
+    found: dict[tuple[str, str, float], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        found.setdefault((row["method"], row["interferer"], row["altitude_ft"]), []).append(row)
+    return {key: pooled(same) for key, same in found.items()}
+
+
+def write_report(folder: RunFolder, study: ToleranceStudy, rows: Sequence[dict[str, Any]], run: Run) -> Path:
+    """Write ``report.md``, ``report.json`` and the figure; returns the page."""
+    profile, groups = load_profile(study.profile), _groups(rows)
+    save_figure(draw(profile, study, groups), folder.path / "tolerance.png")
+    report = folder.head | {"run": run.as_dict()}
+    values = {
+        "profile": profile,
+        "study": study,
+        "duration_s": study.outputs * profile.output_s,
+        "break_tables": {m: _break_table(study, groups, m) for m in study.methods},
+        "margin_table": _margin_table(study, groups),
+        "gain_table": _gain_table(study, groups),
+        "number_table": _number_table(profile),
+        "criteria": CRITERIA,
+        "highest_dbm": HIGHEST_DBM,
+        "margin_db": MARGIN_DB,
+    }
+    page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | values)
+    folder.write_report(report | {"rows": list(rows)})
+    return page
+
+
+def _level(found: Pooled) -> str:
+    if not found.clean:
+        return "fails without interference"
+    if found.open and np.isnan(found.mean):
+        return f"> {HIGHEST_DBM}"
+    open_end = f" ({found.open} open)" if found.open else ""
+    return f"{found.mean:.1f} ± {found.half:.1f}{open_end}, {found.density:.1f}"
+
+
+def _break_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled], method: str) -> str:
+    header = ["interferer", *(f"{feet:g} ft" for feet in study.altitudes_ft), "first to fall"]
+    lines = []
+    for name in study.interferers:
+        found = [groups[method, name, feet] for feet in study.altitudes_ft]
+        words = dict.fromkeys(w for f in found for w in f.first.split(", ") if w)
+        lines.append([INTERFERERS[name].title, *map(_level, found), ", ".join(words) or DASH])
+    return table(header, lines)
+
+
+def _margin_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
+    """Margin to Table 1, where it applies, without and with 6 dB."""
+    low = [feet for feet in study.altitudes_ft if feet <= MAX_ALTITUDE_FT]
+    if not low:
+        return ""
+    lines = []
+    for name in study.interferers:
+        cells = [INTERFERERS[name].title]
+        for feet in low:
+            for method in study.methods:
+                margin = groups[method, name, feet].margin
+                cells.append(DASH if np.isnan(margin) else f"{margin:+.1f} / {margin - MARGIN_DB:+.1f}")
+        lines.append(cells)
+    return table(["interferer", *(f"{feet:g} ft, {m}" for feet in low for m in study.methods)], lines)
+
+
+def _gain_table(study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> str:
+    """What each method buys over none."""
+    others = [m for m in study.methods if m != "none"]
+    if not others or "none" not in study.methods:
+        return ""
+    lines = []
+    for name in study.interferers:
+        for method in others:
+            cells = [f"{INTERFERERS[name].title}, {method}"]
+            for feet in study.altitudes_ft:
+                without, with_it = groups["none", name, feet], groups[method, name, feet]
+                if np.isnan(without.mean):
+                    cells.append(DASH)
+                elif with_it.open and np.isnan(with_it.mean):
+                    cells.append(f"> {HIGHEST_DBM - without.mean:+.0f}")
+                else:
+                    cells.append(f"{with_it.mean - without.mean:+.1f}")
+            lines.append(cells)
+    return table(["interferer, method", *(f"{feet:g} ft" for feet in study.altitudes_ft)], lines)
+
+
+def _number_table(profile: Profile) -> str:
+    return table(
+        ["number", "value", "standing", "source"],
+        [
+            [f"`{name}`", f"{getattr(profile, name):g}", level, source]
+            for name, (level, source) in profile.standing.items()
+        ],
+    )
+
+
+def draw(profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str, float], Pooled]) -> Any:
+    """Break-points over altitude as densities at the port, a panel per method, with what Table 1 lets arrive there."""
+    figure = new_figure(4.6 * len(study.methods) + 1.6, 4.6)
+    axes = figure.subplots(1, len(study.methods), sharey=True, squeeze=False)[0]
+    rule = float(pfd_dbw_per_m2_mhz(profile.carrier_hz)) - profile.flux_dbw_per_m2_mhz(0.0)
+    for axis, method in zip(axes, study.methods, strict=True):
+        for k, name in enumerate(study.interferers):
+            colour, marker = _STYLES[k % len(_STYLES)]
+            found = [groups[method, name, feet] for feet in study.altitudes_ft]
+            y = np.array([f.density for f in found])
+            axis.errorbar(
+                study.altitudes_ft,
+                y,
+                yerr=[f.half for f in found],
+                color=colour,
+                marker=marker,
+                markersize=5,
+                linewidth=1.3,
+                capsize=2,
+                label=INTERFERERS[name].title,
+            )
+            title, pairs = INTERFERERS[name].title, zip(study.altitudes_ft, found, strict=True)
+            say(axis, study.altitudes_ft, y, [f"{title}, {feet:g} ft: {_level(f)}" for feet, f in pairs])
+        low = min(study.altitudes_ft)
+        if low < MAX_ALTITUDE_FT:
+            axis.plot(
+                [low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2))
+            )
+            at = (MAX_ALTITUDE_FT, rule)
+            axis.annotate(
+                "14 CFR 91.220(b), in band",
+                at,
+                (4, -3),
+                textcoords="offset points",
+                fontsize=8,
+                color="#444444",
+            )
+        axis.set_xscale("log")
+        axis.set_xticks(study.altitudes_ft, [f"{feet:g}" for feet in study.altitudes_ft])
+        axis.minorticks_off()
+        axis.grid(True, linewidth=0.4, alpha=0.5)
+        axis.set_xlabel("altitude, ft")
+        axis.set_title("without mitigation" if method == "none" else f"with {method}", fontsize=10)
+    axes[0].set_ylabel("break-point at the port, dBm/MHz (mean over the sweep)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8, frameon=False)
+    return figure
