@@ -148,7 +148,7 @@ $(VENV)/.test: requirements-test.lock $(VENV)/.runtime
 	@touch $@
 
 $(TRAIN_VENV)/.training: training/requirements.txt | $(STAMPS)/debian
-	@echo "gr-radalt set-up: environment $(TRAIN_VENV)"
+	@echo "gr-radalt set-up: environment $(TRAIN_VENV): PyTorch, 1.3 GB on the disk, more where pip brings CUDA; some minutes"
 	@"$(SYSTEM_PYTHON)" -m venv --clear $(TRAIN_VENV)
 	@$(TRAIN_VENV)/bin/python $(PIP) install -r $<
 	@touch $@

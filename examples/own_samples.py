@@ -15,7 +15,11 @@ from radalt.core.scene import parse_scene
 # The sweep that was sent, and how high to search. What is not said has a default: docs/scene-reference.md
 scene = parse_scene(
     {
-        "waveform": {"bandwidth_hz": 7.5e6, "sweep_s": 1.0e-3, "rate_hz": 7.5e6},  # up and down in 1 ms
+        "waveform": {
+            "bandwidth_hz": 7.5e6,
+            "sweep_s": 1.0e-3,
+            "rate_hz": 7.5e6,
+        },  # a frame: up and down in 1 ms
         "altimeter": {"max_altitude_m": 1500.0},
     }
 )

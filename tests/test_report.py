@@ -113,7 +113,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
     write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
-    assert "A point without a single frame: timing not acquired. Its Pd is –." in text
+    assert "Points without a frame never acquired the timing; they have no Pd (–)." in text
     page, _ = collect([tmp_path / "a"], tmp_path / "all")
     assert "| 1 | 0 | – | – |" in page.read_text(encoding="utf-8")
 

@@ -266,5 +266,7 @@ def test_messages_are_cut_in_the_middle(data):
 
 
 def test_a_frame_that_no_flowgraph_holds_is_refused():
-    with pytest.raises(ValueError, match=r"sweep_s 1 .*7.68 GB in a flowgraph's buffers; at most 1048576 samples"):
+    with pytest.raises(
+        ValueError, match=r"sweep_s 1 .*7.68 GB in a flowgraph's buffers; at most 1048576 samples"
+    ):
         parse_scene({"waveform": {"sweep_s": 1.0}})

@@ -5,6 +5,7 @@ Needs the training environment (`make train ARGS="--help"` makes it); skipped wi
 
 import csv
 import os
+import re
 import subprocess
 
 import numpy as np
@@ -38,8 +39,11 @@ def runs(training, tmp_path_factory):
     """Folder of a run from nothing: 25 steps, validated every 5."""
     folder = tmp_path_factory.mktemp("runs")
     small = ("--runs", folder, "--batch", "4", "--validation", "8", "--threads", "1", "--interval", "5")
-    status, _, errors = training("train.py", "compact_first", "--steps", "25", *small)
+    status, said, errors = training("train.py", "compact_first", "--steps", "25", *small)
     assert status == 0, errors
+    start, progress = said.splitlines()[:2]
+    assert "compact_first: 25 steps of 4 examples on " in start and "first 8 examples to validate" in start
+    assert re.fullmatch(r"\[1/25\] \S+ s a step, about \d+ min left", progress)
     return folder, small
 
 

@@ -42,6 +42,7 @@ RUNS = Path(__file__).resolve().parent / "runs"
 COLUMNS = ("step", "examples", "epoch", "seconds", "rate", "train_loss", "validation_loss")
 _WARM_UP = 200
 _SAVE_EVERY_S = 600.0
+_SAY_EVERY_S = 10.0  # between two lines of progress; the first comes with the first step
 
 
 def normalise(planes: Tensor, kind: str) -> Tensor:
@@ -271,13 +272,17 @@ class Trainer:
         makers = self._makers(workers) if self.stored is None else []
         made = self._made(makers)
         recent: list[float] = []
-        mark = saved = time.monotonic()
+        begin = mark = saved = time.monotonic()
+        first, said = self.step, -np.inf
         try:
             while self.step < self.last and time.time() < until:
                 recent.append(self.train_step(*next(made)))
                 now = time.monotonic()
                 self.seconds += now - mark
                 mark = now
+                if now - said > _SAY_EVERY_S:
+                    self._say((now - begin) / (self.step - first), until - time.time())
+                    said = now
                 if self.step % self.interval == 0 or self.step == self.last:
                     self._report(float(np.mean(recent)))
                     recent.clear()
@@ -290,6 +295,12 @@ class Trainer:
             for _, worker in makers:
                 worker.terminate()
                 worker.join()
+
+    def _say(self, step_s: float, allowed_s: float) -> None:
+        """Progress, on a terminal in one line that the next overwrites."""
+        left_s = min((self.last - self.step) * step_s, max(0.0, allowed_s))
+        text = f"[{self.step}/{self.last}] {step_s:.2g} s a step, about {max(1, round(left_s / 60))} min left"
+        print(text, end="\r" if sys.stdout.isatty() else "\n", flush=True)
 
     def _report(self, train_loss: float) -> None:
         size = self.config.size
@@ -382,6 +393,11 @@ def main() -> None:
         earlier = Trainer(name, RECIPES[name], **where)
         earlier.run(time.time() + 60 * args.minutes, args.workers)
         draw_curves(earlier.folder)
+    examples = f"{recipe.stop or recipe.steps} steps of {recipe.batch} examples on {args.device}"
+    print(
+        f"{args.name or args.recipe}: {examples}; first {args.validation} examples to validate with",
+        flush=True,
+    )
     try:
         trainer = Trainer(
             args.name or args.recipe, recipe, start=args.start, recordings=args.recordings, **where

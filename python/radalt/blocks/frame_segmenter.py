@@ -78,8 +78,8 @@ class frame_segmenter(gr.basic_block):
     follow_programme : bool
         True checks frames against the scene's programme, and against altitudes set by hand in the chirp source's stream
         tags ``radalt_altitude``. The simulated channel passes these tags, radios do not: with radios, an altitude set
-        by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line
-        states where the search ends.
+        by hand needs `follow`, or False here. With False and no ``altimeter.max_altitude_m`` one line says where the
+        search ends.
     drop_when_slow : bool
         Drop frames, counted as ``dropped_slow``, when a method cannot keep up, so that a USRP never overflows. During a
         delay up to 479 frames wait (0.48 s of the default sweep): 95 in the ring, 384 in this block. Frames that wait

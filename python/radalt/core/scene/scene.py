@@ -99,7 +99,7 @@ class Scene:
         w = self.waveform
         if w.samples_per_frame > _MOST_SAMPLES:
             raise ValueError(
-                f"waveform.sweep_s {w.sweep_s:g} at rate_hz {w.rate_hz:g} makes frames of {w.samples_per_frame:.4g} "
+                f"waveform.sweep_s {w.sweep_s:g} at rate_hz {w.rate_hz:g} makes frames of {w.samples_per_frame} "
                 f"samples, {w.samples_per_frame * 8 * _FRAMES_HELD / 1e9:.3g} GB in a flowgraph's buffers; at most "
                 f"{_MOST_SAMPLES} samples"
             )
