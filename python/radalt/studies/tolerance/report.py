@@ -212,11 +212,11 @@ def draw(profile: Profile, study: ToleranceStudy, groups: Mapping[tuple[str, str
             axis.plot(
                 [low, MAX_ALTITUDE_FT], [rule, rule], color="#444444", linewidth=2.5, linestyle=(0, (4, 2))
             )
-            at = (MAX_ALTITUDE_FT, rule)
+            at = (low, rule)
             axis.annotate(
                 "14 CFR 91.220(b), in band",
                 at,
-                (4, -3),
+                (2, -12),
                 textcoords="offset points",
                 fontsize=8,
                 color="#444444",
