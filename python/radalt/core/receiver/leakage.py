@@ -11,7 +11,7 @@ The limit is how still the leakage stands: a change of phase by ``p`` rad leaves
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -316,7 +316,7 @@ def store_leakage(calibration: LeakageCalibration, path: Path | str) -> Path:
 
     w = calibration.waveform
     table = {
-        "waveform": {name: getattr(w, name) for name in w.__dataclass_fields__},
+        "waveform": {f.name: getattr(w, f.name) for f in fields(w)},
         "installation_delay_m": round(float(calibration.installation_delay_m), 4),
     }
     for name, row in zip(("up", "down"), calibration.coefficients, strict=True):
