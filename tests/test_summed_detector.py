@@ -71,7 +71,7 @@ def test_facets_are_the_sum_of_point_returns():
 @pytest.mark.parametrize("feet", [200, 1000, 5000])
 @pytest.mark.parametrize("forward", [0.0, 70.0])
 def test_the_summed_leading_edge_keeps_diffuse_ground(feet, forward):
-    """Within 3 ft or 3 % from 200 ft up (MOPS-like figure of the issue; the nearest ground is the altitude)."""
+    """Within 3 ft or 3 % from 200 ft up; the nearest ground is the altitude."""
     detector = SummedDetector(SWEEP, 8, max_altitude_m=1600.0, strategy="leading_edge")
     rng = np.random.default_rng(9)
     ground = DiffuseGround(GaussianAntenna(45.0), reflectivity(), forward_m_per_s=forward)
