@@ -141,7 +141,7 @@ def _environment() -> str:
     lines = []
     for name, value in wanted:
         # an empty MANPATH entry stands for the system's pages
-        rest = '":$MANPATH"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
+        rest = '":${MANPATH:-}"' if name == "MANPATH" else f'"${{{name}:+:${name}}}"'
         lines.append(f"export {name}={shlex.quote(str(value))}{rest}")
     return "\n".join(lines)
 
