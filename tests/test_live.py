@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import types
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -195,8 +196,9 @@ def test_simulated_radios_keep_to_the_sample_rate(monkeypatch):
     """With a clock that only moves while the block sleeps, the sleeps add up to the length of the signal."""
     module = sys.modules[radalt.simulated_channel.__module__]
     now = [100.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(module.time, "sleep", lambda s: now.__setitem__(0, now[0] + s))
+    # the block's alone: threads of other tests may still sleep
+    clock = types.SimpleNamespace(monotonic=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + s))
+    monkeypatch.setattr(module, "time", clock)
     top = gr.top_block()
     source = blocks.vector_source_c([0j] * (50 * N))
     channel = radalt.simulated_channel(load_scene("paper_qpsk"), jammer=False, realtime=True)
