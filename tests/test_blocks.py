@@ -731,6 +731,13 @@ def test_an_endpoint_that_other_machines_reach_is_refused_unless_asked_for(block
     assert block(scene_of(), endpoint="tcp://0.0.0.0:*", network=True).stop()
 
 
+def test_an_endpoint_that_is_closed_while_it_opens_ends():
+    from radalt.core.radio.endpoint import BoundedListener
+
+    for _ in range(300):
+        BoundedListener("test", "tcp://127.0.0.1:*", limit_bytes=1000, answered=False).close()
+
+
 def test_endpoint_that_is_taken_is_refused_in_one_line():
     import zmq
 

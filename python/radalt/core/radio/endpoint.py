@@ -112,6 +112,7 @@ class BoundedListener:
             self._folder.cleanup()
             raise
         self._loop = asyncio.new_event_loop()
+        self._ended = asyncio.Event()  # not loop.stop(): that is lost where the listener is still starting
         self._thread = threading.Thread(
             target=self._run, args=(listening,), daemon=True, name=f"radalt_{name}"
         )
@@ -193,7 +194,7 @@ class BoundedListener:
         start = asyncio.start_unix_server if listening.family == socket.AF_UNIX else asyncio.start_server
         server = self._loop.run_until_complete(start(self._connected, sock=listening))
         try:
-            self._loop.run_forever()
+            self._loop.run_until_complete(self._ended.wait())
         finally:
             server.close()
             tasks = asyncio.all_tasks(self._loop)
@@ -206,7 +207,7 @@ class BoundedListener:
         if self._open:
             await asyncio.wait(set(self._open), timeout=_DELIVERY_S)
         await asyncio.sleep(0)  # what is closing is written out
-        self._loop.stop()
+        self._ended.set()
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """One peer, to its end."""
