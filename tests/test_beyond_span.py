@@ -98,7 +98,7 @@ def test_the_span_is_the_altimeters_and_frames_between_keep_their_order():
 
 
 def test_right_frames_under_interference_are_not_refused():
-    """Interference shows lines nowhere; one frame in a hundred may look like it."""
+    """Interference shows lines nowhere; one frame in a hundred may show one by chance."""
     rng = np.random.default_rng(7)
     beyond, taken = BeyondSpan(W, 1500.0), 0
     for overlap in (0.1, 0.6, 1.0):

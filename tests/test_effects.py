@@ -392,7 +392,7 @@ def test_fading_does_not_step_where_frames_meet():
     emitter = impaired(Wave(), fading=FadingChannel(profile="EVA", doppler_hz=120.0))
     for free_running in (True, False):
         stream = JammerStream(Waveform(), [Interferer(emitter, 0.0)], seed=8, free_running=free_running)
-        if not free_running:  # every frame is scaled to the SIR: look before placement
+        if not free_running:  # every frame is scaled to the SIR: the level is taken before placement
             running = Running(emitter, N)
             rng = np.random.default_rng(8)
             samples = np.concatenate([running.samples(N, RATE_HZ, rng) for _ in range(6)])

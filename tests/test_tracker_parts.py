@@ -325,7 +325,7 @@ def test_a_rival_is_open_where_its_lead_over_the_noise_is_too_small():
 
 
 def test_speeds_that_no_two_cells_have_change_nothing():
-    """A measurement that hardly stands out of noise tells nothing of its speed."""
+    """A measurement that hardly stands out of noise holds no information on its speed."""
     evidence = Evidence(2.0)
     evidence.add(np.full((2, 21), 5.0), np.full((2, 21), 0.5))
     evidence.mean[:, 3] = evidence.mean[:, 15] = 0.0

@@ -63,13 +63,13 @@ def costs(frames: np.ndarray) -> list[str]:
     method.process(frames[:2])
     later = iter(frames[2:])
 
-    def look() -> None:
+    def detect() -> None:
         without_tones(frame)
         cancel_zero_order_hold(frame, DEFAULTS)
         find_symbol_timings(frame, DEFAULTS)
 
     steps: dict[str, Callable[[], object]] = {
-        "look": look,
+        "detect": detect,
         "demodulation": lambda: CmaEqualiser(frame, timing, DEFAULTS).symbols(),
         "pulse": lambda: estimate_pulse(frame, symbols, DEFAULTS),
         "tracking": lambda: method.cancel(next(later), search=False),

@@ -56,7 +56,7 @@ def function_method(function: _Function) -> type[Mitigation]:
 
 
 def _digest(function: Callable[..., Any]) -> str:
-    """What a report keeps of a function, so that two runs can be told apart."""
+    """What a report keeps of a function, which distinguishes two runs."""
     try:
         text = inspect.getsource(function)
     except (OSError, TypeError):  # typed at a prompt, or no Python function

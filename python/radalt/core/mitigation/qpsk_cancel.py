@@ -20,9 +20,9 @@ from .qpsk.zero_order_hold import cancel_zero_order_hold
 __all__ = ["QpskCancel"]
 
 _MIN_SAMPLES = 1024  # of a frame: 20 of the slowest symbols
-# FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one look at the frame
-# and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
-_TRACKING, _TONES, _LOOK, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
+# FFTs of 7,500 points that steps cost (`tools/qpsk_sensitivity.py --costs`). A search has at most one detection
+# in the frame and three trials of symbol timing: 45 + 3 * 82 FFTs, whatever the frame holds
+_TRACKING, _TONES, _DETECTION, _DEMODULATION, _PULSE = 20.0, 35.0, 10.0, 32.0, 50.0
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class QpskCancel(Mitigation):
 
     def _acquired(self, frame: np.ndarray) -> np.ndarray | None:
         """The frame without an emitter that is searched; None if there is none."""
-        self._ffts += _LOOK
+        self._ffts += _DETECTION
         rest = without_tones(frame)
         tones = rest is not None
         self._ffts += _TONES * tones

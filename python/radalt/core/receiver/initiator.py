@@ -36,7 +36,7 @@ class Initiator:
     settings : TrackerSettings
     lowest_start_m : float
         Below it no candidate starts: leakage stands still as hovering ground does, and without a calibration nothing
-        tells them apart.
+        distinguishes them.
 
     Attributes
     ----------

@@ -100,7 +100,7 @@ class SweepFinder:
         """Power of the sweep's complex conjugate over that of the sweep in one frame; 0 where none stands out alone.
 
         A quadrature error gives the conjugate: one rail dead (0 dB), one rail a sample late (-2 dB). Of a centred sweep
-        the conjugate is the sweep half a frame later, so a receiver with I and Q exchanged cannot be told by it.
+        the conjugate is the sweep half a frame later, so it does not show a receiver with I and Q exchanged.
         """
         power, mirrored = self._power(frame), self._power(np.conj(frame))
         peak, mean = int(np.argmax(power)), float(power.mean())

@@ -17,7 +17,7 @@ __all__ = ["Integrity"]
 
 # Resolution cells within which the first grating lobe of what a method leaves of the sweep lies.
 _GRATING_CELLS = 2.0
-# Resolution cells within which side and grating lobes lie, and a second return is told from them by its one-sidedness.
+# Resolution cells within which side and grating lobes lie; a second return differs from them by being one-sided.
 _LOBE_CELLS, _LOBE_SHARE = 6.0, 0.1  # or that share of the altitude, if more: ground off nadir
 # Metres by which what a method leaves of a peak pulls it; 5 MHz NR behind `tcae` keeps up 0.95 m for seconds.
 _SYSTEMATIC_M = 1.0

@@ -37,7 +37,7 @@ _LONGEST_GAP_S = 10.0
 # Largest difference in seconds of the residual timing offsets within one block: 0.3 m of altitude, a third of the
 # protection level's systematic part.
 _SAME_TIMING_S = 2e-9
-# Cells of each half sweep by which frames are told apart: eight values of noise agree by chance in none of 1e20.
+# Cells of each half sweep that distinguish frames: eight values of noise agree by chance in none of 1e20.
 _MARKED_CELLS = 4
 
 

@@ -111,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         alone_s = alone_seconds(in_turn, scene, batch=args.batch)
         alone_s["(six blocks that copy)"] = gateway_seconds(samples)
         alone_s |= {f"(kernels of {name})": s for name, s in kernel_seconds(scene).items()}
-        # in units of their own hour, and told in those of the run
+        # in units of their own hour, and reported in those of the run
         share = found[FREE].fft_s / (0.5 * (unit_s + fft_seconds(samples)))
         found[FREE] = replace(found[FREE], alone_s={name: share * s for name, s in alone_s.items()})
         _print_alone(found[FREE].numbers(scene.waveform.sweep_s))
@@ -121,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _folder(out, scene, methods, options, typed):  # noqa: ANN001, ANN202 - imported late
-    """The result folder, made before anything is measured: what does not fit there is told at once."""
+    """The result folder, made before anything is measured: what does not fit there is refused at once."""
     from ...core.scene import scene_to_mapping
     from ...evaluation.results.folder import RunFolder, versions
 

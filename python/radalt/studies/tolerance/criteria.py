@@ -16,7 +16,7 @@ __all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "break_level", "judged"]
 _MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98
 _LEAST_M = 3 * foot  # below which no altitude is called wrong (assumed)
 _ALERT_S = 1.0  # longest time for which a wrong altitude may be called NORMAL (assumed)
-LOWEST_DBM, HIGHEST_DBM = -150, 20  # beyond, receivers break rather than misread
+LOWEST_DBM, HIGHEST_DBM = -150, 20  # beyond, receivers are destroyed rather than wrong
 _BRACKET_DB = 8
 
 CRITERIA = {

@@ -345,11 +345,11 @@ class IterativeReceiver:
         known = np.ascontiguousarray(t.reshape(len(t), -1, block)[:, ::_SAMPLED]).reshape(len(t), -1)
 
         tried = 10 ** (np.array(self._s.noise_grid_db, dtype=np.float32) / 10)
-        upright = self._nats(some, known, tried, segments)
-        best = int(upright.sum(axis=1).argmax())
+        unrotated = self._nats(some, known, tried, segments)
+        best = int(unrotated.sum(axis=1).argmax())
         turned = self._nats(some * _EIGHTH, known, tried[best : best + 1], segments)[0]
         self.ffts += _DEMAP
-        return tried[best], np.where(turned > upright[best] + 5, _EIGHTH, np.complex64(1))[:, None]
+        return tried[best], np.where(turned > unrotated[best] + 5, _EIGHTH, np.complex64(1))[:, None]
 
     def _nats(self, z: np.ndarray, t: np.ndarray, noises: np.ndarray, segments: np.ndarray) -> np.ndarray:
         """(noises, L) log density of the symbols for each noise, all at once as so many symbols."""
