@@ -69,7 +69,7 @@ def test_a_healthy_bench_passes_every_step(monkeypatch, tmp_path):
     assert found["radar: level"].value == pytest.approx(20 * np.log10(0.7 / 2), abs=0.1)
     assert bench.known["latency"] == pytest.approx(uhd_double.LATENCY, abs=0.05)
     assert found["jammer: SIR off from -10 dB"].value == pytest.approx(0.0, abs=0.3)
-    assert found["both: radar's level off from its fullscale"].value == pytest.approx(0.0, abs=0.2)
+    assert found["both: radar's level against its fullscale"].value == pytest.approx(0.0, abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -142,8 +142,8 @@ def test_an_image_and_a_slope_of_the_path_are_measured(monkeypatch, tmp_path):
         lambda air, who, x: send(air, who, (0.8 * (x + 0.1 * x.conj())).astype(np.complex64)),
     )
     wrong, found = verdicts(bench, *FIRST)
-    assert set(wrong) == {"radar: IQ image"}
-    assert found["radar: IQ image"].value == pytest.approx(-20.0, abs=0.1)
+    assert set(wrong) == {"radar: IQ image, LO in the middle of the band"}
+    assert found["radar: IQ image, LO in the middle of the band"].value == pytest.approx(-20.0, abs=0.1)
 
 
 def test_nothing_is_opened_without_the_interlock(monkeypatch, tmp_path):
@@ -263,3 +263,24 @@ def test_what_is_missing_gets_one_line(options, message, capsys, monkeypatch):
     with pytest.raises(SystemExit):
         command.main(options)
     assert message in capsys.readouterr().err
+
+
+def test_an_hour_does_not_overwrite_another(tmp_path, capsys):
+    """Neither a folder nor a zip; and it is said before anything is measured."""
+    (tmp_path / "first.zip").write_text("mine")
+    with pytest.raises(SystemExit) as ended:
+        raise SystemExit(command.main(["--sim", "--steps", "receiver", "--out", str(tmp_path / "first")]))
+    assert ended.value.code == 2
+    assert (tmp_path / "first.zip").read_text() == "mine"
+    assert "name another --out" in capsys.readouterr().err
+
+
+def test_what_a_step_cannot_use_is_a_failed_check_and_the_next_step_goes_on(tmp_path):
+    scene = parse_scene(
+        {**SCENE, "interference": {"recording": {"file": str(tmp_path / "none"), "sir_db": -10.0}}}
+    )
+    bench = Bench(scene, tmp_path / "first", simulated=True, frames=4, starts=2, minutes=0.001)
+    failed, found = verdicts(bench, "receiver", "radar", "jammer", "starts")
+    assert set(failed) == {"jammer: run"}
+    assert "cannot be read" in failed["jammer: run"].cause
+    assert found["starts: latency 150.30 at 30 MHz, 2 starts"].verdict == "pass"

@@ -1,6 +1,6 @@
 """The first hour on two radios, step by step, each with a verdict; and one bundle that comes back.
 
-    .venv/bin/python flowgraphs/first_light.py --sim  # the same steps on a simulated bench, about a minute
+    .venv/bin/python flowgraphs/first_light.py --sim  # the same steps on a simulated bench, seconds
     .venv/bin/python flowgraphs/first_light.py --transmit --scene my_bench.yaml
     .venv/bin/python flowgraphs/first_light.py --read first-light-20261128-090000.zip
 
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.read:
         print(read_bundle(args.read, args.out))
         return 0
-    if not (args.sim or args.yes or sys.stdin.isatty()):
+    if not (args.sim or args.yes or (sys.stdin and sys.stdin.isatty())):
         parser.error("there is no terminal at which to wait for the cables; connect them and add --yes")
     if not (args.sim or args.scene):
         parser.error("give the bench's scene with --scene (docs/hardware.md), or --sim")
@@ -87,14 +87,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         minutes=minutes,
         log=lambda line: print(f"    {line}", file=sys.stderr),
     )
-    folder = open_folder(bench)
     print(CABLING)
     radio = bench.scene.radio
     print(
-        f"A is {radio.attenuation_db:g} dB, {radio.enclosure}. Nothing is transmitted before the step radar."
+        f"A is {radio.attenuation_db:g} dB, enclosure: {radio.enclosure}. Nothing is transmitted before the step radar."
     )
     if not (args.sim or args.yes):
-        input("Connect every cable of the drawing, then press Enter (Ctrl-C ends): ")
+        try:
+            input("Connect every cable of the drawing, then press Enter (Ctrl-C ends): ")
+        except EOFError:
+            parser.error("the terminal was closed before Enter; nothing was opened")
+    folder = open_folder(bench)
     checks: list[Check] = []
     try:
         for check in perform(bench, steps):
@@ -104,6 +107,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             why = "" if check.verdict == "pass" else f": {check.cause}"
             print(f"  {check.verdict:8}{check.what}: {check.shown} ({check.limit}){why}", flush=True)
     finally:  # an hour that is broken off leaves its bundle
+        reached = {check.step for check in checks}
+        checks += [
+            Check(name, STEPS[name]["title"], None, cause="not reached: the hour was broken off")
+            for name in steps
+            if name not in reached
+        ]
         serials = {radio.radar_serial, radio.jammer_serial, *bench.serials} if args.no_serials else ()
         source = "simulated channel" if args.sim else radio.limits.title
         bundle = write_bundle(folder, checks, f"{time.strftime('%Y-%m-%d')}, {source}", serials)

@@ -26,7 +26,7 @@ from ..engine.options import expected_errors
 from ..flowgraph.rewrite import RADAR_GATE
 from ..simulation import TAIL_FRAMES, PointResult, found_latency, received, run_chain
 
-__all__ = ["CABLING", "STEPS", "Bench", "Check", "Flight", "Measured", "perform"]
+__all__ = ["CABLING", "STEPS", "Bench", "Check", "Flight", "Measured", "perform", "simulated_samples"]
 
 _DATA = load_yaml(Path(__file__).with_suffix(".yaml"), what="steps")
 STEPS: dict[str, dict[str, Any]] = _DATA["steps"]
@@ -117,8 +117,8 @@ class Bench:
     def __post_init__(self) -> None:
         require_enclosure(self.scene, self.transmit, radios=not self.simulated)
         if self.simulated:
-            # 12 dB above the shortest burst of the steps, but the return stays well above a 12-bit step
-            rail = min(50.0, 4.0 * 10.0 ** (max(0.0, 6.0 - self.scene.sir_db) / 20.0))
+            # 18 dB above the shortest burst of the steps, but the return stays well above a 12-bit step
+            rail = min(90.0, 8.0 * 10.0 ** (max(0.0, 6.0 - self.scene.sir_db) / 20.0))
             path = {"snr_db": 30.0, "start_offset_samples": _LATENCY, "dc_offset": 1e-3, "iq_gain_db": 0.05}
             channel = ChannelSettings(adc_bits=12, full_scale=rail, **path)
             self.scene = dataclasses.replace(self.scene, channel=channel)
@@ -150,7 +150,7 @@ class Bench:
             sends = RADAR_GATE not in silent
             result = run_chain(scene, methods if sends else ())
             latency = found_latency(scene) if sends else math.nan
-            samples = _simulated(scene, radar_sends=sends) if capture else samples
+            samples = simulated_samples(scene, radar_sends=sends) if capture else samples
         else:
             from .hardware import run_hardware
 
@@ -165,12 +165,17 @@ class Bench:
             self._save(capture, scene, samples, latency)
         return Flight(scene, result, samples / np.float32(self._full_scale), latency)
 
+    @property
+    def lo_centred(self) -> dict[str, Any]:
+        """Changes of a scene that put the LO in the middle of the band: DC and the IQ image are seen there alone."""
+        return {"radio": dataclasses.replace(self.scene.radio, lo_offset_hz=0.0)}
+
     def listen(self, frames: int) -> np.ndarray:
-        """(frames, N) samples with every transmitter off: none is opened."""
-        scene = self.programme(0.0, frames=frames)
+        """(frames, N) samples with every transmitter off: none is opened; the LO is in the middle of the band."""
+        scene = self.programme(0.0, frames=frames, **self.lo_centred)
         count = frames * scene.waveform.samples_per_frame
         if self.simulated:
-            heard = _simulated(scene, radar_sends=False)[:count]
+            heard = simulated_samples(scene, radar_sends=False)[:count]
         else:
             from .hardware import receive_alone
 
@@ -209,7 +214,7 @@ def _heard(file: Path, scene: Scene) -> np.ndarray:
     return samples
 
 
-def _simulated(scene: Scene, *, radar_sends: bool) -> np.ndarray:
+def simulated_samples(scene: Scene, *, radar_sends: bool) -> np.ndarray:
     """What the simulated channel gives over a programme."""
     frames = scene.altitude.programme.total_frames + TAIL_FRAMES
     return np.concatenate([samples for _, samples in received(scene, frames, radar_sends=radar_sends)])
@@ -218,7 +223,8 @@ def _simulated(scene: Scene, *, radar_sends: bool) -> np.ndarray:
 def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
     """The checks of every step in order, to the end whatever fails.
 
-    What the set-up or UHD refuses is a failed check: RuntimeError is UHD's, of a device that is not there.
+    What the set-up or UHD refuses is a failed check: RuntimeError is UHD's, of a device that is not there; ValueError a
+    scene's, of a value that a step cannot use.
     """
     for name, measure in steps.items():
         step = STEPS[name]
@@ -233,5 +239,5 @@ def perform(bench: Bench, steps: Mapping[str, Measure]) -> Iterator[Check]:
                 given = {"what": key, **step["checks"][key]} | ({} if low is None else {"low": low})
                 given |= {"what": given["what"].format(detail=detail)} | ({"cause": cause} if cause else {})
                 yield Check(name, value=value, **given)
-        except (*expected_errors(), RuntimeError) as error:
+        except (*expected_errors(), RuntimeError, ValueError) as error:
             yield Check(name, "run", math.nan, cause=" ".join(str(error).split())[:300])

@@ -22,6 +22,7 @@ __all__ = ["MOST_BYTES", "BundleError", "open_folder", "read_bundle", "verdict_o
 
 MOST_BYTES = 50 << 20
 _MOST_FILES, _MOST_UNPACKED = 100, 100 << 20
+_MOST_REPORT = 1 << 20  # of the report, which goes to a terminal; one of 49 checks has 5 kB
 _CAPTURE_BYTES = 44 << 20  # of recordings, which noise does not let shrink; the rest is report and rows
 _NAME = re.compile(r"(captures/)?[a-zA-Z0-9][a-zA-Z0-9_.-]{0,80}\.(md|html|csv|json|svg|sigmf-(meta|data))")
 _RUN = {"command": "radalt first-light"}
@@ -38,8 +39,17 @@ def verdict_of(checks: Sequence[Check]) -> str:
     return ", ".join(f"{sum(c.verdict == v for c in checks)} {word}" for v, word in names.items())
 
 
+def bundle_of(folder: Path) -> Path:
+    """The zip beside a folder."""
+    return folder.with_name(f"{folder.name}.zip")
+
+
 def open_folder(bench: Bench) -> RunFolder:
-    """The result folder of a bench; raises FolderError where it holds something else."""
+    """The result folder of a bench; raises BundleError or FolderError where something else is in its place."""
+    if (bench.folder / "run.json").exists() or bundle_of(bench.folder).exists():
+        raise BundleError(
+            f"{bench.folder} or {bundle_of(bench.folder)} exists from another hour; name another --out"
+        )
     made_with = versions(with_network=bench.scene.has_jammer)
     if not bench.simulated:
         from gnuradio import uhd
@@ -77,7 +87,7 @@ def write_bundle(
     page = {"title": title, "verdict": verdict_of(checks), "steps": STEPS, "out": out, "run": _RUN}
     page["parts"] = {name: _table([c for c in checks if c.step == name]) for name in STEPS}
     write_pages(folder, here / "first_light.md.j2", page)
-    bundle = folder.path.with_name(f"{folder.path.name}.zip")
+    bundle = bundle_of(folder.path)
     with zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(folder.path.rglob("*")):
             name = file.relative_to(folder.path).as_posix()
@@ -120,7 +130,9 @@ def read_bundle(path: Path, out: Path | None = None) -> str:
 def _files_of(path: Path) -> dict[str, bytes]:
     """Content by name. Number, names and sizes are checked first, and no more is read than a file states."""
     if not path.is_file() or path.stat().st_size > MOST_BYTES:
-        raise BundleError(f"{path}: no file of at most {MOST_BYTES >> 20} MB; give the first-light-DATE.zip")
+        raise BundleError(
+            f"{path}: no such file, or one of more than {MOST_BYTES >> 20} MB; give the first-light-DATE.zip"
+        )
     files: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -131,9 +143,13 @@ def _files_of(path: Path) -> dict[str, bytes]:
                 if not _NAME.fullmatch(entry.filename) or entry.filename in files:
                     shown = one_line(ascii(entry.filename))[:80]
                     raise BundleError(f"{path}: it holds {shown}, which no bundle does; nothing was unpacked")
+                if entry.filename == "report.md" and entry.file_size > _MOST_REPORT:
+                    raise BundleError(
+                        f"{path}: its report.md has {entry.file_size} bytes; at most {_MOST_REPORT}"
+                    )
                 with archive.open(entry) as stream:
                     files[entry.filename] = stream.read(entry.file_size)
-    except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError) as error:
         raise BundleError(
             f"{path}: not a readable zip ({one_line(str(error))}); have it sent again"
         ) from None

@@ -21,7 +21,7 @@ from ...core.scene import Scene
 from ..flowgraph.rewrite import RADAR_GATE
 from ..results.score import score
 from ..simulation import run_chain
-from .first_light import Bench, Flight, Measure, Measured
+from .first_light import Bench, Flight, Measure, Measured, simulated_samples
 
 __all__ = ["MEASURES"]
 
@@ -51,7 +51,12 @@ def _devices(bench: Bench) -> Iterator[Measured]:
     for role, serial, ways in zip(("radar", "jammer"), wanted, (2, 1), strict=False):
         speed = hardware.link_bytes_per_s(serial or (found or [""])[0])
         if speed is None:
-            yield Measured("link", None, role, "uhd_usrp_probe does not say; lost samples below will")
+            yield Measured(
+                "link",
+                None,
+                role,
+                "uhd_usrp_probe (package uhd-host) does not say; see lost samples",
+            )
         else:
             yield Measured("link", speed / 1e6, role, low=ways * rate_hz * _WIRE_BYTES / 1e6)
 
@@ -92,10 +97,15 @@ def _radar(bench: Bench) -> Iterator[Measured]:
     if not known:
         return
     bench.known |= {"level": level, "latency": flight.latency}
-    sweeps, delay = flight.frames(1, scene.altitude.preamble_frames - 1), flight.latency % 1.0
-    ripple, image = ripple_and_image(scene.waveform, sweeps, delay, first=1)
     right = score(flight.result.results["none"], scene.altitude.programme)
-    yield from (Measured("flat", ripple), Measured("image", image), Measured("right", right.pd))
+    yield from (Measured("flat", _ripple_and_image(flight)[0]), Measured("right", right.pd))
+    centred = bench.fly(bench.programme(300.0, frames=1, **bench.lo_centred), capture="radar_lo_centred")
+    yield Measured("image", _ripple_and_image(centred)[1] if np.isfinite(centred.latency) else np.nan)
+
+
+def _ripple_and_image(flight: Flight) -> tuple[float, float]:
+    sweeps = flight.frames(1, flight.scene.altitude.preamble_frames - 1)
+    return ripple_and_image(flight.scene.waveform, sweeps, flight.latency % 1.0, first=1)
 
 
 def _who_receives(bench: Bench, scene: Scene) -> str:
@@ -180,7 +190,12 @@ def _jammer(bench: Bench) -> Iterator[Measured]:
     played = flight.frames(first + 1, first + bench.frames - 1, bench.known["latency"])
     sir_db = _radar_db(bench, scene) - db(mean_power(played) - noise)
     yield Measured("sir", sir_db - scene.sir_db, f"{scene.sir_db:g}")
-    yield Measured("overlap", burst_share(played.ravel(), noise) - 0.5, "0.5")
+    # of the same interference in simulation: sweeps and pulses do not fill their bursts
+    ideal = dataclasses.replace(_reference(bench, scene), seed=scene.seed)
+    n = scene.waveform.samples_per_frame
+    sent = simulated_samples(ideal, radar_sends=False)[(first + 1) * n : (first + bench.frames - 1) * n]
+    share = burst_share(sent, 10.0 ** (-ideal.channel.snr_db / 10.0))
+    yield Measured("share", burst_share(played.ravel(), noise) - share, f"{share:.3f}")
 
 
 def _both(bench: Bench) -> Iterator[Measured]:
@@ -204,7 +219,9 @@ def _both(bench: Bench) -> Iterator[Measured]:
 
 def _endurance(bench: Bench) -> Iterator[Measured]:
     count = max(40, round(bench.minutes * 60.0 / bench.scene.waveform.sweep_s))
-    scene = bench.programme(300.0, frames=count)
+    scene = bench.programme(300.0, frames=count, jammer=bench.scene.has_jammer)
+    if bench.scene.has_jammer:  # both radios stream throughout; most frames stay clear for the drift
+        scene = scene.at(overlap=_OVERLAPS[0])
     flight = bench.fly(scene, time_limit_s=4 * count * scene.waveform.sweep_s + 30.0)
     yield from _counters(flight)
     counted, frames = flight.result.segmenter, flight.result.results["none"]
