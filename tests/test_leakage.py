@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.channel.settings import ChannelSettings
+from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter

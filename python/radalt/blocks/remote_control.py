@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 import time
@@ -18,8 +17,8 @@ from ..core.radio.control import (
     parse_request,
 )
 from ..core.radio.endpoint import check_endpoint
-from ..core.receiver.altimeter import RESULT_DTYPE, Reason
 from ..core.scene import Scene, burst_db
+from ._results import json_text, result_fields
 from ._zmq import BoundSocket
 from .transmit_gate import gates_of
 
@@ -213,7 +212,7 @@ class remote_control:
             polls += 1
 
     def _publish(self, message: dict[str, Any]) -> None:
-        self._publisher.socket.send_string(json.dumps(_finite(message)))
+        self._publisher.socket.send_string(json_text(message))
         self.published += 1
 
     def _publish_results(self) -> None:
@@ -221,10 +220,8 @@ class remote_control:
             self._read[method], results = sink.results_since(self._read.get(method, 0))
             truth = self._truth_m(results["frame_index"])
             for result, true in zip(results, truth, strict=True):
-                fields = {name: result[name].item() for name in RESULT_DTYPE.names}
-                fields["reason"] = Reason.NAMES[int(result["reason"])]
                 head = {"type": "result", "version": CONTROL_VERSION, "method": method}
-                self._publish(head | fields | {"truth_m": float(true)})
+                self._publish(head | result_fields(result) | {"truth_m": float(true)})
 
     def _answer(self, parts: list[bytes]) -> str:
         """Reply to one message; errors go into the reply."""
@@ -339,17 +336,5 @@ class remote_control:
 
 def _reply(*, state: dict[str, Any] | None = None, error: str = "") -> str:
     """JSON of a reply: a state, or an error."""
-    if error:
-        return json.dumps({"version": CONTROL_VERSION, "ok": False, "error": error[:300]})
-    return json.dumps(_finite({"version": CONTROL_VERSION, "ok": True, "state": state}))
-
-
-def _finite(value: Any) -> Any:
-    """The value with null in place of numbers that JSON cannot hold."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    outcome = {"ok": False, "error": error[:300]} if error else {"ok": True, "state": state}
+    return json_text({"version": CONTROL_VERSION, **outcome})

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ..parsing import build, plain
+from ..parsing import build, check_range, plain
 from ..waveform import exp_cycles
 from .amplifier import AmplifiedEmitter, Amplifier
 from .emitters import NamedEmitter
@@ -61,10 +61,7 @@ class PhaseNoise:
     bandwidth_hz: float = 10e3
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.rms_deg <= 60.0:
-            raise ValueError(f"phase_noise.rms_deg is {self.rms_deg!r}; it has to be within 0..60")
-        if not 1.0 <= self.bandwidth_hz <= 1e6:
-            raise ValueError(f"phase_noise.bandwidth_hz is {self.bandwidth_hz!r}; it has to be within 1..1e6")
+        check_range("phase_noise", self, rms_deg=(0.0, 60.0), bandwidth_hz=(1.0, 1e6))
 
     def cycles(self, count: int, rate_hz: float, last: float | None, rng: np.random.Generator) -> np.ndarray:
         """(count + 1,) phases in cycles from ``last`` on (None: drawn); the last one begins the next block."""
@@ -96,12 +93,7 @@ class Oscillator:
     clock_ppm: float = 0.0
 
     def __post_init__(self) -> None:
-        if not abs(self.carrier_offset_hz) <= 1e5:
-            raise ValueError(
-                f"oscillator.carrier_offset_hz is {self.carrier_offset_hz!r}; it has to be within -1e5..1e5"
-            )
-        if not abs(self.clock_ppm) <= 100.0:
-            raise ValueError(f"oscillator.clock_ppm is {self.clock_ppm!r}; it has to be within -100..100")
+        check_range("oscillator", self, carrier_offset_hz=(-1e5, 1e5), clock_ppm=(-100.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ..channel.simulated import DropSettings
+from ..channel.settings import DropSettings
 from ..receiver.altimeter import Altimeter, AltimeterSettings, Spectra
 from ..waveform import Waveform
 from .scene import Scene

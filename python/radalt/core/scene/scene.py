@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from ..channel.simulated import ChannelSettings
+from ..channel.settings import ChannelSettings
 from ..interference.placement import Interferer
 from ..parsing import shown
 from ..receiver.altimeter import AltimeterSettings

@@ -10,6 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...parsing import check_range
 from ...waveform import exp_cycles
 from ..evm import check_evm, error_vectors, evm_fraction, evm_title
 from . import NamedEmitter, register
@@ -30,11 +31,8 @@ def rrc_taps(rolloff: float, up: int, span_symbols: int = 12) -> np.ndarray:
     else:
         den = np.pi * t * (1 - (4 * b * t) ** 2)
         num = np.sin(np.pi * t * (1 - b)) + 4 * b * t * np.cos(np.pi * t * (1 + b))
-        edge = (
-            b
-            / np.sqrt(2)
-            * ((1 + 2 / np.pi) * np.sin(np.pi / 4 / b) + (1 - 2 / np.pi) * np.cos(np.pi / 4 / b))
-        )
+        sine, cosine = np.sin(np.pi / 4 / b), np.cos(np.pi / 4 / b)
+        edge = b / np.sqrt(2) * ((1 + 2 / np.pi) * sine + (1 - 2 / np.pi) * cosine)
         singular = np.isclose(den, 0.0)
         taps = np.where(singular, edge, num / np.where(singular, 1.0, den))
         taps[np.isclose(t, 0.0)] = 1 - b + 4 * b / np.pi
@@ -82,8 +80,7 @@ class QpskEmitter(NamedEmitter):
             raise ValueError(f"qpsk.bandwidth_hz is {self.bandwidth_hz!r}; it has to be at least 1 Hz")
         if self.pulse not in ("rectangular", "rrc"):
             raise ValueError(f"qpsk.pulse is {self.pulse!r}; allowed: rectangular, rrc")
-        if not 0 <= self.rolloff <= 1:
-            raise ValueError(f"qpsk.rolloff is {self.rolloff!r}; it has to be within 0..1")
+        check_range("qpsk", self, rolloff=(0.0, 1.0))
 
     @property
     def label(self) -> str:

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import TerrainError
+from ...parsing import check_range
 from .geodesy import SEMI_MAJOR_M, curvature_radii_m, enu_axes, geodetic_to_ecef
-from .terrain import TerrainModel
+from .terrain import TerrainError, TerrainModel
 from .trajectory import AircraftState
 
 __all__ = ["Facets", "GroundGrid", "MIN_HEIGHT_M"]
 
+# Least simulated height of the antenna above ground, metres: below it lies the antenna's near field.
 MIN_HEIGHT_M = 0.5
-"""Least simulated height of the antenna above ground, metres: below it lies the antenna's near field."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,7 @@ class GroundGrid:
     reference_latitude_deg: float = 42.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.seed < 2**63:
-            raise ValueError(f"ground.seed is {self.seed}; it has to be within 0..2^63-1")
-        if not 4 <= self.cells_per_radius <= 256:
-            raise ValueError(
-                f"ground.cells_per_radius is {self.cells_per_radius}; it has to be within 4..256"
-            )
+        check_range("ground", self, seed=(0, 2**63 - 1), cells_per_radius=(4, 256))
 
     def cell_m(self, radius_m: float) -> float:
         """Cell size in metres used for a footprint of a radius."""
