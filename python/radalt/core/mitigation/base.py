@@ -67,7 +67,7 @@ class Mitigation(ABC):
     style : PlotStyle or None
         Style in figures; None takes the next unused one.
     batch : int
-        Frames that a block gives the method at once, unless told otherwise. More frames share the cost of a call. It is
+        Default number of frames per call of a block. More frames share the cost of a call. It is
         1 for networks: their last bits depend on the batch, and results must not depend on the load.
     runs_network : bool
         Whether it needs ONNX Runtime.
@@ -162,7 +162,7 @@ class Mitigation(ABC):
         return out.astype(np.complex64, copy=False)
 
     def _processed_into(self, frames: np.ndarray, out: np.ndarray) -> None:
-        """Like `_processed`, into ``out``; for methods that know sooner whether a frame is finite."""
+        """Like `_processed`, into ``out``; overridden where the method finds out anyway whether a frame is finite."""
         if finite_frames(frames).all():
             self.frames += len(frames)
             self._clean_into(frames, out)

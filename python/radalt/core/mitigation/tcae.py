@@ -34,14 +34,15 @@ ANY = "any"  # in the metadata of a network that serves every sweep
 LAYOUT = "iq_channels_first"  # float32 (batch, 2, N), channel 0 I, channel 1 Q
 _TINY = float(np.finfo(np.float32).tiny)
 _SAFE_ENERGY = (1e-20, 1e30)  # sums of squares of a frame within which float32 keeps its digits
-# What a frame's dither is drawn by: its first samples, so fine that noise 70 dB below the frame changes them.
+# Steps per unit amplitude at which a frame's first samples choose its dither: noise 70 dB below the frame changes them.
 _FINE = 2.0**14
 _DRAW = ((1, 31, 1021, 7919), (4099, 127, 257, 2053))
-_APART = 2500  # samples between the three whose modulus is compared first
+_APART = 2500  # samples between the three whose modulus is compared first, for speed
 _LOUD = 1e15  # scale from which a network's output may leave float32
-# what is no return over what is, in an output, above which the altimeter alone reads more of the frames in white noise
+# Power beside the return over the return's in an output, dB, from which the altimeter alone is better in white noise.
 _LOST_DB = -1.0
-_EVERY = 7  # one sample of an output in so many tells that within 0.3 dB; its filterbank has a period of 30
+# Stride in samples at which an output is checked: within 0.3 dB of all samples, prime to the filterbank's period, 30.
+_EVERY = 7
 NORMALISATIONS = ("joint_peak", "per_channel_peak", "joint_rms", "none")
 
 
@@ -233,7 +234,7 @@ class Tcae(Mitigation):
         """See `Mitigation._processed_into`; frames that need nothing but the network are written where they belong."""
         plain = self._detector is None and self._white is None and self._shift_check is None
         if plain and frames.shape[-1] == self._samples:
-            filled = self._filled(frames)  # reads them; whatever looks at them next finds them in the cache
+            filled = self._filled(frames)  # first, so that the next reader finds the frames in the cache
             if all(map(math.isfinite, filled[0])) and not _constant_modulus(frames).any():
                 self.frames += len(frames)
                 self._run(filled, out)
@@ -293,13 +294,14 @@ class Tcae(Mitigation):
         The level of a frame that is not finite is NaN.
         """
         levels, scales = zip(*map(self._fill, self._network.planes(len(batch)), batch), strict=True)
-        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)  # of both rails, or of each
+        # one scale per frame, or one per rail
+        return levels, np.array(scales, dtype=np.float32).reshape(len(batch), -1)
 
     def _run(self, filled: tuple[tuple[float, ...], np.ndarray], out: np.ndarray) -> np.ndarray:
         """What was filled through the network into ``out`` (n, N); returns that."""
         levels, scale = filled
         cleaned = self._network.run(len(out))
-        # what a network makes of 1e38 need not fit a float32; asked first, since errstate costs as much as a pass
+        # a network's output for 1e38 may exceed float32; checked first, since errstate costs as much as a pass
         with np.errstate(over="ignore") if max(levels) > _LOUD else nullcontext():
             for frame, rails, factor in zip(out, cleaned, scale, strict=True):  # each stays in the cache
                 np.multiply(rails[0], factor[0], out=frame.real)
@@ -326,9 +328,9 @@ class Tcae(Mitigation):
         return level, scale
 
     def _dither_of(self, rails: np.ndarray) -> np.ndarray:
-        """(2, N) dither that a normalised frame begins anywhere in, by its own noise: a function of the frame.
+        """(2, N) dither for a normalised frame, from a start that the frame's own noise chooses.
 
-        Were it the same in every frame, its spectrum would be too, and its highest cells lines that stay for seconds.
+        If it were the same in every frame, its highest spectral cells would be lines that stay for seconds.
         """
         first = rails[:, : len(_DRAW[0])].tolist()  # plain numbers: arrays so short take five times as long
         start = sum(
@@ -368,7 +370,7 @@ class Tcae(Mitigation):
 def _constant_modulus(batch: np.ndarray) -> np.ndarray:
     """(n,) bool: frames (n, N) whose modulus stays within a thousandth; three samples decide for almost all.
 
-    They are looked at as plain numbers: behind a run of the network, arrays so short cost eight times as much.
+    They are compared as plain numbers: after a run of the network, arrays so short cost eight times as much.
     """
     if not any(map(_even_few, batch[:, ::_APART].tolist())):
         return np.zeros(len(batch), dtype=bool)

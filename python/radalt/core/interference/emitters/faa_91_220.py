@@ -43,7 +43,7 @@ TABLE_1 = (
 )
 BAND_HZ = (4.2e9, 4.4e9)  # radio altimeters, ITU Radio Regulations
 MAX_ALTITUDE_FT = 500.0  # end of the range of Table 1
-REFERENCE_TEMPERATURE_K = 290.0  # of noise figures, IEEE Std 145
+REFERENCE_TEMPERATURE_K = 290.0  # reference temperature of noise figures, IEEE Std 145
 
 
 def check_altitude_ft(altitude_ft: float) -> None:
@@ -207,7 +207,7 @@ class FaaMask(NamedEmitter):
         unit_db = port_density_dbm_per_mhz(
             0.0, frequency_hz=self.center_hz, gain_dbi=self.antenna_gain_dbi, cable_db=0.5 * self.losses_db
         )
-        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # of W/Hz
+        level_db = pfd_dbw_per_m2_mhz(frequency_hz, self.altitude_ft) + unit_db - 90.0  # dB over 1 W/Hz
         density = 10.0 ** (level_db / 10.0) * (self.center_hz / frequency_hz) ** 2
         return density * self.receiver_filter.power_gain(frequency_hz)
 

@@ -117,14 +117,14 @@ class RecordingEmitter(NamedEmitter):
 
     def load(self, rate_hz: float) -> np.ndarray:
         """The part in use behind the receiver's filter, at ``rate_hz``: (n,) complex128, mean power 1, read-only."""
-        return _heard(self, float(rate_hz))
+        return _received(self, float(rate_hz))
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
-        heard = self.load(rate_hz)
-        start = rng.integers(0, heard.size)
+        received = self.load(rate_hz)
+        start = rng.integers(0, received.size)
         turn = np.exp(2j * np.pi * rng.random())
-        return turn * around(heard, start, count)
+        return turn * around(received, start, count)
 
 
 def _open(emitter: RecordingEmitter) -> SigmfFile:
@@ -147,7 +147,7 @@ def _source_hz(emitter: RecordingEmitter, source_hz: float) -> float:
 
 
 @lru_cache(maxsize=4)
-def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
+def _received(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
     """The part of the file in use, filtered, shifted and at the radar's rate, mean power 1; read-only."""
     recording = _open(emitter)
     source_hz = _source_hz(emitter, recording.rate_hz)
@@ -179,13 +179,13 @@ def _heard(emitter: RecordingEmitter, rate_hz: float) -> np.ndarray:
         samples = samples * np.exp(
             2j * np.pi * (np.arange(samples.size) * cycles % samples.size) / samples.size
         )
-    heard = resample_periodic(samples, up * source_hz, rate_hz)
-    power = np.vdot(heard, heard).real / heard.size
+    received = resample_periodic(samples, up * source_hz, rate_hz)
+    power = np.vdot(received, received).real / received.size
     if not power > _FOLDED * np.vdot(samples, samples).real / samples.size:
         raise ValueError(
             f"recording.offset_hz {emitter.offset_hz:g} leaves nothing of {emitter.file} in the radar's band; "
             f"keep it within {rate_hz / 2:g} of what was recorded"
         )
-    heard = heard / np.sqrt(power)
-    heard.setflags(write=False)
-    return heard
+    received = received / np.sqrt(power)
+    received.setflags(write=False)
+    return received
