@@ -411,7 +411,7 @@ def test_a_base_stations_pattern_in_the_received_frames_is_no_rival():
         (10.0, 500.0, 240, 12.0, 0.0),
         (14.0, 100.0, 240, 12.0, 0.0),
         (20.0, 500.0, 185, 12.0, -0.5),  # soon after confirmation, while the track's speed is least certain
-        (20.0, 500.0, 380, 18.0, -8.0),  # 40 m apart at the end, where the copy's side lobes cover the ground
+        (20.0, 500.0, 300, 19.5, -9.7),  # 48 m apart at the end, where the copy's side lobes cover the ground
     ],
 )
 def test_a_coherent_copy_that_walks_off_with_the_gate_does_not_take_the_track(
