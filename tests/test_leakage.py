@@ -18,10 +18,8 @@ from radalt.core.receiver.leakage import (
     LeakageCalibration,
     LeakageCanceller,
     ground_is_apart,
-    leakage_canceller,
-    load_leakage,
-    store_leakage,
 )
+from radalt.core.receiver.leakage_file import leakage_canceller, load_leakage, store_leakage
 from radalt.core.receiver.segmenter import FrameSegmenter
 from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.returns.point import point_return

@@ -21,9 +21,9 @@ _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
 # Points per cell where pairs compete: a return between two cells loses up to 0.4 dB of a peak that holes in the sweep
 # narrow, and a grating lobe that lies on a cell then wins.
 _FINER = 2
-# Above the threshold on a pair that is asked again without its own side lobes. With 2 the shipped network made up to 10
-# false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in a mixture
-# at -40 dB.
+# Excess over the threshold of a pair that is tested again without its own side lobes. With 2 the shipped network made
+# up to 10 false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in
+# a mixture at -40 dB.
 _SECOND_LOOK = 5.0
 # Least share of the pairs' likelihood near the altitude of the pair found. Where less lies there, an error of one half
 # sweep passes as a speed. With 0.9 another 1 % of right altitudes is lost under interference (docs/detection.md).
@@ -85,7 +85,7 @@ class PairSearch:
     outshining : bool
         Whether a strongest cell beyond the span of altitudes is taken for the return.
     near : float or None
-        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: not asked.
+        Distance of altitudes, in cells, within which most of the pairs' likelihood has to lie; None: no such test.
     """
 
     cfar: Cfar
@@ -303,7 +303,7 @@ class PairSearch:
         near = 2.0 * _FINER * self.near
         apart = np.arange(least, most + 1)[:, None]
         off = np.arange(-int(3.0 * near), int(3.0 * near) + 1)
-        twice = at.sum(axis=1)[:, None, None] + apart + off  # of the up point
+        twice = at.sum(axis=1)[:, None, None] + apart + off  # twice the up point
         ups, downs = twice // 2, twice // 2 - apart
         there = (twice % 2 == 0) & (ups >= 0) & (ups < count) & (downs >= 0) & (downs < count)
         n = n[..., None]
@@ -323,10 +323,7 @@ class PairSearch:
         least, most = (_FINER * cells for cells in self.apart)
         count = down.shape[1]
         padded = np.full((len(down), count + most - least), -np.inf, dtype=down.dtype)
-        low, high = (
-            max(0, -most),
-            min(count, count - least),
-        )  # of the down cells that any up cell has for a partner
+        low, high = max(0, -most), min(count, count - least)  # down cells that are a partner of any up cell
         padded[:, low + most : high + most] = down[:, low:high]
         return padded
 
