@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -105,14 +106,15 @@ class remote_control:
             if self._replier is not None:
                 self._replier.close()
             raise
-        self._thread = threading.Thread(target=self._serve, daemon=True, name="radalt_control")
-        self._telemetry_thread = threading.Thread(
-            target=self._publish_loop, daemon=True, name="radalt_telemetry"
-        )
+        self._threads: list[threading.Thread] = []
         if telemetry or control:
-            self._thread.start()
+            self._start("control", self._serve)
         if telemetry:
-            self._telemetry_thread.start()
+            self._start("telemetry", self._publish_loop)
+
+    def _start(self, name: str, target: Callable[[], None]) -> None:
+        self._threads.append(threading.Thread(target=target, daemon=True, name=f"radalt_{name}"))
+        self._threads[-1].start()
 
     def _bind_control(self) -> BoundSocket:
         return BoundSocket(
@@ -122,9 +124,8 @@ class remote_control:
     def close(self) -> None:
         """End the threads and free the endpoints."""
         self._closing.set()
-        for thread in (self._thread, self._telemetry_thread):
-            if thread.is_alive():
-                thread.join()
+        for thread in self._threads:
+            thread.join()
         for bound in (self._publisher, self._replier):
             if bound is not None:
                 bound.close()
@@ -183,13 +184,10 @@ class remote_control:
             text = " ".join(str(error).split())[:200]
             print(f"remote_control: {where}: {type(error).__name__}: {text}", file=sys.stderr, flush=True)
 
-    def _gates(self) -> list[Any]:
-        return gates_of(self._top)
-
     def _beat(self) -> None:
         """Send the transmit gates a heartbeat."""
         silent_s = time.monotonic() - self._asked_s
-        for gate in self._gates():
+        for gate in gates_of(self._top):
             if self._keep_alive_s and silent_s > self._keep_alive_s:
                 gate.close(
                     f"transmit stopped: no request for more than {self._keep_alive_s:g} s (keep_alive_s); start again"
@@ -249,7 +247,7 @@ class remote_control:
             return _reply(error=f"not carried out ({type(error).__name__}); the flowgraph may be ending")
 
     def _stop(self) -> str:
-        for gate in self._gates():
+        for gate in gates_of(self._top):
             gate.close("transmit stopped: by request")
         self._top.stop()
         return _reply(state=self.state() if self._running() else {})
@@ -330,7 +328,7 @@ class remote_control:
 
     def _transmit_state(self) -> str:
         """State of the transmit gates: ``none`` without gates."""
-        why = [gate.why_closed for gate in self._gates()]
+        why = [gate.why_closed for gate in gates_of(self._top)]
         return next((w for w in why if w), "on") if why else "none"
 
 

@@ -1,4 +1,4 @@
-"""What the sums over one block of frames show: the strongest return, others beside it, their errors."""
+"""Returns in the sums over one block of frames: the strongest, others beside it, their errors."""
 
 from __future__ import annotations
 
@@ -449,7 +449,9 @@ class Block:
         peak = found.power * level
         fluctuation = signal.detrend(excess, axis=0).std(axis=0, ddof=2)
         over = np.maximum(here, mirrored).mean(axis=0)
-        noise = np.sqrt(over * level + 0.5 * level**2)  # of one frame's excess, for a constant line in noise
+        noise = np.sqrt(
+            over * level + 0.5 * level**2
+        )  # standard deviation of one frame's excess, a line in noise
         fluctuates = fluctuation > np.maximum(_FLUCTUATION_SIGMAS * noise, _FLUCTUATION_SHARE * peak)
         one_sided = excess.mean(
             axis=0
