@@ -112,9 +112,8 @@ class frame_segmenter(gr.basic_block):
         self._unusable = False
         self._start_counter = 0
         self._calibrated: float | None = None
-        self.latency_samples = float(
-            "nan"
-        )  # from transmitter to receiver, fraction included, by the last frame
+        # from transmitter to receiver, fraction included, by the last frame
+        self.latency_samples = float("nan")
         # (sample counter, time) of each chunk, for measurements of latency
         self.arrivals: deque[tuple[int, float]] | None = None
         adc = scene.channel

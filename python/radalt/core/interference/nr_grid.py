@@ -159,9 +159,8 @@ class NrConfig:
             )
 
     def _check_ssb(self) -> None:
-        object.__setattr__(
-            self, "ssb_indices", tuple(self.ssb_indices)
-        )  # a list from YAML must stay hashable
+        # a list from YAML must stay hashable
+        object.__setattr__(self, "ssb_indices", tuple(self.ssb_indices))
         if len(set(self.ssb_indices)) != len(self.ssb_indices):
             raise ValueError(f"ssb_indices {self.ssb_indices} repeat an index; list each block once")
         for index in self.ssb_indices:

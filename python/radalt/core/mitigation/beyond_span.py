@@ -72,9 +72,7 @@ class BeyondSpan:
         out = np.zeros(len(frames), dtype=bool)
         if self._first >= self._count - self._reach:  # the span reaches up to Nyquist
             return out
-        for k, frame in enumerate(
-            frames.reshape(-1, 2, self._half)
-        ):  # frame by frame: planes stay in the cache
+        for k, frame in enumerate(frames.reshape(-1, 2, self._half)):  # frame by frame, in the cache
             out[k] = self._shows(frame)
         return out
 

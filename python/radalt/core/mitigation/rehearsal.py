@@ -23,10 +23,8 @@ from .base import MitigationError
 __all__ = ["LIMIT_S", "MOST_BYTES", "rehearse"]
 
 LIMIT_S = 60.0  # longest time for loading and one frame, s; a network takes a second or two
-_METHODS = {
-    "method file": ("custom", "file"),
-    "tcae model": ("tcae", "model"),
-}  # and the option that names a file
+# Method of each kind of file, and its option that names the file.
+_METHODS = {"method file": ("custom", "file"), "tcae model": ("tcae", "model")}
 MOST_BYTES = {"method file": 4 << 20, "tcae model": 2 << 30}
 _FLAG = "RADALT_REHEARSAL"
 # The process imports the package by the parent's name for it, since a file may name the package, too.

@@ -23,9 +23,8 @@ __all__ = ["ShiftCheck"]
 _SHIFT_CELLS = 5.0  # shift, resolution cells; 3, 5 and 8 find the same
 _WEAK_DB = 12.0  # few peaks that a network lifts from noise are stronger (training/evaluate_sweeps.py, 3 MHz)
 _SLOW_M_PER_S = 10.0  # vertical speed that almost no frame of a flight exceeds
-_PFA = (
-    20.0 * AltimeterSettings.pfa_per_frame
-)  # so low a threshold that whatever is declared later is checked here
+# so low a threshold that whatever is declared later is checked here
+_PFA = 20.0 * AltimeterSettings.pfa_per_frame
 # False alarms per frame at which a received frame has to show a weak peak: `_PFA` passes five times as many inventions.
 _WEAK_PFA = 5.0 * AltimeterSettings.pfa_per_frame
 

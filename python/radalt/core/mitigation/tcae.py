@@ -109,7 +109,7 @@ class Tcae(Mitigation):
     skip_white : bool or None
         Frames that hold nothing but a return and white noise pass unchanged (`InterferenceDetector.white`), counted
         in ``skipped_frames``: what is not touched costs nothing and holds no invention. None: on for a network of any
-        sweep. 5G wider than the sweep looks white, too.
+        sweep. 5G wider than the sweep is white, too.
 
     skip_lost : bool or None
         A frame in white noise passes unchanged only where the network leaves nearly as much beside the return as the

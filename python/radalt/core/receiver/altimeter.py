@@ -57,9 +57,8 @@ class Altimeter(BeatSpectra):
         cell_m = float(waveform.beats_to_altitude_m(self.cell_hz, -self.cell_hz))
         self._near = max(_NEAR_M, 0.25 * waveform.range_resolution_m) / cell_m
         named = self.settings.max_vertical_speed_m_per_s
-        self.frame_speed_m_per_s = (
-            SPEED_M_PER_S if named is None else named
-        )  # allowed where a call names none
+        # allowed where a call names none
+        self.frame_speed_m_per_s = SPEED_M_PER_S if named is None else named
         self._search = self._search_within((-self.frame_speed_m_per_s, self.frame_speed_m_per_s))
         self.pair_threshold = self._search.pair_threshold  # on the sum of both half sweeps' significance
 
@@ -206,7 +205,7 @@ class Altimeter(BeatSpectra):
         frame_index : (n,) int, optional
             Copied into the results; default 0, 1, ...
         vertical_speed_m_per_s : (float, float), optional
-            Least and greatest range rate that these frames can have, as a track knows it; default
+            Least and greatest range rate that these frames can have, known from a track; default
             ``-frame_speed_m_per_s..frame_speed_m_per_s``, at most ``speed_limit_m_per_s`` either way. A narrower
             interval lowers the threshold at equal false alarms and leaves fewer grating lobes that pass for a speed.
 

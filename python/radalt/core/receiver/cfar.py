@@ -100,7 +100,7 @@ class Cfar:
     -----
     A cell of power ``P`` over the mean of ``K`` independent noise cells exceeds ``r`` with probability
     ``(1 + r/K)^-K``, so ``K log(1 + r/K)`` is exponential of mean 1 whatever ``K`` is. Interference that lasts for a
-    share of the half sweep makes cells that are correlated over the inverse of that share: ``K`` falls with it
+    share of the half sweep gives cells that are correlated over the inverse of that share: ``K`` falls with it
     (`support_of`).
 
     White noise is averaged over the band, less what a tone of the cell's power adds to it: a level of 32 cells costs
@@ -109,9 +109,9 @@ class Cfar:
     where they are farther apart than in white noise of that support, the level comes from the cells around. A return
     fills one or two blocks and does not move the quartiles. One of a sweep in pieces fills more: `colour_beyond`.
 
-    A network that knows the span of altitudes leaves little beyond it, so that the band's mean is below the level
-    within. Blocks do not tell that where support is narrow: each has too few independent cells. `declared_level` asks
-    all cells on either side of the span's ends at once.
+    A network that was trained on a span of altitudes leaves little beyond it, so that the band's mean is below the
+    level within. Blocks do not show that where support is narrow: each has too few independent cells. `declared_level`
+    compares all cells on either side of the span's ends.
     """
 
     train: int = 16
@@ -144,7 +144,7 @@ class Cfar:
         support : (n, 2) float
             See `support_of`.
         colour : (n, 2) float, optional
-            See `Significance`; without it the band's blocks are asked.
+            See `Significance`; by default it follows from the band's blocks.
         """
         t, g, q = self.train, self.guard, self.group
         m = t + g
@@ -177,11 +177,12 @@ class Cfar:
     def declared_level(
         self, power: np.ndarray, cells: Significance, at: np.ndarray, span: slice
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Noise levels that a declaration is held against, and frames in which they are the span's own.
+        """Noise levels for a declaration, and frames in which they are the span's own.
 
         They are the span's own where the cells beyond it are quieter by two standard deviations, both half sweeps
-        together. What a method leaves there comes from all over the sweep: its cells are no fewer trials, and nothing
-        is spared. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the shipped network.
+        together. The residual of a method comes from all over the sweep: the number of trials is not reduced, and the
+        threshold is not lowered. Without this, 5 % of frames of a mixture alone at INR 50 dB were declared behind the
+        shipped network.
 
         Parameters
         ----------

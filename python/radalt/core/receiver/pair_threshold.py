@@ -44,7 +44,7 @@ def pair_threshold(rate: float, cells: float, partners: float, crossing: float, 
     Along one difference the sum of two is a chi-square process of four degrees of freedom, which crosses ``T``
     ``a T^1.5 exp(-T)`` times per resolution cell. Over a width of differences there is one trial per pair of local
     maxima; a strong peak of one half sweep is counted once, however many partners lift it over ``T``. The floor leaves
-    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Of all that only `_HAPPENS` is asked to be within the rate: peaks
+    ``(T - 2 floor + 1)/(T + 1)`` of the exceedances. Only the share `_HAPPENS` of them has to be within the rate: peaks
     cluster, fall between points, and the pair of greatest power need not be the one that exceeds the floor.
     """
 

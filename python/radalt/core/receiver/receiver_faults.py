@@ -33,7 +33,7 @@ class ReceiverFaults:
     ----------
     fault : str
         By the last frame: ``""``, ``"frozen"`` (it repeats one of the last second) or ``"quadrature"`` (it holds the
-        complex conjugate of the sweep too: one rail is dead or late).
+        complex conjugate of the sweep too: one rail is dead or delayed).
     """
 
     def __init__(self, waveform: Waveform, finder: SweepFinder, *, noise: bool) -> None:

@@ -340,13 +340,13 @@ class FrameSegmenter:
     def _check_back(self, out: list[Frame]) -> bool:
         """Judge the frames from the first unchecked one on, now that the sweep shows; whether the lock holds."""
         held = self._held
-        looked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_CHECKED[0]), len(held))
-        late = [held.pop()[0] for _ in range(len(held) - looked)][::-1]
+        checked = next((n for n, (_, verdict) in enumerate(held) if verdict == NOT_CHECKED[0]), len(held))
+        unchecked = [held.pop()[0] for _ in range(len(held) - checked)][::-1]
         counted = self._index
-        for number, frame in enumerate(late, 1):
+        for number, frame in enumerate(unchecked, 1):
             frame.index += self._index - counted
             if not self._judge(frame, self._verdict(frame, near=self._index != counted), out):
-                self.counters["unlocked_frames"] += len(late) - number
+                self.counters["unlocked_frames"] += len(unchecked) - number
                 return False
         return True
 

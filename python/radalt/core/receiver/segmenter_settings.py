@@ -28,8 +28,8 @@ class SegmenterSettings:
         Check every frame (default). Without it only tagged discontinuities are noticed.
     leakage_calibration : str
         Stored leakage of the installation, subtracted from every frame: a file, or a shipped one's name
-        (docs/leakage.md). ``uncalibrated`` fits it to every frame instead, for altitudes from 100 m on. Empty: the
-        receiver knows of none. Only with true delays.
+        (docs/leakage.md). ``uncalibrated`` fits it to every frame instead, for altitudes from 100 m on. Empty: no
+        leakage is subtracted. Only with true delays.
     """
 
     acquisition_frames: int = 4

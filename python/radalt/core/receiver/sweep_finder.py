@@ -75,7 +75,7 @@ class SweepFinder:
         return whole, total - whole
 
     def delay_samples(self, frame: np.ndarray) -> float | None:
-        """Delay in samples at which `locate` sees the strongest line of one frame (N,), near zero; None without any."""
+        """Delay in samples at which `locate` finds the strongest line of one frame (N,), near zero, or None."""
         found = self._fine.process(frame[None])[0]
         return (
             float(altitude_to_delay_s(found["altitude_m"])) * self._waveform.rate_hz

@@ -139,12 +139,12 @@ class PairSearch:
             )
         reason = np.full(len(found), Reason.OK)
         mean = np.full(pair.shape, np.nan)
-        asked = np.nonzero(found)[0] if self.near is not None else np.zeros(0, dtype=int)
-        if asked.size:
-            mass, centre, spread = self._likely(fine[asked], noise[asked], at[asked])
-            reason[asked[mass < _LEAST_MASS]] = Reason.AMBIGUOUS
+        tested = np.nonzero(found)[0] if self.near is not None else np.zeros(0, dtype=int)
+        if tested.size:
+            mass, centre, spread = self._likely(fine[tested], noise[tested], at[tested])
+            reason[tested[mass < _LEAST_MASS]] = Reason.AMBIGUOUS
             broad = spread > _BROAD
-            mean[asked[broad]] = centre[broad] / _FINER + self.first
+            mean[tested[broad]] = centre[broad] / _FINER + self.first
         if not found.all():
             single = self._single(cells)
             reason[~found] = np.where(single[~found], Reason.SWEEPS_DISAGREE, Reason.NO_DETECTION)
@@ -265,7 +265,7 @@ class PairSearch:
     def _likely(
         self, fine: np.ndarray, noise: np.ndarray, at: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the likelihood of all pairs says of the pairs found.
+        """Likelihood of the altitude of the pairs found, among all pairs.
 
         A tone of unknown phase in noise has the likelihood ``exp(P / noise)`` in a cell of power ``P``. Those of the
         two half sweeps multiply, and every altitude and every allowed speed is as likely as any other beforehand.

@@ -32,9 +32,8 @@ class Updater:
     def __init__(self, gate: Gate, integrity: Integrity) -> None:
         self.gate, self.integrity = gate, integrity
         self.tables = gate.tables
-        self.reach = (
-            self.tables.last - self.tables.first
-        )  # cells to either side of a track that evidence covers
+        # cells to either side of a track that evidence covers
+        self.reach = self.tables.last - self.tables.first
 
     def update(self, track: Track, scan: Scan) -> Measurement | None:
         """The block's measurement of a track, which is updated by it; None where the block does not show the return."""

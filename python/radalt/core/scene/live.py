@@ -1,4 +1,4 @@
-"""Displays of a live view: the range profile with its threshold, and a strip of altitudes; nothing here is scored."""
+"""Displays of a live view: the range profile with its threshold, and a strip of altitudes."""
 
 from __future__ import annotations
 

@@ -118,9 +118,8 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
     """
     rng = np.random.default_rng(config.seed)
     length = config.fft_length if fft_length is None else fft_length
-    errors = np.random.default_rng(
-        [config.seed, 0xE7]
-    )  # apart, so that the payload equals the ideal carrier's
+    # a generator of its own, so that the payload equals the ideal carrier's
+    errors = np.random.default_rng([config.seed, 0xE7])
     frames = [
         ofdm_modulate(
             transmitted(resource_grid(config, rng), errors),
@@ -135,7 +134,7 @@ def frame_samples(config: NrConfig, fft_length: int | None = None) -> np.ndarray
 @register
 @dataclass(frozen=True, kw_only=True)
 class NrEmitter(NamedEmitter, NrConfig):
-    """An NR downlink carrier as the radar's receiver sees it: emitter protocol.
+    """An NR downlink carrier behind the radar's receiver filter: emitter protocol.
 
     Parameters
     ----------

@@ -115,20 +115,20 @@ class QpskEmitter(NamedEmitter):
         self.check_rate(rate_hz)
         rate = self.symbol_rate_hz / rate_hz
         offset, phase = rng.random(2)
-        turn = np.exp(2j * np.pi * phase)
+        rotation = np.exp(2j * np.pi * phase)
         if self.pulse == "rectangular":
             drawn, index = self._held(count, rate, offset, rng)
             symbols = _CONSTELLATION[drawn]
             if self.evm:
                 symbols += error_vectors(symbols.size, self.evm_fraction, rng)
             if not self.carrier_hz:  # the carrier phase is applied to symbols, which are fewer than samples
-                return np.take(symbols * turn, index)
+                return np.take(symbols * rotation, index)
             baseband = symbols[index]
         else:
             baseband = self._shaped(count, rate, offset, rng)
         if self.carrier_hz:
             return baseband * exp_cycles(_ramp(count, self.carrier_hz / rate_hz) + phase, np.complex128)
-        return baseband * turn
+        return baseband * rotation
 
     def write(self, span: np.ndarray, mean_power: float, rate_hz: float, rng: np.random.Generator) -> bool:
         """Write samples of power ``mean_power`` into ``span``, complex64 or complex128, faster than by `samples`.

@@ -123,8 +123,8 @@ class RecordingEmitter(NamedEmitter):
         """Draw a window: (count,) complex128 at ``rate_hz``, random start and phase."""
         received = self.load(rate_hz)
         start = rng.integers(0, received.size)
-        turn = np.exp(2j * np.pi * rng.random())
-        return turn * around(received, start, count)
+        phasor = np.exp(2j * np.pi * rng.random())
+        return phasor * around(received, start, count)
 
 
 def _open(emitter: RecordingEmitter) -> SigmfFile:
