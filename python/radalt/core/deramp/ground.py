@@ -17,6 +17,9 @@ from ..waveform import C_M_PER_S, Waveform, altitude_to_delay_s, exp_cycles
 __all__ = ["DiffuseGround", "facet_frame"]
 
 _GRID = 4  # beat grid, steps per resolution cell: a facet's phase error is an eighth of a cycle at most
+_EDGE_DEG = (
+    50.0  # off-nadir angle up to which there are facets: a beam of 40 degrees is 37 dB down there, two-way
+)
 _FACETS = 4000  # number of facets: 8 in the first metre of range at 5,000 ft
 
 
@@ -28,22 +31,19 @@ class DiffuseGround:
     ----------
     antenna : Antenna
     ground : Reflectivity
-    edge_deg : float
-        Off-nadir angle up to which there are facets.
     forward_m_per_s : float
         Horizontal speed: the Doppler of facets ahead and behind.
     """
 
     antenna: Antenna
     ground: Reflectivity
-    edge_deg: float = 50.0
     forward_m_per_s: float = 0.0
 
     def frame(
         self, waveform: Waveform, height_m: float, power_mw: float, rng: np.random.Generator
     ) -> np.ndarray:
         """(N,) complex64 IF frame of mean power ``power_mw``."""
-        edge = height_m * np.tan(np.radians(self.edge_deg))
+        edge = height_m * np.tan(np.radians(_EDGE_DEG))
         off = edge * np.sqrt((np.arange(_FACETS) + rng.random(_FACETS)) / _FACETS)  # equal areas
         azimuth = 2 * np.pi * rng.random(_FACETS)
         theta = np.arctan2(off, height_m)

@@ -15,6 +15,7 @@ import numpy as np
 from ..fir import kaiser_lowpass
 
 PASSBAND_FRACTION = 0.9  # flat bandwidth over the output rate: usual for an SDR's decimator
+MAX_OVERSAMPLING = 64  # largest oversampling of an emitter: a window of 1 ms then takes 8 MB
 MAX_RATIO = 4096  # largest term of a resampling ratio: beyond it the polyphase filter has millions of taps
 
 
@@ -96,16 +97,16 @@ def resample_periodic(samples: np.ndarray, source_rate_hz: float, rate_hz: float
     return resampled[lead : lead + samples.size * ratio.numerator // ratio.denominator]
 
 
-def oversampling(rate_hz: float, highest_hz: float, limit: int = 64) -> int:
+def oversampling(rate_hz: float, highest_hz: float) -> int:
     """Smallest integer M such that a signal within +-highest_hz, sampled at M rate, does not alias into the band.
 
-    Raises ValueError if M exceeds `limit`.
+    Raises ValueError if M exceeds 64.
     """
     factor = max(1, int(np.ceil((highest_hz + rate_hz / 2) / rate_hz)))
-    if factor > limit:
+    if factor > MAX_OVERSAMPLING:
         raise ValueError(
             f"frequencies up to {highest_hz:g} Hz from the radar need {factor} times its rate; "
-            f"the limit is {limit} times, reduce the offset or the bandwidth"
+            f"the limit is {MAX_OVERSAMPLING} times, reduce the offset or the bandwidth"
         )
     return factor
 

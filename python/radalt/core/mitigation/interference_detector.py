@@ -22,6 +22,7 @@ from .base import unit_peak
 
 __all__ = ["InterferenceDetector"]
 
+_THRESHOLD_DB = -8.0  # residual over return, dB, from which a frame counts as interfered (see the class)
 _REACH = 24  # cells on either side of the peak: 99 % of a tone that straddles two cells
 # Noise gives 1.92 to 2.06 (up to 2.2 in frames of 400 samples), NR wider than the sweep 2.0 to 3, everything else 2.7
 # or more, QPSK of 2 MHz in a sweep of 3 MHz among it.
@@ -36,15 +37,14 @@ class InterferenceDetector:
     Parameters
     ----------
     waveform : Waveform
-    threshold_db : float
-        Residual over return, -15..10 dB, from which a frame counts as interfered. Frames whose SNR is below
-        ``-threshold_db`` always do. With the default of -8 dB and an SNR of 10 dB, less than one in 10^3 frames with
-        interference at a window SIR of 10 dB or below is missed. Less than one clean frame in 10^3 is taken for
-        interfered. That was measured for QPSK, tones, NR and radar pulses down to an overlap of 0.05
-        (``tests/test_detector.py``).
 
     Notes
     -----
+    A frame counts as interfered from a residual of -8 dB over the return on, so every frame with an SNR below 8 dB
+    does. At an SNR of 10 dB, less than one in 10^3 frames with interference at a window SIR of 10 dB or below is
+    missed, and less than one clean frame in 10^3 counts as interfered: measured for QPSK, tones, NR and radar pulses
+    down to an overlap of 0.05 (``tests/test_detector.py``).
+
     An interferer that sweeps along with the radar is a ghost target, a tone itself, and not found here. A ground return
     that spreads over many cells counts as interference: the network then runs, which is the safe side.
 
@@ -56,10 +56,8 @@ class InterferenceDetector:
     False
     """
 
-    def __init__(self, waveform: Waveform, threshold_db: float = -8.0) -> None:
-        if not -15.0 <= threshold_db <= 10.0:
-            raise ValueError(f"threshold_db is {threshold_db!r}; it has to be within -15..10")
-        self.waveform, self.threshold_db = waveform, float(threshold_db)
+    def __init__(self, waveform: Waveform) -> None:
+        self.waveform = waveform
         self._half = waveform.samples_per_half
         self._table = np.conj(waveform.reference).astype(np.complex64).reshape(1, 2, self._half)
 
@@ -119,4 +117,4 @@ class InterferenceDetector:
 
     def present(self, frames: np.ndarray) -> np.ndarray:
         """(n,) bool: whether frames show interference, or might (low SNR, no signal, values that are not finite)."""
-        return ~(self.residual_db(frames) < self.threshold_db)
+        return ~(self.residual_db(frames) < _THRESHOLD_DB)

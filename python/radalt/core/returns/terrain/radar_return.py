@@ -18,6 +18,10 @@ from .trajectory import AircraftState
 
 __all__ = ["GroundReturn", "TerrainReturn"]
 
+_MAX_OFF_NADIR_DEG = (
+    60.0  # largest angle off nadir at which facets are sampled: ground there is twice as far away
+)
+
 
 @dataclass(frozen=True)
 class GroundReturn:
@@ -75,8 +79,6 @@ class TerrainReturn:
         Earth-fixed scatterers and their seed.
     footprint_db : float
         Facets are sampled out to the angle at which the two-way gain is this far below its peak.
-    max_off_nadir_deg : float
-        Largest angle off nadir at which facets are sampled.
     tilt_deg : float
         Boresight tilt towards the nose, to level an antenna on a nose-up aircraft.
 
@@ -96,7 +98,6 @@ class TerrainReturn:
     link: RadarLink = field(default_factory=RadarLink)
     grid: GroundGrid = field(default_factory=GroundGrid)
     footprint_db: float = 30.0
-    max_off_nadir_deg: float = 60.0
     tilt_deg: float = 0.0
 
     def facets(self, state: AircraftState) -> tuple[Facets, np.ndarray]:
@@ -106,7 +107,7 @@ class TerrainReturn:
         """
         nose, wing, belly = _tilted(state.body_axes(), self.tilt_deg)
         lean = np.arccos(np.clip(-belly[2], -1.0, 1.0))
-        limit = np.radians(self.max_off_nadir_deg)
+        limit = np.radians(_MAX_OFF_NADIR_DEG)
         beam = min(self.antenna.footprint_rad(self.footprint_db), limit)
         facets = self.grid.facets(state, self.terrain, min(beam + lean, limit), beam)
         off = np.arccos(np.clip(facets.direction @ belly, -1.0, 1.0))
