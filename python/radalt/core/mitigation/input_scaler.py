@@ -37,9 +37,10 @@ class InputScaler:
         self._dither = None if dither_db is None else _dither(samples, dither_db)
 
     def fill(self, rails: np.ndarray, frame: np.ndarray) -> tuple[float, float | np.ndarray]:
-        """Normalise a frame (N,) into rails (2, N), add the dither; returns its level and the factor that undoes the scale.
+        """Normalise a frame (N,) into rails (2, N) and add the dither.
 
-        The factor is 0 for a frame of zeros, for which a network may put out a signal.
+        Returns the frame's level, and the factor that undoes the scale: 0 for a frame of zeros, for which a network may
+        put out a signal.
         """
         rails[0], rails[1] = frame.real, frame.imag
         level = _level(rails)
