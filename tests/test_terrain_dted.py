@@ -5,7 +5,7 @@ import struct
 import dted
 import numpy as np
 import pytest
-from landing_scenario import cell_posts
+from _landing_scenario import cell_posts
 from make_landing_data import encode_dted, write_dted
 
 from radalt.core.returns.terrain import VOID_M, DtedCell, Terrain, TerrainError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from landing_scenario import OHARE_10C, Approach
+from _landing_scenario import OHARE_10C, Approach
 
 from radalt.core.returns.terrain import Trajectory, TrajectoryError
 

@@ -15,7 +15,7 @@ from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet l
 from pathlib import Path
 
 import numpy as np
-from landing_scenario import Approach, cell_posts, intervals_s, synthetic_elevation_m
+from _landing_scenario import Approach, cell_posts, intervals_s, synthetic_elevation_m
 
 from radalt.core.returns.terrain import VOID_M, TerrainError
 from radalt.evaluation.engine.options import Parser, command, number, path

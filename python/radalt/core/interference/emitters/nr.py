@@ -13,17 +13,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ..evm import evm_title
-from ..nr_grid import (
-    RESOURCE_BLOCKS,
-    SUBCARRIER_SPACING_HZ,
-    SYMBOLS_PER_SLOT,
-    Element,
-    NrConfig,
-    ResourceGrid,
-    resource_grid,
-    ssb_block,
-    transmitted,
-)
+from ..nr_config import RESOURCE_BLOCKS, SUBCARRIER_SPACING_HZ, SYMBOLS_PER_SLOT, NrConfig
+from ..nr_grid import Element, ResourceGrid, resource_grid, ssb_block, transmitted
 from ..receiver_filter import random_window, resample_periodic
 from . import NamedEmitter, register
 
