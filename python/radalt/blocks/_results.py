@@ -43,7 +43,7 @@ class Ring:
 
 def result_fields(result: np.void) -> dict[str, Any]:
     """Fields of one `RESULT_DTYPE` row as plain values, the reason by its name."""
-    fields = {name: result[name].item() for name in RESULT_DTYPE.names}
+    fields = dict(zip(RESULT_DTYPE.names, result.item(), strict=True))
     return fields | {"reason": Reason.NAMES[fields["reason"]]}
 
 
