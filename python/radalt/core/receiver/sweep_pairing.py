@@ -12,14 +12,16 @@ from .cfar import Cfar, Significance, repeated
 
 __all__ = ["FLOOR", "Found", "PairSearch"]
 
-# significance that each half sweep has to show on its own for the two to agree: noise does in 5 %
+# Least significance of each half sweep on its own: noise exceeds it in 5 %.
 FLOOR = 3.0
 _CUT = 8.0  # noise levels by which a neighbour has to exceed a cell that lies on its flank
 _HALVES = np.arange(2)
-_OUTSHINING = 10.0  # power of a return beyond the span over the cells found
+_OUTSHINING = (
+    10.0  # least power, over the cells found, of a line beyond the span that is taken for the return
+)
 _MAIN_LOBE = 1.0  # resolution cells from a peak to what may be another return
-# Points per cell where pairs compete: a return between two cells loses up to 0.4 dB of a peak that holes in the sweep
-# narrow, and a grating lobe that lies on a cell then wins.
+# Points per cell in the search of pairs: where holes in the sweep narrow the peak, a return between two cells loses up
+# to 0.4 dB, and a grating lobe on a cell would win.
 _FINER = 2
 # Excess over the threshold of a pair that is tested again without its own side lobes. With 2 the shipped network made
 # up to 10 false altitudes more in 1,000 frames of interference alone, with 5 up to 3. Whitening then finds 1 % less in
