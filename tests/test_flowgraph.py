@@ -98,7 +98,7 @@ def test_rewrite_leaves_the_original_alone_and_needs_no_more_than_the_file(b210)
     assert simulate(b210) == simulate(untouched)
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_live", "ota_embedded"])
+@pytest.mark.parametrize("name", ["ota_b210", "ota_live"])
 def test_nothing_but_a_gate_feeds_a_transmitter(name):
     data = load_grc(ROOT / f"flowgraphs/{name}.grc")
     sinks = {block["name"] for block in data["blocks"] if block["id"] == "uhd_usrp_sink"}
@@ -107,8 +107,7 @@ def test_nothing_but_a_gate_feeds_a_transmitter(name):
     assert fed == {"radar_usrp_sink": "radar_gate", "jammer_usrp_sink": "jammer_gate"}
     gates = {b["name"]: b["parameters"] for b in data["blocks"] if b["name"] in GATES}
     assert {g["transmit"] for g in gates.values()} == {"bool(transmit)"}
-    if name != "ota_embedded":  # where every block of ours is one of GRC's own
-        assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
+    assert {b["id"] for b in data["blocks"] if b["name"] in GATES} == {"radalt_transmit_gate"}
 
 
 def test_no_shipped_flowgraph_has_a_transmitter_but_those():
@@ -117,7 +116,7 @@ def test_no_shipped_flowgraph_has_a_transmitter_but_those():
         for path in FLOWGRAPHS
         if any("sink" in b["id"] and "uhd" in b["id"] for b in load_grc(path)["blocks"])
     }
-    assert with_sinks == {"ota_b210", "ota_live", "ota_embedded"}
+    assert with_sinks == {"ota_b210", "ota_live"}
 
 
 def test_three_radio_blocks_share_two_devices(b210):

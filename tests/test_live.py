@@ -375,7 +375,7 @@ def test_view_runs_on_radios_set_up_in_order(tmp_path):
         assert sorted(radio for radio, made in calls if made == call) == sorted(radios)
 
 
-@pytest.mark.parametrize("name", ["ota_live", "ota_b210", "ota_embedded"])
+@pytest.mark.parametrize("name", ["ota_live", "ota_b210"])
 def test_run_button_sets_radios_up_before_the_start(name, tmp_path):
     """main() of the generated Python: construction (interlock first), set-up, start."""
     from radalt.evaluation.flowgraph.generate import generate

@@ -1,12 +1,10 @@
 #!/usr/bin/env python3
 """Flowgraphs made mechanically from the two that are drawn by hand: `make flowgraphs`.
 
-    ota_sim.grc           ota_b210.grc with the simulated channel instead of radios, at an SIR that tells methods apart
-    ota_live_sim.grc      ota_live.grc likewise, at real time at most
-    ota_embedded.grc      ota_b210.grc with our blocks as Embedded Python Blocks
-    ota_embedded_sim.grc  ota_sim.grc likewise
+    ota_sim.grc       ota_b210.grc with the simulated channel instead of radios, at an SIR that tells methods apart
+    ota_live_sim.grc  ota_live.grc likewise, at real time at most
 
-Run it after every change of ota_b210.grc, ota_live.grc or of a block's description; a test compares.
+Run it after every change of ota_b210.grc or ota_live.grc; a test compares.
 """
 
 from __future__ import annotations
@@ -24,7 +22,6 @@ SIR_DB = -30  # at the scene's -10 dB every method of the first run would have a
 
 def made() -> dict[str, dict[str, Any]]:
     """File name -> flowgraph."""
-    from radalt.evaluation.flowgraph.embedded import embed
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
 
     air, live = load_grc(FLOWGRAPHS / "ota_b210.grc"), load_grc(FLOWGRAPHS / "ota_live.grc")
@@ -34,8 +31,6 @@ def made() -> dict[str, dict[str, Any]]:
     return {
         "ota_sim.grc": simulated,
         "ota_live_sim.grc": simulate(live, "ota_live_sim", realtime=True),
-        "ota_embedded.grc": embed(air),
-        "ota_embedded_sim.grc": embed(simulated, "ota_embedded_sim"),
     }
 
 
