@@ -5,22 +5,18 @@ import json
 import os
 import re
 import subprocess
-from functools import cache
 
 import numpy as np
 import pytest
 import yaml
-from scipy.stats import fisher_exact
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures
-from radalt.evaluation.overlap.comparison import compare, comparisons, holm
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import PoolError, collect
-from radalt.evaluation.overlap.pooling import Run as ComparedRun
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
@@ -48,7 +44,7 @@ def correct_of(method, point, trials):
 
 
 def rows_of(scene, batches=1):
-    """A row per point and method; ``batches`` of each point with interference, as --precision asks for."""
+    """A row per point and method; ``batches`` times the trials of each point with interference."""
     out = []
     for point in sweep_points(scene):
         trials = scene.altitude.programme.trial_frames * (batches if point.overlap else 1)
@@ -80,8 +76,7 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     folder = RunFolder(path, head_of(scene, methods))
     rows = rows_of(scene, batches)
     ceiling = [r for r in rows if r["overlap"] == 0]
-    precision = 0.05 if batches > 1 else None
-    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=precision)
+    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
         write_report(folder, OverlapStudy(scene), rows, ceiling, run)
     else:
@@ -109,7 +104,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
             assert row["pd"] is None and row["trials"] == 0
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
-    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=None)
+    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
@@ -371,16 +366,6 @@ def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
 
 
-def test_a_run_with_a_precision_is_added_and_compared_as_any_other(tmp_path):
-    """Its points have as many trials as each needed."""
-    a = finished(tmp_path / "a", scene_of())
-    b = finished(tmp_path / "b", scene_of(seed=2), batches=3)
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
-    assert {(r["overlap"] > 0, r["trials"]) for r in pooled} == {(False, 300), (True, 600)}
-    assert "0 differ beyond chance" in compare(a, b)
-
-
 def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
     """Its first trials are those of the shorter one."""
     a, b = finished(tmp_path / "a", scene_of()), finished(tmp_path / "b", scene_of(), batches=3)
@@ -579,68 +564,3 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))
     assert up == sorted(up) and down == sorted(up, reverse=True) and len(up) == 12
     assert found["drawn"] == "3"
-
-
-# -- two runs compared --------------------------------------------------------------------------------------------
-
-
-def test_holm_is_the_textbooks():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-
-
-def test_fishers_test_is_exact():
-    """The lady tasting tea: three of four and one of four right."""
-    a, b = ({"trials": 4, "correct": k, "detections": 4} for k in (3, 1))
-    runs = [
-        ComparedRun(name, {"rows": [dict.fromkeys(("interference", "method"), "x") | place | row]})
-        for name, row in (("a", a), ("b", b))
-        for place in [{"overlap": 1.0, "sir_db": -10.0, "snr_db": None}]
-    ]
-    pd, wrong = comparisons(*runs)
-    assert pd.p == pytest.approx(34 / 70) == wrong.p
-    assert pd.difference[0] == -0.5 and pd.difference[1] < -0.5 < pd.difference[2] < 1.0
-
-
-def test_chance_alone_is_rarely_named():
-    """400 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
-    rng = np.random.default_rng(1)
-    chance = cache(lambda x, y: fisher_exact([[x, 60 - x], [y, 60 - y]])[1])
-    named = 0
-    for _ in range(400):
-        tables = [rng.binomial(60, np.linspace(0.05, 0.95, 30)).tolist() for _ in range(2)]
-        named += min(holm([chance(x, y) for x, y in zip(*tables, strict=True)])) <= 0.05
-    assert named / 400 <= 0.05
-
-
-def test_comparison_names_settings_points_and_the_correction(tmp_path):
-    first = finished(tmp_path / "first", scene_of())
-    second = finished(tmp_path / "second", scene_of(seed=2, sweep=SweepSpec((0.0, 1.0), (-10.0, -28.0))))
-    path = second / "report.json"
-    report = json.loads(path.read_text())
-    for row in report["rows"]:
-        if row["method"] == "none" and row["overlap"] == 1.0 and row["sir_db"] == -28.0:
-            row["correct"] += 60
-            row["pd"] = row["correct"] / row["trials"]
-    path.write_text(json.dumps(report))
-    text = compare(first, second)
-    assert "| seed | 1 | 2 |" in text and "Holm's method: **2 differ beyond chance**" in text
-    assert "16 comparisons by Fisher's exact test" in text and "4 rows are in" in text
-    lines = [line for line in text.splitlines() if line.startswith("| none | qpsk_rectangular | 1 | -28 |")]
-    assert [line.split(" | ")[5] for line in lines] == ["Pd", "wrong"]
-    assert "+0.400 (" in lines[0] and "-0.400 (" in lines[1]
-
-
-def test_comparison_of_a_run_with_itself_finds_nothing(tmp_path):
-    folder = finished(tmp_path / "run", scene_of())
-    text = compare(folder, folder)
-    assert "None differs." in text and "12 rows in both, 12 of them with the same digits" in text
-    assert "**0 differ beyond chance**" in text and "test is conservative" in text
-
-
-def test_comparison_of_what_has_nothing_in_common_is_refused(tmp_path):
-    folders = [
-        finished(tmp_path / f"{sir}", scene_of(sweep=SweepSpec((0.5,), (sir,)))) for sir in (-10.0, -20.0)
-    ]
-    with pytest.raises(PoolError, match="have no method and point in common"):
-        compare(*folders)

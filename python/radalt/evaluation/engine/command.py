@@ -13,7 +13,6 @@ from pathlib import Path
 from ..results.folder import FolderError
 from .estimate import AROUND_S, estimate
 from .options import Options, Terminated, complain, duration, expected_errors
-from .precision import check_precision, most_batches
 from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
@@ -116,21 +115,13 @@ def _full(error: Exception, options: Options) -> str:
 
 
 def _cost(study: Study, options: Options) -> str:
-    """Points, frames and time before the run; with ``--precision`` from pilots only to every Pd at one half."""
+    """Points, frames and time before the run."""
     points = study.points()
-    seconds = estimate(study, points, options.jobs, here=not options.scheduler, around_s=AROUND_S)
-    where = " of one core's time" if options.scheduler else ""
-    text = f"{len(points)} points, {sum(p.frames for p in points)} frames, about {duration(seconds)}{where}"
-    if options.precision is None:
-        return text
-    check_precision([p.frames for p in points], options.precision)
-    most = [most_batches(p.frames, options.precision) if p.frames else 1 for p in points]
-    frames = sum(p.frames * m for p, m in zip(points, most, strict=True))
-    seconds *= sum(most) / max(len(points), 1)
-    return (
-        f"{text} for the first batch of each; with --precision {options.precision:g} up to {frames} frames, "
-        f"{duration(seconds)}, if every Pd were 0.5"
-    )
+    if options.scheduler:
+        time_text = f"{duration(estimate(study, points, 1))} of one core's time"
+    else:
+        time_text = duration(estimate(study, points, options.jobs) + AROUND_S)
+    return f"{len(points)} points, {sum(p.frames for p in points)} frames, about {time_text}"
 
 
 def _kept(options: Options, last: Progress | None) -> str:

@@ -154,7 +154,7 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run; they do not change rows, except that ``precision`` sets the number of batches.
+    """Options of a run; no row depends on them.
 
     Attributes
     ----------
@@ -167,9 +167,7 @@ class Options:
     scheduler : str
         Address or scheduler file of a Dask cluster; empty for local processes.
     time_limit_s : float
-        Longest time for one batch of a point.
-    precision : float or None
-        Target half width of the 95 % interval of Pd; None measures one batch of every point.
+        Longest time for one point.
     command : str
         Command line for the report.
     publish : Path or None
@@ -181,7 +179,6 @@ class Options:
     jobs: int = 2
     scheduler: str = ""
     time_limit_s: float = 120.0
-    precision: float | None = None
     command: str = ""
     publish: Path | None = None
 
@@ -222,9 +219,8 @@ def add_options(
     *,
     out: str | None = None,
     time_limit_s: float = 120.0,
-    sampled: bool = True,
 ) -> None:
-    """``--out --resume --publish --jobs --scheduler --time-limit-s --precision --dry-run``, equal for every study.
+    """``--out --resume --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
 
     ``--seed`` is an option of the study, since rows depend on it.
     """
@@ -256,13 +252,6 @@ def add_options(
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
-    if sampled:
-        add(
-            "--precision",
-            type=number(float, 0.001, 0.5),
-            metavar="W",
-            help="measure each point until the 95 %% half width of Pd is at most W, such as 0.02",
-        )
     add(
         "--dry-run",
         action="store_true",
@@ -280,7 +269,6 @@ def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, com
         jobs=args.jobs,
         scheduler=args.scheduler,
         time_limit_s=args.time_limit_s,
-        precision=getattr(args, "precision", None),
         command=command,
         publish=args.publish,
     )
@@ -340,7 +328,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
     from ..flowgraph import FlowgraphError
     from ..results.folder import FolderError
     from .pool import WorkerError
-    from .precision import PrecisionError
 
     own = (
         InputError,
@@ -357,7 +344,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
         FlowgraphError,
         FolderError,
         WorkerError,
-        PrecisionError,
         OSError,
         MemoryError,
     )

@@ -63,8 +63,6 @@ class StudyCommand:
         Default result folder; "" for ``results/PROGRAM``.
     time_limit_s : float
         Default of ``--time-limit-s``.
-    sampled : bool
-        Whether the command has ``--precision``.
     """
 
     program: str
@@ -75,14 +73,13 @@ class StudyCommand:
     after: Callable[[Path, argparse.Namespace, Any], int | None] | None = None
     out: str = ""
     time_limit_s: float = 600.0
-    sampled: bool = True
 
     def parser(self) -> Parser:
         """The command line."""
         parser = Parser(self.program, sys.modules[self.module].__doc__ or "")
         self.arguments(parser)
         out = self.out or f"results/{self.program}"
-        add_options(parser, out=out, time_limit_s=self.time_limit_s, sampled=self.sampled)
+        add_options(parser, out=out, time_limit_s=self.time_limit_s)
         return parser
 
     def main(self, argv: Sequence[str] | None = None) -> int:

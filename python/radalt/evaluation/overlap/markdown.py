@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..engine.precision import half_width, most_batches
 from ..results.integrity import Integrity
 from ..results.page import render
 from ..results.score import pool
@@ -37,7 +36,6 @@ def report_markdown(
     # the segmenter's counters are equal for all methods
     lost = sum(r["frames_lost"] for r in rows if r["method"] == rows[0]["method"])
     values = report | tables | {"figures": figures, "frames_lost": lost, "summary": summary(report)}
-    values["precise"] = _precision(report)
     return render(Path(__file__).with_name("report.md.j2"), **values)
 
 
@@ -45,13 +43,12 @@ def summary(report: dict[str, Any]) -> str:
     """Summary of the run in a paragraph."""
     altitude, waveform = report["scene"]["altitude"], report["scene"]["waveform"]
     heights = altitude["programme_m"]
-    batch = " per batch" if report["run"]["precision"] else ""
     text = f"{report['title']}. {report['scene']['description']}".rstrip(". ") + "."
     return (
         f"{text} Radar: {waveform['bandwidth_hz'] / 1e6:g} MHz sweep in {waveform['sweep_s'] * 1e3:g} ms at "
         f"{waveform['carrier_hz'] / 1e9:g} GHz, {waveform['rate_hz'] / 1e6:g} MS/s. "
         f"{len(heights)} altitudes from {max(heights):g} m to {min(heights):g} m "
-        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each{batch}: "
+        f"({altitude['mode'].replace('_', ' ')}), {altitude['frames']} frames at each: "
         f"{report['trials_per_point']} trials per point and method. Source: {report['source']}. Seed {report['seed']}."
     )
 
@@ -179,21 +176,6 @@ def spread(rows: Iterable[dict[str, Any]]) -> str:
     """Number of trials of the rows: one number, or the smallest and the largest."""
     trials = sorted({r["trials"] for r in rows})
     return f"{trials[0]}" if len(trials) == 1 else f"{trials[0]}{DASH}{trials[-1]}"
-
-
-def _precision(report: dict[str, Any]) -> dict[str, Any]:
-    """Trials and widest interval of a run with ``--precision``; empty without it."""
-    wanted = report["run"]["precision"]
-    if not wanted:
-        return {}
-    first = {(r["overlap"], r["sir_db"], r["snr_db"]): r["trials"] for r in report["rows"]}
-    fixed = most_batches(1, wanted)
-    return {
-        "trials": sum(first.values()),
-        "fixed": fixed,
-        "fixed_all": fixed * len(first),
-        "widest": max(half_width(r["correct"], r["trials"]) for r in report["rows"]),
-    }
 
 
 def _ceiling(report: dict[str, Any]) -> str:

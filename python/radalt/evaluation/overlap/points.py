@@ -37,11 +37,6 @@ class OverlapPoint(Point):
     sir_db: float | None = None
     snr_db: float | None = None
 
-    @property
-    def sampled(self) -> bool:
-        """See `Point`: outputs of one tracked flight are not independent trials."""
-        return self.table != "tracked"
-
     @classmethod
     def at(
         cls, overlap: float, sir_db: float | None, snr_db: float | None, frames: int = 0, table: str = "rows"
@@ -169,25 +164,24 @@ def _own_sir_db(scene: Scene) -> float:
     return round(-10.0 * float(np.log10(power)), 9)
 
 
-def point_seed(seed: int, point: OverlapPoint, batch: int = 0) -> int:
-    """Seed of one batch of a point, 31 bits, from the run's seed, the point's values and the batch's number.
+def point_seed(seed: int, point: OverlapPoint) -> int:
+    """Seed of a point, 31 bits, from the run's seed and the point's values.
 
     Without interference the seed does not depend on the SIR: points at overlap 0 of all panels, and those of a scene
     without interference, are equal.
     """
     sir = None if point.overlap == 0 else point.sir_db
     text = "/".join("none" if v is None else f"{v:.9g}" for v in (point.overlap, sir, point.snr_db))
-    text += f" batch {batch}" if batch else ""
     digest = hashlib.sha256(f"radalt {seed} {text}".encode()).digest()
     return int.from_bytes(digest[:4], "big") >> 1
 
 
-def scene_at(scene: Scene, point: OverlapPoint, batch: int = 0) -> Scene:
-    """The scene of one point, with the batch's seed and without a sweep."""
+def scene_at(scene: Scene, point: OverlapPoint) -> Scene:
+    """The scene of one point, with the point's seed and without a sweep."""
     placed = scene.at(
         overlap=point.overlap if scene.sweep.overlap else None,
         sir_db=point.sir_db if scene.interference else None,
         snr_db=point.snr_db,
-        seed=point_seed(scene.seed, point, batch),
+        seed=point_seed(scene.seed, point),
     )
     return dataclasses.replace(placed, sweep=type(scene.sweep)())

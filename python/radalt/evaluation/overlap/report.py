@@ -19,7 +19,7 @@ from ..results.folder import RunFolder
 from ..results.page import write_page
 from .altitudes import with_intervals
 from .figures import draw_error, draw_error_cdf, draw_pd, draw_pd_by_altitude, draw_wrong
-from .markdown import every_row, report_markdown, spread
+from .markdown import every_row, report_markdown
 
 if TYPE_CHECKING:
     from .study import OverlapStudy
@@ -145,14 +145,14 @@ def build_report(
         "interference_notes": [
             note for i in scene.interference for note in i.emitter.notes(scene.waveform.rate_hz)
         ],
-        "trials_per_point": scene.altitude.programme.trial_frames if run.precision is None else spread(rows),
+        "trials_per_point": scene.altitude.programme.trial_frames,
         "left_out": study.left_out(),
         "rows": list(rows),
         "ceiling": _one_each(ceiling),
         "bounds": crb_by_snr(scene, rows),
         "break_points": break_points(rows),
         "real_time_factor": float(np.median(list(factors.values()))),
-        "run": run.as_dict() | {"precision": run.precision},
+        "run": run.as_dict(),
     }
 
 

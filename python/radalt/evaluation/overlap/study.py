@@ -19,9 +19,9 @@ from ..results.folder import RunFolder
 from ..results.rows import Columns
 from ..results.score import score
 from ..simulation import run_chain
-from .altitudes import ALTITUDE_COLUMNS, altitude_rows, pool_altitudes
+from .altitudes import ALTITUDE_COLUMNS, altitude_rows
 from .points import OverlapPoint, scene_at, sweep_points
-from .rows import COLUMNS, COUNTERS, TRACKED_COLUMNS, make_row, tracked_row
+from .rows import COLUMNS, TRACKED_COLUMNS, make_row, tracked_row
 
 __all__ = [
     "DWELL_FRAMES",
@@ -123,10 +123,9 @@ def _flowgraph_of(scene: Scene, point: OverlapPoint) -> str:
     return f"{'jammer' if scene.has_jammer else 'clear'}{' tracked' * (point.table == 'tracked')}"
 
 
-def capture_name(point: Point, batch: int = 0) -> str:
+def capture_name(point: Point) -> str:
     """File name of a point's recording, without its ending."""
-    name = point.name.replace(", ", "_").replace(" ", "_")
-    return f"{name}_batch_{batch}" if batch else name
+    return point.name.replace(", ", "_").replace(" ", "_")
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,6 @@ class OverlapStudy(Study):
         "tracked": TRACKED_COLUMNS,
         "altitudes": ALTITUDE_COLUMNS,
     }
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {"pd_vs_overlap.png": "figures/pd_vs_overlap.png"}
 
     @property
@@ -242,13 +240,13 @@ class OverlapStudy(Study):
         )
         return dataclasses.replace(self, folder=folder, prepared=prepared)
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """Run the flowgraph once and score every method."""
         track = point.table == "tracked"
-        scene = scene_at(self._slow if track else self.scene, point, batch)
+        scene = scene_at(self._slow if track else self.scene, point)
         capture = None
         if self.capture:
-            capture = self.folder / "captures" / capture_name(point, batch)
+            capture = self.folder / "captures" / capture_name(point)
         if not self.flowgraph:
             result = run_chain(scene, scene.methods)
         elif self.hardware is None:
@@ -271,16 +269,6 @@ class OverlapStudy(Study):
     def table_of(self, point: Point, row: Mapping[str, Any]) -> str:
         """See `Study`."""
         return "altitudes" if "altitude_low_m" in row else point.table
-
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; counters of the signal path are added as well."""
-        if len(batches) == 1:
-            return list(batches[0])
-        rows = super().pooled(batches)
-        for row, same in zip(rows, zip(*batches, strict=True), strict=True):
-            detail = "altitude_low_m" in row
-            row |= pool_altitudes(same) if detail else {c: sum(r[c] for r in same) for c in COUNTERS}
-        return rows
 
     def left_out(self) -> list[str]:
         """Parts that the flowgraphs leave out, with reasons."""

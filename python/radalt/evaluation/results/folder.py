@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 SCHEMA = 2  # of report.json
-_JOURNAL_VERSION = 2  # part of the digest: lines of another format are rejected
+_JOURNAL_VERSION = 3  # part of the digest: lines of another format are rejected
 _MARKER, _JOURNAL, _LOCK, _REPORT = "run.json", "points.jsonl", ".lock", "report.json"
 TEMPORARY = ".tmp"  # suffix of files that are being written
 MAX_REPORT_BYTES = 256 << 20  # largest file of a result folder for reading, bytes: a million rows
@@ -166,11 +166,11 @@ class RunFolder:
     replace : bool
         Whether it may hold another result of the study, which is then replaced.
     holds : callable
-        Whether an entry of the journal (``point``, ``batch``, ``rows``) is valid for this run.
+        Whether an entry of the journal (``point``, ``rows``) is valid for this run.
 
     Attributes
     ----------
-    done : dict of (point, batch) -> list of dict
+    done : dict of point -> list of dict
         Rows of the journal.
     rejected : list of str
         Invalid lines (cut, changed, of another run); their points are measured again.
@@ -194,7 +194,7 @@ class RunFolder:
         whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        self.done: dict[tuple[str, int], list[dict[str, Any]]] = {}
+        self.done: dict[str, list[dict[str, Any]]] = {}
         self.rejected: list[str] = []
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
@@ -278,20 +278,20 @@ class RunFolder:
             if entry is None or not holds(entry):
                 self.rejected.append(f"{journal}:{number}")
             else:
-                self.done[entry["point"], entry["batch"]] = entry["rows"]
+                self.done[entry["point"]] = entry["rows"]
                 kept.append(line)
         if self.rejected:
             _replace(journal, "".join(kept))
 
-    def add(self, point: str, batch: int, rows: Sequence[dict[str, Any]]) -> None:
+    def add(self, point: str, rows: Sequence[dict[str, Any]]) -> None:
         """Append the rows of a point to the journal; they are on disk when it returns."""
-        content = {"point": point, "batch": batch, "rows": list(rows)}
+        content = {"point": point, "rows": list(rows)}
         line = json.dumps(content | {"digest": self._digest(content)}, allow_nan=False) + "\n"
         with (self.path / _JOURNAL).open("a", encoding="utf-8") as file:
             file.write(line)
             file.flush()
             os.fsync(file.fileno())
-        self.done[point, batch] = json.loads(line)["rows"]
+        self.done[point] = json.loads(line)["rows"]
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a file of the folder atomically."""
@@ -320,9 +320,8 @@ class RunFolder:
         try:
             entry = json.loads(line)
             digest = entry.pop("digest")
-            if digest != self._digest(entry) or set(entry) != {"point", "batch", "rows"}:
+            if digest != self._digest(entry) or set(entry) != {"point", "rows"}:
                 return None
         except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             return None
-        kinds = (type(entry["point"]), type(entry["batch"]), type(entry["rows"]))
-        return entry if kinds == (str, int, list) else None
+        return entry if (type(entry["point"]), type(entry["rows"])) == (str, list) else None

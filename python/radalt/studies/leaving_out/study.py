@@ -138,7 +138,7 @@ class LeavingOutStudy(Study):
     def _total_frames(self, name: str) -> int:
         return scene_of(name, self.frames).altitude.programme.total_frames
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """A row per run."""
         where = {"scene": point.name, "frames": self._total_frames(point.name)}
         return [
