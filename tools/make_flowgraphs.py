@@ -25,13 +25,27 @@ def made() -> dict[str, dict[str, Any]]:
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
 
     air, live = load_grc(FLOWGRAPHS / "ota_b210.grc"), load_grc(FLOWGRAPHS / "ota_live.grc")
-    simulated = simulate(air)
+    simulated, live_simulated = simulate(air), simulate(live, "ota_live_sim", realtime=True)
+    _lay_out(air, simulated)
+    _lay_out(live, live_simulated)
     parameter = next(block for block in simulated["blocks"] if block["name"] == "sir_db")
     parameter["parameters"]["value"] = f'"{SIR_DB}"'
     return {
         "ota_sim.grc": simulated,
-        "ota_live_sim.grc": simulate(live, "ota_live_sim", realtime=True),
+        "ota_live_sim.grc": live_simulated,
     }
+
+
+def _lay_out(air: dict[str, Any], simulated: dict[str, Any]) -> None:
+    """Place the channel where the gates are, and the receiver in line with it unless it has controls beside it."""
+    places = {block["name"]: block["states"]["coordinate"] for block in simulated["blocks"]}
+    gates = [b["states"]["coordinate"] for b in air["blocks"] if b["name"] in ("radar_gate", "jammer_gate")]
+    top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
+    places["simulated_channel"][:] = [gates[0][0] + 16, top]
+    if "reacquire" not in places:
+        places["frame_segmenter"][1] = top + 8  # aligns its input with the channel's output
+        line = places["note_transmit"][1]
+        places["note_receive"][:] = [places["frame_segmenter"][0] - 64, line]
 
 
 def _parser() -> Parser:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import io
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +18,7 @@ from . import FlowgraphError
 from .plan import left_out
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
-__all__ = ["Prepared", "generate", "grc_dirs", "prepare", "save_as_companion"]
+__all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "save_as_companion", "shipped"]
 
 
 @dataclass(frozen=True)
@@ -71,18 +72,24 @@ def _platform(*own: str) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _shipped() -> dict[str, Any]:
-    """The flowgraph from which all others are derived, loaded once; `simulate` does not modify it."""
+def shipped() -> dict[str, Any]:
+    """``ota_b210.grc``, from which all other flowgraphs are derived; read once, and never changed in place."""
     return load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
 
 
-def save_as_companion(data: dict[str, Any], path: Path) -> None:
-    """Write a .grc file in the companion's own form: saving it there changes no line that nobody changed."""
+def _imported(data: dict[str, Any], path: Path) -> tuple[Any, Any]:
+    """GNU Radio's compiler, and the flowgraph in it."""
     platform = _platform(*grc_dirs())
     flow_graph = platform.make_flow_graph()
     flow_graph.import_data(copy.deepcopy(data))
     flow_graph.grc_file_path = str(path)
     flow_graph.rewrite()
+    return platform, flow_graph
+
+
+def save_as_companion(data: dict[str, Any], path: Path) -> None:
+    """Write a .grc file in the companion's own form: saving it there changes no line that nobody changed."""
+    platform, flow_graph = _imported(data, path)
     platform.save_flow_graph(str(path), flow_graph)
 
 
@@ -103,11 +110,7 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
     name = data["options"]["parameters"]["id"]
     path = folder / f"{name}.grc"
     save_grc(data, path)
-    platform = _platform(*grc_dirs())
-    flow_graph = platform.make_flow_graph()
-    flow_graph.import_data(copy.deepcopy(data))
-    flow_graph.grc_file_path = str(path)
-    flow_graph.rewrite()
+    platform, flow_graph = _imported(data, path)
     flow_graph.validate()
     dummies = [block.name for block in flow_graph.blocks if block.is_dummy_block]
     if dummies:
@@ -121,6 +124,16 @@ def generate(data: dict[str, Any], folder: Path) -> Path:
         )
     platform.Generator(flow_graph, str(folder)).write()
     return folder / f"{name}.py"
+
+
+@lru_cache(maxsize=1)
+def _scratch() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="radalt_")
+
+
+def generated_here(data: dict[str, Any]) -> Path:
+    """`generate` into a folder of its own that is removed at the end of the process."""
+    return generate(data, Path(tempfile.mkdtemp(dir=_scratch().name)))
 
 
 def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, track: bool = False) -> Prepared:
@@ -138,7 +151,7 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, trac
         Whether every method is followed by a tracker.
     """
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
-    data = prune(simulate(_shipped(), name), methods, scene.has_jammer)
+    data = prune(simulate(shipped(), name), methods, scene.has_jammer)
     if track:
         name += "_tracked"
         data = tracked(data, name)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ...core.mitigation import CUSTOM, METHODS, MitigationError
-from ...core.paths import share_dir
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
@@ -24,8 +23,8 @@ from ..overlap.study import rows_of
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
 from ..simulation import PointResult
-from .generate import Prepared, generate
-from .rewrite import from_recording, load_grc, prune
+from .generate import Prepared, generate, shipped
+from .rewrite import from_recording, prune
 from .run import make_top, result_of
 from .watch import run_to_end
 
@@ -185,7 +184,7 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
     """Generate the flowgraph with a recording in place of the receiver, without transmitters."""
     name = "ota_replay"
-    data = from_recording(prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, False), name)
+    data = from_recording(prune(shipped(), methods, False), name)
     out = ("transmitters and channel: the samples come from a recording",)
     return Prepared(generate(data, Path(build_dir)), name, tuple(methods), out)
 

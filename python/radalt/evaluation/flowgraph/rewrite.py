@@ -70,52 +70,37 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
     """
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
-    missing = {RADAR_SINK, RADAR_SOURCE} - blocks.keys()
-    if missing:
-        raise FlowgraphError(
-            f"flowgraph {data['options']['parameters']['id']} has no block {sorted(missing)[0]}"
-        )
     options = data["options"]["parameters"]
     options["id"] = name
-    for texts, key in [
-        (options, "title"),
-        (options, "description"),
-        *((block["parameters"], "comment") for block in data["blocks"]),
-    ]:
-        texts[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], texts.get(key, ""))
+    texts = [(options, "title"), (options, "description")]
+    for parameters, key in [*texts, *((block["parameters"], "comment") for block in data["blocks"])]:
+        parameters[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], parameters.get(key, ""))
     channel = {
         "name": CHANNEL,
         "id": "radalt_simulated_channel",
         "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
         "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
     }
-    _lay_out(blocks, channel)
-    data = _without_gates(data)
-    gone = {*_UHD_BLOCKS, *_RADIOS_ALONE}
+    gates = {name for name, block in blocks.items() if block["id"] == "radalt_transmit_gate"}
+    fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
+    data["connections"] = [
+        [*_at_channel(*fed_by.get(source, (source, port))), *_at_channel(sink, sink_port)]
+        for source, port, sink, sink_port in data["connections"]
+        if sink not in gates
+    ]
+    gone = {*_UHD_BLOCKS, *_RADIOS_ALONE, *gates}
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + [channel]
     for block in data["blocks"]:
         if block["name"] == _DROP:
             block["parameters"]["value"] = "0"
         elif realtime and "own_process" in block["parameters"]:
             block["parameters"]["own_process"] = "True"  # a radio's flowgraph has it where it drops
-    data["connections"] = [_rewired(connection) for connection in data["connections"]]
     return data
 
 
-def _lay_out(blocks: dict[str, Any], channel: dict[str, Any]) -> None:
-    """Lay out the channel in place of the gates, and the receiver in line with it unless it has controls beside it."""
-    gates = [blocks[name]["states"]["coordinate"] for name in (RADAR_GATE, JAMMER_GATE) if name in blocks]
-    if not gates or "frame_segmenter" not in blocks:
-        return
-    top = 8 * round(sum(y for _, y in gates) / len(gates) / 8)
-    channel["states"]["coordinate"] = [gates[0][0] + 16, top]
-    if "reacquire" in blocks:
-        return
-    receiver = blocks["frame_segmenter"]["states"]["coordinate"]
-    receiver[1] = top + 8  # aligns its input with the channel's output
-    if {"note_receive", "note_transmit"} <= blocks.keys():
-        line = blocks["note_transmit"]["states"]["coordinate"][1]
-        blocks["note_receive"]["states"]["coordinate"] = [receiver[0] - 64, line]
+def _at_channel(block: str, port: str) -> tuple[str, str]:
+    """A UHD block's port as the channel's."""
+    return _UHD_BLOCKS.get(block, (block, port))
 
 
 _SIMULATED_WORDS = {
@@ -125,29 +110,6 @@ _SIMULATED_WORDS = {
     "Radar B210 and jammer B210 over the air": "Radar and jammer in the simulated channel",
 }
 _AIR_WORDS = re.compile("|".join(_SIMULATED_WORDS))
-
-
-def _without_gates(data: dict[str, Any]) -> dict[str, Any]:
-    """The flowgraph without its transmit gates, their inputs connected to their outputs."""
-    gates = {block["name"] for block in data["blocks"] if block["id"] == "radalt_transmit_gate"}
-    fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
-    connections = [
-        [*fed_by.get(source, (source, source_port)), sink, sink_port]
-        for source, source_port, sink, sink_port in data["connections"]
-        if sink not in gates
-    ]
-    blocks = [block for block in data["blocks"] if block["name"] not in gates]
-    return data | {"blocks": blocks, "connections": connections}
-
-
-def _rewired(connection: list[str]) -> list[str]:
-    """[source, port, sink, port] with UHD blocks replaced by the channel."""
-    source, source_port, sink, sink_port = connection
-    if source == RADAR_SOURCE:
-        source, source_port = _UHD_BLOCKS[source]
-    if sink in (RADAR_SINK, JAMMER_SINK):
-        sink, sink_port = _UHD_BLOCKS[sink]
-    return [source, source_port, sink, sink_port]
 
 
 def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
@@ -262,20 +224,17 @@ def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     for gate in (RADAR_GATE, JAMMER_GATE):  # a simulated flowgraph has none
         if gate in blocks:
             blocks[gate]["parameters"]["controlled"] = "bool(control)"
-    value = blocks["scene"]["parameters"]["value"]
-    blocks["scene"]["parameters"]["value"] = f"by_hand({value})"
+    blocks["scene"]["parameters"]["value"] = f"by_hand({blocks['scene']['parameters']['value']})"
     states = blocks["scene"]["states"]
-    imports = {"imports": "from radalt.core.scene.live import by_hand"}
-    added = [("import_by_hand", "import", imports)]
-    for key, label in (("telemetry", "Telemetry (PUB)"), ("control", "Control (REP)")):
-        added.append((key, "parameter", {"label": label, "type": "str", "value": '""'}))
-    for key, label, kind in (
-        ("network", "Allow other machines", "intx"),
-        ("keep_alive_s", "Keep alive (s)", "eng_float"),
-    ):
-        added.append((key, "parameter", {"label": label, "type": kind, "value": "0"}))
-    ports = {"scene": "scene", "telemetry": "telemetry", "control": "control"}
-    ports |= {"network": "bool(network)", "keep_alive_s": "keep_alive_s"}
+    added = [
+        ("import_by_hand", "import", {"imports": "from radalt.core.scene.live import by_hand"}),
+        ("telemetry", "parameter", {"label": "Telemetry (PUB)", "type": "str", "value": '""'}),
+        ("control", "parameter", {"label": "Control (REP)", "type": "str", "value": '""'}),
+        ("network", "parameter", {"label": "Allow other machines", "type": "intx", "value": "0"}),
+        ("keep_alive_s", "parameter", {"label": "Keep alive (s)", "type": "eng_float", "value": "0"}),
+    ]
+    ports = {"scene": "scene", "network": "bool(network)"}
+    ports |= {key: key for key in ("telemetry", "control", "keep_alive_s")}
     added.append(("remote_control", "radalt_remote_control", ports))
     data["blocks"] += [
         {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added

@@ -6,25 +6,24 @@ import importlib.util
 import os
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...blocks._guard import in_turns
+from ...blocks._guard import in_turns, raise_stored
 from ...core.scene import Scene, scene_to_mapping
 from ..simulation import PointResult
-from .generate import Prepared, prepare
-from .plan import left_out
+from .generate import Prepared
 from .rewrite import CHANNEL
 from .watch import blocks_of, run_to_end
 
 __all__ = [
-    "PointResult",
-    "left_out",
+    "attach_recorder",
+    "finish_recorder",
     "load_class",
     "make_top",
-    "prepare",
     "result_of",
     "run_point",
     "write_scene",
@@ -38,7 +37,7 @@ def load_class(prepared: Prepared) -> type:
         spec = importlib.util.spec_from_file_location(key, prepared.module)
         module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module
-        sys.path.insert(0, str(prepared.module.parent))  # embedded Python blocks are in the same folder
+        sys.path.insert(0, str(prepared.module.parent))  # Embedded Python blocks are in the same folder
         try:
             spec.loader.exec_module(module)
         finally:
@@ -74,18 +73,52 @@ def run_point(
     top = make_top(prepared, scene, drop_when_slow=0)
     for block in blocks_of(top).values():
         block.logger.set_level("error")  # losses are in the rows; the console shows the study's progress
-    recorder = None
-    if capture:
-        from .recorder import attach_recorder
-
-        recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture)
+    recorder = attach_recorder(top, getattr(top, CHANNEL), scene, capture) if capture else None
     try:
         with in_turns():
             elapsed = run_to_end(top, time_limit_s=time_limit_s)
     finally:
         if recorder is not None:
-            recorder.finish()
+            finish_recorder(top, recorder)
     return result_of(top, prepared, scene, elapsed)
+
+
+def attach_recorder(
+    top: Any,
+    source: Any,
+    scene: Scene,
+    path: Path | str,
+    *,
+    start_s: float = 0.0,
+    radio: Mapping[str, float] | None = None,
+) -> Any:
+    """Connect an `iq_recorder` to a block's output in a flowgraph that is not yet started; `finish_recorder` ends it.
+
+    Parameters
+    ----------
+    path : path
+        Path of the recording without ending.
+    start_s : float
+        Device time of the transmitter's first sample.
+    radio : mapping, optional
+        With radios: see `write_metadata`; samples are dropped when the disk cannot keep up.
+    """
+    from ...blocks.iq_recorder import iq_recorder
+
+    block = iq_recorder(scene, str(path), drop_when_slow=radio is not None)
+    block.finish_at_stop = False
+    block.set_start_time(start_s)
+    block.radio = dict(radio or {})
+    top.connect((source, 0), (block, 0))
+    return block
+
+
+def finish_recorder(top: Any, block: Any) -> None:
+    """Write the metadata of a recording, with the latency that the segmenter found."""
+    raise_stored([block])
+    latency = top.frame_segmenter.latency_samples
+    block.latency_samples = latency if np.isfinite(latency) else 0.0
+    block.finish()
 
 
 def make_top(prepared: Prepared, scene: Scene, **parameters: Any) -> Any:

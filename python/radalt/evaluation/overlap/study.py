@@ -228,7 +228,7 @@ class OverlapStudy(Study):
         """Generate the flowgraphs: with and without the jammer chain, as the points need."""
         if self.hardware is not None or not self.flowgraph:
             return dataclasses.replace(self, folder=folder)
-        from ..flowgraph.run import prepare
+        from ..flowgraph.generate import prepare
 
         scenes: dict[str, tuple[Scene, bool]] = {}
         for point in self.points():

@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -17,18 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from ...core.paths import share_dir
 from ...core.radio.calibration import CalibrationKey, store_latency_samples
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
-from ..flowgraph.generate import Prepared, generate
+from ..flowgraph.generate import Prepared, generated_here, shipped
 from ..flowgraph.plan import left_out
-from ..flowgraph.recorder import Recorder, attach_recorder
-from ..flowgraph.rewrite import RADAR_GATE, load_grc, prune
-from ..flowgraph.run import PointResult, make_top, result_of
+from ..flowgraph.rewrite import RADAR_GATE, prune
+from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
 from ..flowgraph.watch import run_to_end
-from ..simulation import TAIL_FRAMES
+from ..simulation import TAIL_FRAMES, PointResult
 from .setup import FULL_SCALE, bring_up, programme_over, radio_blocks, set_up, start_together
 
 __all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
@@ -48,20 +45,16 @@ def _print(line: str) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _generated(methods: tuple[str, ...], jammer: bool) -> tuple[tempfile.TemporaryDirectory, Path, str]:
-    """Folder, module and name of the flowgraph for radios; generated once per process and removed at its end."""
-    data = prune(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), methods, jammer)
-    name = f"ota_b210_{'jam' if jammer else 'clear'}"
-    data["options"]["parameters"]["id"] = name
-    folder = tempfile.TemporaryDirectory(prefix="radalt_")
-    return folder, generate(data, Path(folder.name)), name
+def _generated(methods: tuple[str, ...], jammer: bool) -> Path:
+    data = prune(shipped(), methods, jammer)
+    data["options"]["parameters"]["id"] = f"ota_b210_{'jam' if jammer else 'clear'}"
+    return generated_here(data)
 
 
 def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
     """Generate ``ota_b210.grc`` for radios, without chains and a second radio that the scene does not need."""
-    _, module, name = _generated(tuple(methods), scene.has_jammer)
-    out = tuple(left_out(scene, methods, simulated=False))
-    return Prepared(module, name, tuple(methods), out)
+    module = _generated(tuple(methods), scene.has_jammer)
+    return Prepared(module, module.stem, tuple(methods), tuple(left_out(scene, methods, simulated=False)))
 
 
 class _Events:
@@ -154,14 +147,12 @@ def run_hardware(
         radio = {"full_scale": FULL_SCALE}
         if ready.latency_samples is not None:
             radio["calibration_samples"] = ready.latency_samples
-        recorder = attach_recorder(
-            top, source, scene, capture, start_s=ready.start_s, drop_when_slow=True, radio=radio
-        )
+        recorder = attach_recorder(top, source, scene, capture, start_s=ready.start_s, radio=radio)
     try:
         elapsed = _fly(top, scene, time_limit_s, recorder=recorder, silent=RADAR_GATE in silent)
     finally:
         if recorder is not None:
-            recorder.finish()
+            finish_recorder(top, recorder)
     result = result_of(top, prepared, scene, elapsed)
     result.segmenter |= {
         "tx_underflows": events.counts["underflow"] + events.counts["underflow_in_packet"],
@@ -174,9 +165,7 @@ def run_hardware(
     return result
 
 
-def _fly(
-    top: Any, scene: Scene, time_limit_s: float, *, recorder: Recorder | None = None, silent: bool = False
-) -> float:
+def _fly(top: Any, scene: Scene, time_limit_s: float, *, recorder: Any = None, silent: bool = False) -> float:
     """Run until the programme's last frame has come in, and is recorded; a receiver has no end of its own.
 
     ``silent``: no frame is to be expected, only samples.

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from ...core.paths import share_dir
 from ...core.radio.endpoint import check_endpoint
 from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ...core.scene.live import by_hand
-from ..flowgraph.generate import Prepared, generate
-from ..flowgraph.rewrite import load_grc, prune, remote, simulate
+from ..flowgraph.generate import Prepared, generated_here, shipped
+from ..flowgraph.rewrite import prune, remote, simulate
 from ..flowgraph.run import make_top
 from ..flowgraph.watch import run_to_end
 
@@ -24,13 +21,10 @@ __all__ = ["drive_remotely"]
 
 
 @functools.lru_cache(maxsize=4)
-def _generated(methods: tuple[str, ...], jammer: bool, sim: bool) -> tuple[Any, Prepared]:
+def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool) -> Prepared:
     name = f"ota_remote_{'sim' if sim else 'air'}_{'jam' if jammer else 'clear'}"
-    data = load_grc(share_dir() / "flowgraphs" / "ota_b210.grc")
-    data = simulate(data, name, realtime=True) if sim else data
-    folder = tempfile.TemporaryDirectory(prefix="radalt_")
-    module = generate(remote(prune(data, methods, jammer), name), Path(folder.name))
-    return folder, Prepared(module, name, methods, ())
+    data = simulate(shipped(), name, realtime=True) if sim else shipped()
+    return Prepared(generated_here(remote(prune(data, methods, jammer), name)), name, methods, ())
 
 
 def drive_remotely(
@@ -76,7 +70,7 @@ def drive_remotely(
         check_endpoint(name, endpoint, network=network)
     if not sim:
         require_enclosure(scene, transmit)
-    _, prepared = _generated(tuple(methods), scene.has_jammer, sim)
+    prepared = _prepared(tuple(methods), scene.has_jammer, sim)
     options = {"telemetry": telemetry, "control": control, "drop_when_slow": int(not sim)}
     options |= {"network": int(network), "keep_alive_s": keep_alive_s}
     options |= {} if sim else {"transmit": int(transmit)}
