@@ -102,7 +102,7 @@ def test_interferer_and_method_go_through_the_flowgraph_in_two_workers(root, out
 def test_method_has_its_name_and_style_in_figures(outside):
     _, env = outside
     code = (
-        "from radalt.evaluation.overlap.figures import series_style\n"
+        "from radalt.evaluation.results.style import series_style\n"
         "style = series_style('clipper', ['none', 'clipper'])\n"
         "print(style['label'], style['color'], style['marker'], style['linestyle'])"
     )

@@ -23,6 +23,7 @@ from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import Score
+from radalt.evaluation.results.style import series_style
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 
@@ -316,7 +317,7 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
 
 def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
     methods = ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae", "mine", "other"]
-    styles = [figures.series_style(m, methods) for m in methods]
+    styles = [series_style(m, methods) for m in methods]
     for key in ("color", "marker", "label"):
         assert len({str(s[key]) for s in styles}) == len(methods)
     # the line alone tells all but the two headline series apart, which differ in marker and darkness
@@ -324,7 +325,7 @@ def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
 
 
 def test_a_method_looks_the_same_whatever_else_is_drawn():
-    assert figures.series_style("tcae", ["tcae"]) == figures.series_style("tcae", ["none", "mine", "tcae"])
+    assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
 def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
@@ -334,7 +335,7 @@ def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
     rows = rows_of(scene_of())
     figures.draw_pd(rows, tmp_path / "a.png", title="t")
     assert len(drawn) == 4  # two panels of two methods
-    x, pd, error, _, style = drawn[2]
+    x, pd, error, _, style, _ = drawn[2]
     mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
     assert style["label"] == "none"  # one name in options, rows and figures
     assert np.abs(x - [0, 0.5, 1]).max() < 0.1
@@ -522,7 +523,7 @@ def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
 
 def test_figures_can_be_read_in_grey(whole):
     """Every series differs from every other in more than colour."""
-    styles = [figures.series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
+    styles = [series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
 

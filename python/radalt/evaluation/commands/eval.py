@@ -182,7 +182,7 @@ def _require_radios(scene: Any, needed: int) -> None:
 
 def _print_pd(out: Path) -> None:
     """Print Pd and wrong altitudes by overlap and method, one block per panel."""
-    from ..overlap.figures import panels
+    from ..overlap.panels import panels
     from ..results.folder import read_report
 
     report = read_report(out)

@@ -16,12 +16,12 @@ from ...core.mitigation import CUSTOM, METHODS, MitigationError
 from ...core.radio.recording import Capture, RecordingError, open_capture
 from ...core.receiver.altimeter import Reason
 from ...core.scene import Scene
-from ..overlap.figures import series_style
 from ..overlap.points import sweep_points
 from ..overlap.rows import COLUMNS
 from ..overlap.study import rows_of
 from ..results.figure import new_figure, save_figure
 from ..results.folder import RunFolder
+from ..results.style import series_style
 from ..simulation import PointResult
 from .generate import Prepared, generate, shipped
 from .rewrite import from_recording, prune
