@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..results.folder import FolderError
 from .estimate import AROUND_S, estimate
-from .options import Options, Terminated, complain, duration, expected_errors
+from .options import EXPECTED, Options, Terminated, complain, duration
 from .publish import check_target, publish
 from .run import Progress, run
 from .study import Study
@@ -64,9 +64,7 @@ def main(
     *,
     program: str,
     dry_run: bool,
-    describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(str(v) for v in rows[0].values())[
-        :120
-    ],
+    describe: Callable[[Sequence[dict]], str] = lambda rows: ", ".join(map(str, rows[0].values()))[:120],
     after: Callable[[Path], int | None] = lambda folder: None,
 ) -> int:
     """Check and run a study, or the result of a callable; returns the exit status.
@@ -91,7 +89,7 @@ def main(
         bar.close()
         shown = [page] if options.publish is None else publish(options.out, study.published, options.publish)
         status = after(options.out)
-    except expected_errors() as error:
+    except EXPECTED as error:
         bar.close()
         complain(program, _full(error, options) or error)
         return 2

@@ -23,6 +23,7 @@ from ...core.paths import no_gnu_radio
 from ...core.text import one_line, said
 
 __all__ = [
+    "EXPECTED",
     "MAX_JOBS",
     "MAX_SEED",
     "Options",
@@ -33,7 +34,6 @@ __all__ = [
     "command_of",
     "complain",
     "duration",
-    "expected_errors",
     "names_of",
     "number",
     "options_of",
@@ -43,6 +43,8 @@ __all__ = [
 
 MAX_JOBS = 256  # most local workers: more than any machine's cores
 MAX_SEED = 2**63 - 1  # largest seed: int64
+# errors that users can correct, the bases of all of this package: wrong input, failing machines, missing packages
+EXPECTED = (ValueError, RuntimeError, OSError, ImportError, MemoryError)
 _TRACEBACK = "RADALT_TRACEBACK"  # environment variable that keeps tracebacks
 
 
@@ -124,8 +126,7 @@ def a_home() -> Iterator[None]:
 def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Decorator of a ``main``: expected errors become one line and status 2, Ctrl-C 130, SIGTERM 143, imports included.
 
-    Expected are the errors of this package and its dependencies for wrong input and failing machines; others keep their
-    traceback. With ``RADALT_TRACEBACK`` in the environment all do.
+    Other errors keep their traceback. With ``RADALT_TRACEBACK`` in the environment all do.
     """
 
     def decorate(main: Callable[..., int]) -> Callable[..., int]:
@@ -137,7 +138,7 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
             try:
                 with terminable(), a_home():
                     return main(*args, **options)
-            except (ValueError, RuntimeError, OSError, ImportError, MemoryError) as error:
+            except EXPECTED as error:
                 complain(program, error)
                 return 2
             except Terminated:
@@ -314,39 +315,6 @@ def command_of(args: argparse.Namespace, parser: Parser) -> str:
 
 def _word(value: object) -> str:
     return value.name if isinstance(value, Path) else str(value)
-
-
-def expected_errors() -> tuple[type[Exception], ...]:
-    """Errors that users can correct: every error class of this package, and the system's about files and memory."""
-    from ...core.mitigation import MitigationError
-    from ...core.parsing import InputError
-    from ...core.radio.calibration import CalibrationError
-    from ...core.radio.interlock import InterlockError
-    from ...core.radio.recording import RecordingError
-    from ...core.returns.terrain import TerrainError, TrajectoryError
-    from ...core.scene import SceneError
-    from ..flowgraph import FlowgraphError
-    from ..results.folder import FolderError
-    from .pool import WorkerError
-
-    own = (
-        InputError,
-        SceneError,
-        MitigationError,
-        CalibrationError,
-        InterlockError,
-        RecordingError,
-        TerrainError,
-    )
-    return (
-        *own,
-        TrajectoryError,
-        FlowgraphError,
-        FolderError,
-        WorkerError,
-        OSError,
-        MemoryError,
-    )
 
 
 def duration(seconds: float) -> str:

@@ -83,8 +83,7 @@ def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
         raise MitigationError(f"method_options names {stray[0]!r}; known methods: {', '.join(METHODS)}")
     out = {}
     for name in scene.methods:
-        options = scene.method_options.get(name) or {}
-        status = create(name, scene.waveform, **options).status()
+        status = create(name, scene.waveform, **(scene.method_options.get(name) or {})).status()
         out[name] = {key: status[key] for key in _KEPT if key in status}
     return out
 
@@ -204,17 +203,14 @@ class OverlapStudy(Study):
     def points(self) -> Sequence[OverlapPoint]:
         """The sweep, and points without interference (the ceiling) unless the sweep has overlap 0."""
         points = sweep_points(self.scene)
-        tracked = []
+        apart, tracked = [], []
+        if not any(p.overlap == 0 for p in points):
+            frames = self.scene.altitude.programme.trial_frames
+            snrs = dict.fromkeys(p.snr_db for p in points)
+            apart = [OverlapPoint.at(0.0, None, snr, frames, "ceiling") for snr in snrs]
         if self.tracked:
-            slow = self._slow.altitude.programme.trial_frames
-            tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, slow, "tracked") for p in points]
-        if any(p.overlap == 0 for p in points):
-            return (*points, *tracked)
-        frames = self.scene.altitude.programme.trial_frames
-        apart = [
-            OverlapPoint.at(0.0, None, snr, frames, "ceiling")
-            for snr in dict.fromkeys(p.snr_db for p in points)
-        ]
+            frames = self._slow.altitude.programme.trial_frames
+            tracked = [OverlapPoint.at(p.overlap, p.sir_db, p.snr_db, frames, "tracked") for p in points]
         return (*points, *apart, *tracked)
 
     @property
@@ -244,9 +240,7 @@ class OverlapStudy(Study):
         """Run the flowgraph once and score every method."""
         track = point.table == "tracked"
         scene = scene_at(self._slow if track else self.scene, point)
-        capture = None
-        if self.capture:
-            capture = self.folder / "captures" / capture_name(point)
+        capture = self.folder / "captures" / capture_name(point) if self.capture else None
         if not self.flowgraph:
             result = run_chain(scene, scene.methods)
         elif self.hardware is None:
@@ -274,16 +268,14 @@ class OverlapStudy(Study):
         """Parts that the flowgraphs leave out, with reasons."""
         from ..flowgraph.plan import left_out
 
-        points = [p for p in self.points() if p.table != "tracked"]
-        with_jammer = {scene_at(self.scene, p).has_jammer: scene_at(self.scene, p) for p in points}
-        lists = {
-            jammer: left_out(scene, scene.methods, simulated=self.hardware is None)
-            for jammer, scene in with_jammer.items()
-        }
-        out = list(lists.get(True, lists.get(False, ())))
-        if len(lists) == 2:
-            out += [f"at overlap 0: {item}" for item in lists[False] if item not in out]
-        return out
+        scenes = [scene_at(self.scene, p) for p in self.points() if p.table != "tracked"]
+        by_jammer = {scene.has_jammer: scene for scene in scenes}
+        lists = [
+            left_out(by_jammer[jammer], self.scene.methods, simulated=self.hardware is None)
+            for jammer in sorted(by_jammer, reverse=True)
+        ]
+        first, *others = lists
+        return first + [f"at overlap 0: {item}" for other in others for item in other if item not in first]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `report.write_report`."""

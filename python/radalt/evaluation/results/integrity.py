@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...core.receiver.tracker_settings import Status
-from .proportion import clopper_pearson, clopper_pearson_bound
+from .proportion import clopper_pearson_bound
 from .score import CORRECT_LIMIT_M, FAR_LIMIT_M, accuracy_limit_m
 
 __all__ = [
@@ -93,10 +93,6 @@ class Integrity:
         """A count over all outputs, computed or not; NaN without any."""
         return getattr(self, name) / self.outputs if self.outputs else float("nan")
 
-    def interval(self, name: str, confidence: float = 0.95) -> tuple[float, float]:
-        """Clopper-Pearson interval of `rate`."""
-        return clopper_pearson(getattr(self, name), self.outputs, confidence)
-
     def bound(self, name: str) -> float:
         """95 % upper bound (Clopper and Pearson, one-sided) of `rate`."""
         return clopper_pearson_bound(getattr(self, name), self.outputs)
@@ -133,25 +129,13 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
     ----------
     outputs : (n,) structured array of `tracker.OUTPUT_DTYPE`
     truth_m : (n,) float
-        True altitude at each output's time. NaN where there is no return at all: whatever is computed there is
-        wrong by every limit, and hazardous where its protection level is within the alert limit. An output without a meaning (a frame of synchronisation) has to
-        be left out by the caller.
+        True altitude at each output's time; NaN where there is no return at all: whatever is computed there is wrong
+        by every limit, and hazardous where its protection level is within the alert limit. The caller leaves out
+        outputs without a meaning, such as those of synchronisation.
     alert_limit_m : (n,) or scalar, > 0
         Alert limit: the largest error without a warning.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ or an alert limit is not above 0.
     """
     truth = np.asarray(truth_m, dtype=float)
-    if truth.shape != outputs.shape:
-        raise ValueError(
-            f"truth_m has shape {truth.shape}, outputs {outputs.shape}; they have to be one to one"
-        )
-    limit = np.broadcast_to(np.asarray(alert_limit_m, dtype=float), truth.shape)
-    if not np.all(limit > 0):
-        raise ValueError(f"alert_limit_m holds {limit[~(limit > 0)][0]!r}; it has to be above 0")
     computed = outputs["status"] == Status.NORMAL
     error, level = error_m(outputs, truth), outputs["protection_level_m"]
 
@@ -164,13 +148,13 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         computed=int(computed.sum()),
         failures=int(np.count_nonzero(outputs["status"] == Status.FAILURE)),
         misleading=count(error > level),
-        hazardous=count(is_hazardous(outputs, truth, limit)),
+        hazardous=count(is_hazardous(outputs, truth, alert_limit_m)),
         wrong_5m=count(error >= CORRECT_LIMIT_M),
         wrong_20m=count(error >= FAR_LIMIT_M),
         wrong_accuracy=count(error > accuracy),
         interruptions=int(np.count_nonzero(computed[:-1] & ~computed[1:])),
         followed=int(np.count_nonzero(computed[:-1])),
-        unbounded=count(level > limit),
+        unbounded=count(level > alert_limit_m),
     )
 
 
