@@ -31,18 +31,10 @@ _TOOLS = ("gallery", "screenshot", "make-flowgraphs", "make-landing-data")  # co
 
 @dataclass(frozen=True)
 class Program:
-    """A command.
+    """A command."""
 
-    Attributes
-    ----------
-    script : str
-        Entry in ``flowgraphs/``.
-    file : Path
-        File of the module.
-    """
-
-    script: str
-    file: Path
+    script: str  # entry in ``flowgraphs/``
+    file: Path  # file of the module
 
     @property
     def module(self) -> str:

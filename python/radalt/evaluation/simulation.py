@@ -29,28 +29,16 @@ _AT_ONCE = 16  # frames per call, 1 MB at the default waveform; results do not d
 
 @dataclass
 class PointResult:
-    """Results of one run.
+    """Results of one run."""
 
-    Attributes
-    ----------
-    results : dict of method -> (frames,) array of RESULT_DTYPE
-    ms_per_frame : dict of method -> (frames,) CPU milliseconds of the mitigation; empty for ``none``
-    status : dict of method -> counters and state of the method
-    segmenter : dict
-        State, lock quality and counters.
-    real_time_factor : float
-        Seconds of signal per second of wall time.
-    left_out : list of str
-    outputs : dict of method -> (k,) array of OUTPUT_DTYPE
-        Outputs of the tracker; empty without one.
-    """
-
-    results: dict[str, np.ndarray]
+    results: dict[str, np.ndarray]  # by method: (frames,) of RESULT_DTYPE
+    # by method: (frames,) CPU milliseconds of the mitigation; empty for ``none``
     ms_per_frame: dict[str, np.ndarray]
-    status: dict[str, dict[str, Any]]
-    segmenter: Mapping[str, Any]
-    real_time_factor: float
+    status: dict[str, dict[str, Any]]  # by method: counters and state of the method
+    segmenter: Mapping[str, Any]  # state, lock quality and counters
+    real_time_factor: float  # seconds of signal per second of wall time
     left_out: list[str] = field(default_factory=list)
+    # by method: outputs of the tracker; empty without one
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 

@@ -30,23 +30,13 @@ _RAMP = 60_000
 
 @dataclass(frozen=True)
 class Transmitter:
-    """One transmitter.
-
-    Attributes
-    ----------
-    title : str
-    rate_hz : float
-        Rate of the samples from `transmit`.
-    chain : callable
-        ``(seed) -> [blocks]``, from a source to a block with complex output.
-    made_at_hz : Fraction or None
-        Rate of the chain's output, if it differs.
-    """
+    """One transmitter."""
 
     title: str
-    rate_hz: float
+    rate_hz: float  # rate of the samples from `transmit`
+    # ``(seed) -> [blocks]``, from a source to a block with complex output
     chain: Callable[[int], list[gr.basic_block]]
-    made_at_hz: Fraction | None = None
+    made_at_hz: Fraction | None = None  # rate of the chain's output, if it differs
 
 
 def transmit(name: str, seconds: float, seed: int) -> np.ndarray:

@@ -155,33 +155,16 @@ def command(program: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run; no row depends on them.
+    """Options of a run; no row depends on them."""
 
-    Attributes
-    ----------
-    out : Path
-        Result folder.
-    resume : bool
-        Complete the run in ``out``.
-    jobs : int
-        Local worker processes; 0 measures in this process, point by point and without a time limit.
-    scheduler : str
-        Address or scheduler file of a Dask cluster; empty for local processes.
-    time_limit_s : float
-        Longest time for one point.
-    command : str
-        Command line for the report.
-    publish : Path or None
-        Folder for the study's page, figures and data under their stable names.
-    """
-
-    out: Path
-    resume: bool = False
+    out: Path  # result folder
+    resume: bool = False  # complete the run in ``out``
+    # local worker processes; 0 measures in this process, point by point and without a time limit
     jobs: int = 2
-    scheduler: str = ""
-    time_limit_s: float = 120.0
-    command: str = ""
-    publish: Path | None = None
+    scheduler: str = ""  # address or scheduler file of a Dask cluster; empty for local processes
+    time_limit_s: float = 120.0  # longest time for one point
+    command: str = ""  # command line for the report
+    publish: Path | None = None  # folder for the study's page, figures and data under their stable names
 
 
 def typed(program: str) -> str:

@@ -26,28 +26,14 @@ __all__ = ["Progress", "head_of", "run"]
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a run after a point.
+    """State of a run after a point."""
 
-    Attributes
-    ----------
-    done, total : int
-        Points.
-    resumed : int
-        Points that were measured before this start.
-    rejected : sequence of str
-        Invalid lines of the journal; their points are measured again.
-    rows : list of dict
-        Rows of the last point; none at the first call.
-    remaining_s : float
-        Estimated remaining time.
-    """
-
-    done: int
+    done: int  # points
     total: int
-    resumed: int
-    rows: Sequence[dict[str, Any]]
-    remaining_s: float
-    rejected: Sequence[str] = ()
+    resumed: int  # points that were measured before this start
+    rows: Sequence[dict[str, Any]]  # rows of the last point; none at the first call
+    remaining_s: float  # estimated remaining time
+    rejected: Sequence[str] = ()  # invalid lines of the journal; their points are measured again
 
 
 def head_of(study: Study) -> dict[str, Any]:

@@ -43,36 +43,19 @@ def add_seed(parser: Parser, default: int) -> None:
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """The command of a study.
+    """The command of a study."""
 
-    Attributes
-    ----------
-    program : str
-        Name of the entry in ``flowgraphs/``.
-    module : str
-        ``__name__`` of the study's module, whose docstring has summary and examples.
-    arguments : callable of parser
-        Adds the options of the study.
-    study : callable of (args, parser)
-        Returns the study, or the exit status of options that run something else.
-    describe : callable of rows
-        Describes a measured point in a line.
-    after : callable of (result folder, args, study), optional
-        Prints a summary, and may return an exit status other than 0.
-    out : str
-        Default result folder; "" for ``results/PROGRAM``.
-    time_limit_s : float
-        Default of ``--time-limit-s``.
-    """
-
-    program: str
-    module: str
-    arguments: Callable[[Parser], None]
+    program: str  # name of the entry in ``flowgraphs/``
+    module: str  # ``__name__`` of the study's module, whose docstring has summary and examples
+    arguments: Callable[[Parser], None]  # adds the options of the study
+    # of arguments and parser: returns the study, or the exit status of options that run something else
     study: Callable[[argparse.Namespace, Parser], Study | int]
+    # describes a measured point in a line
     describe: Callable[[Sequence[dict[str, Any]]], str]
+    # of result folder, arguments and study: prints a summary, and may return an exit status other than 0
     after: Callable[[Path, argparse.Namespace, Any], int | None] | None = None
-    out: str = ""
-    time_limit_s: float = 600.0
+    out: str = ""  # default result folder; "" for ``results/PROGRAM``
+    time_limit_s: float = 600.0  # default of ``--time-limit-s``
 
     def parser(self) -> Parser:
         """The command line."""

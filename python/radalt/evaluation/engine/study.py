@@ -17,21 +17,11 @@ __all__ = ["Point", "Run", "Study"]
 
 @dataclass(frozen=True)
 class Point:
-    """One unit of work; its rows are a function of (study, point), in any process and order.
+    """One unit of work; its rows are a function of (study, point), in any process and order."""
 
-    Attributes
-    ----------
-    name : str
-        Unique name within the study, for progress, messages and the journal.
-    frames : int
-        Frames measured, for the estimate of the cost.
-    table : str
-        Table of the study for its rows.
-    """
-
-    name: str
-    frames: int = 0
-    table: str = "rows"
+    name: str  # unique name within the study, for progress, messages and the journal
+    frames: int = 0  # frames measured, for the estimate of the cost
+    table: str = "rows"  # table of the study for its rows
 
 
 @dataclass(frozen=True)
@@ -51,20 +41,12 @@ class Run:
 
 
 class Study:
-    """Base of all studies: a frozen, picklable dataclass that holds everything on which its rows depend.
+    """Base of all studies: a frozen, picklable dataclass that holds everything on which its rows depend."""
 
-    Attributes
-    ----------
-    tables : mapping of name -> Columns
-        Tables of the result, each as ``NAME.csv``.
-    max_jobs : int or None
-        Most points measured at once; 1 where times are measured.
-    published : mapping of file -> name
-        Files of the result folder for the documentation, and their names there (``--publish``).
-    """
-
+    # tables of the result, each as ``NAME.csv``
     tables: ClassVar[Mapping[str, Columns]]
-    max_jobs: ClassVar[int | None] = None
+    max_jobs: ClassVar[int | None] = None  # most points measured at once; 1 where times are measured
+    # files of the result folder for the documentation, and their names there (``--publish``)
     published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:

@@ -23,24 +23,12 @@ __all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "sav
 
 @dataclass(frozen=True)
 class Prepared:
-    """A generated flowgraph, ready for any point of its scene.
+    """A generated flowgraph, ready for any point of its scene."""
 
-    Attributes
-    ----------
-    module : Path
-        Generated Python file.
-    name : str
-        Class and module name.
-    methods : tuple of str
-        Methods in the flowgraph.
-    left_out : tuple of str
-        Parts that were left out, with reasons.
-    """
-
-    module: Path
-    name: str
-    methods: tuple[str, ...]
-    left_out: tuple[str, ...]
+    module: Path  # generated Python file
+    name: str  # class and module name
+    methods: tuple[str, ...]  # methods in the flowgraph
+    left_out: tuple[str, ...]  # parts that were left out, with reasons
 
 
 def grc_dirs() -> list[str]:

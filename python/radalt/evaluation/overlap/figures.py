@@ -194,7 +194,7 @@ def _draw(
     return _finish(figure, axes, path, title, label)
 
 
-# -- curves: (values, lengths of the bars below and above) of rows, and their words in tooltips -------------------------
+# -- curves: (values, lengths of the bars below and above) of rows, and their words in tooltips ---------------
 
 
 def _pd(rows: Sequence[Row]) -> tuple[np.ndarray, np.ndarray]:
@@ -240,7 +240,7 @@ def _number(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-# -- drawing -----------------------------------------------------------------------------------------------------------
+# -- drawing -------------------------------------------------------------------------------------------------
 
 
 def _dodge(rows: Sequence[Row], against: str, k: int, count: int) -> float:

@@ -21,21 +21,12 @@ _MAX_VALUES = 1001  # most values of one axis; more are a mistake in start:stop:
 
 @dataclass(frozen=True)
 class OverlapPoint(Point):
-    """One point of the sweep.
+    """One point of the sweep."""
 
-    Attributes
-    ----------
-    overlap : float
-        Active fraction of the frame, 0..1.
-    sir_db : float or None
-        SIR of all interferers together over the frame; None in a scene without interference.
-    snr_db : float or None
-        SNR of the return; None for no noise.
-    """
-
-    overlap: float = 0.0
+    overlap: float = 0.0  # active fraction of the frame, 0..1
+    # SIR of all interferers together over the frame; None in a scene without interference
     sir_db: float | None = None
-    snr_db: float | None = None
+    snr_db: float | None = None  # SNR of the return; None for no noise
 
     @classmethod
     def at(

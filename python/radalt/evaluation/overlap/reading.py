@@ -38,18 +38,10 @@ class PoolError(ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """One result folder.
+    """One result folder."""
 
-    Attributes
-    ----------
-    folder : str
-        Folder as named by the user.
-    report : dict
-        Content of report.json.
-    """
-
-    folder: str
-    report: dict[str, Any]
+    folder: str  # folder as named by the user
+    report: dict[str, Any]  # content of report.json
 
     @property
     def frames(self) -> int:

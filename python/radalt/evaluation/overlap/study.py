@@ -129,25 +129,16 @@ def capture_name(point: Point) -> str:
 
 @dataclass(frozen=True)
 class OverlapStudy(Study):
-    """A scene with its sweep, methods and seed.
-
-    Attributes
-    ----------
-    scene : Scene
-    hardware : dict or None
-        Options of `radios.hardware.run_hardware`; None for the simulated channel.
-    capture : bool
-        Record the received samples of every point, as SigMF below ``captures`` of the result folder.
-    tracked : bool
-        Run every point a second time with a tracker and at least `DWELL_FRAMES` frames at each altitude.
-    flowgraph : bool
-        False calls the flowgraph's objects in turn (`simulation.run_chain`): equal rows without GNU Radio.
-    """
+    """A scene with its sweep, methods and seed."""
 
     scene: Scene
+    # options of `radios.hardware.run_hardware`; None for the simulated channel
     hardware: dict[str, Any] | None = None
+    # record the received samples of every point, as SigMF below ``captures`` of the result folder
     capture: bool = False
+    # run every point a second time with a tracker and at least `DWELL_FRAMES` frames at each altitude
     tracked: bool = False
+    # false calls the flowgraph's objects in turn (`simulation.run_chain`): equal rows without GNU Radio
     flowgraph: bool = True
     folder: Path | None = None
     prepared: tuple[tuple[str, Any], ...] = ()

@@ -51,21 +51,11 @@ _ALIGNED_S = 0.5  # latest arming of both radios after a pulse, s: well before t
 
 @dataclass(frozen=True)
 class Step:
-    """One call on one UHD block.
+    """One call on one UHD block."""
 
-    Attributes
-    ----------
-    block : str
-        Name in the flowgraph.
-    call : str
-        Method of gr-uhd's block.
-    args : tuple
-        Plain values; frequencies of ``set_center_freq`` are (centre, LO offset) in hertz.
-    """
-
-    block: str
-    call: str
-    args: tuple[Any, ...]
+    block: str  # name in the flowgraph
+    call: str  # method of gr-uhd's block
+    args: tuple[Any, ...]  # plain values; frequencies of ``set_center_freq`` are (centre, LO offset) in hertz
 
 
 @dataclass(frozen=True)
@@ -83,21 +73,12 @@ class Readback:
 
 @dataclass(frozen=True)
 class Ready:
-    """Radios ready for their start.
+    """Radios ready for their start."""
 
-    Attributes
-    ----------
-    start_s : float
-        Common start in device seconds.
-    latency_samples : float or None
-        Stored latency that the segmenter subtracts; None if there is none or it is not used.
-    key : CalibrationKey
-        Radio, clock and rate of the latency.
-    """
-
-    start_s: float
+    start_s: float  # common start in device seconds
+    # stored latency that the segmenter subtracts; None if there is none or it is not used
     latency_samples: float | None
-    key: CalibrationKey
+    key: CalibrationKey  # radio, clock and rate of the latency
 
 
 def _text(value: float | str) -> str:

@@ -54,37 +54,22 @@ def is_hazardous(outputs: np.ndarray, truth_m: np.ndarray, limit_m: np.ndarray |
 
 @dataclass(frozen=True)
 class Integrity:
-    """Counts over a set of outputs; sets are added with ``+``.
+    """Counts over a set of outputs; sets are added with ``+``."""
 
-    Attributes
-    ----------
-    outputs, computed : int
-        All outputs with a known truth; those with status NORMAL.
-    failures : int
-        Outputs with status FAILURE.
-    misleading, hazardous : int
-        See the module.
-    wrong_5m, wrong_20m, wrong_accuracy : int
-        Computed outputs whose error is at least 5 m, 20 m, or beyond the accuracy of DO-155 at the true altitude.
-    interruptions : int
-        Computed outputs whose next output is not computed.
-    followed : int
-        Computed outputs that have a next output.
-    unbounded : int
-        Computed outputs whose protection level exceeds the alert limit: not available.
-    """
-
+    # all outputs with a known truth; those with status NORMAL
     outputs: int = 0
     computed: int = 0
-    failures: int = 0
+    failures: int = 0  # outputs with status FAILURE
+    # see the module
     misleading: int = 0
     hazardous: int = 0
+    # computed outputs whose error is at least 5 m, 20 m, or beyond the accuracy of DO-155 at the true altitude
     wrong_5m: int = 0
     wrong_20m: int = 0
     wrong_accuracy: int = 0
-    interruptions: int = 0
-    followed: int = 0
-    unbounded: int = 0
+    interruptions: int = 0  # computed outputs whose next output is not computed
+    followed: int = 0  # computed outputs that have a next output
+    unbounded: int = 0  # computed outputs whose protection level exceeds the alert limit: not available
 
     def __add__(self, other: Integrity) -> Integrity:
         return Integrity(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
