@@ -42,12 +42,8 @@ class Transmitter:
 def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
     """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1.
 
-    Raises
-    ------
-    KeyError
-        If there is no transmitter ``name``.
-    TimeoutError
-        If the flowgraph takes longer than five minutes.
+    Raises KeyError if there is no transmitter ``name``. Raises TimeoutError if the flowgraph takes longer than five
+    minutes.
     """
     from gnuradio import blocks, gr
 

@@ -48,15 +48,12 @@ _GO_ON = "go on with --resume, there or without --scheduler"
 class Cluster:
     """A connection to a scheduler, and this program's plugin on its workers.
 
+    Raises WorkerError if no scheduler answers within `CONNECT_S`, or it has no worker within `WORKERS_S`; one line.
+
     Parameters
     ----------
     scheduler : str
         ``tcp://host:8786`` (any address of Dask's), or the path of a scheduler file.
-
-    Raises
-    ------
-    WorkerError
-        If no scheduler answers within `CONNECT_S`, or it has no worker within `WORKERS_S`; one line.
     """
 
     def __init__(self, scheduler: str) -> None:
@@ -97,11 +94,8 @@ class Cluster:
     ) -> Iterator[tuple[int, Outcome]]:
         """Yield ``(index, outcome)`` as points are measured, as `pool.run_tasks` does for local processes.
 
-        Raises
-        ------
-        WorkerError
-            If a task fails, exceeds its time or ends its process; if a worker has another version installed; if the
-            scheduler is lost, or all workers for `WORKERS_S`. One line.
+        Raises WorkerError if a task fails, exceeds its time or ends its process; if a worker has another version
+        installed; if the scheduler is lost, or all workers for `WORKERS_S`. One line.
         """
         if not points:
             return

@@ -65,6 +65,9 @@ def run_tasks(
 ) -> Iterator[tuple[int, Any]]:
     """Yield ``(index, function(task))`` as tasks finish, in no particular order.
 
+    Raises WorkerError if a worker dies, a task exceeds its time or fails with an error meant for the user. The other
+    workers are stopped.
+
     Parameters
     ----------
     function : callable
@@ -77,12 +80,6 @@ def run_tasks(
         Longest time for one task.
     label : callable
         Names a task in error messages.
-
-    Raises
-    ------
-    WorkerError
-        If a worker dies, a task exceeds its time or fails with an error meant for the user. The other workers are
-        stopped.
     """
     if not tasks:
         return

@@ -47,10 +47,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     Points are journalled as they arrive, and the tables are written in the study's order: they are equal to the byte
     for any number of workers, here or on a cluster, and for a run that was killed and resumed.
 
-    Raises
-    ------
-    FolderError, WorkerError, and errors of the study
-        One line for the user; the rows so far are kept.
+    Raises FolderError, WorkerError, and errors of the study, one line for the user; the rows so far are kept.
     """
     begin = time.monotonic()
     points = {point.name: point for point in study.points()}

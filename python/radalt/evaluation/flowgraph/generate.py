@@ -84,15 +84,12 @@ def save_as_companion(data: dict[str, Any], path: Path) -> None:
 def generate(data: dict[str, Any], folder: Path) -> Path:
     """Write the .grc file and generate Python by GNU Radio's compiler.
 
+    Raises FlowgraphError if a block is missing or the flowgraph is not valid; names the first error.
+
     Returns
     -------
     Path
         The generated file, ``<id>.py``, beside ``<id>.grc``.
-
-    Raises
-    ------
-    FlowgraphError
-        If a block is missing or the flowgraph is not valid; names the first error.
     """
     folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]

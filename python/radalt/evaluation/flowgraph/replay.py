@@ -43,6 +43,8 @@ def score_recording(
 ) -> list[dict[str, Any]]:
     """Run a recording through every method's chain; write ``rows.csv`` or ``summary.json``, and ``frames.csv``.
 
+    Raises RecordingError, SceneError, MitigationError, FlowgraphError, one line.
+
     Parameters
     ----------
     path : path
@@ -63,11 +65,6 @@ def score_recording(
     -------
     list of dict
         Rows of `make_row` where the altitudes are known, else of `summary`.
-
-    Raises
-    ------
-    RecordingError, SceneError, MitigationError, FlowgraphError
-        One line.
     """
     capture = open_capture(path)
     placed, known = replay_scene(capture, scene)
@@ -167,10 +164,7 @@ def _write_frames(path: Path, result: PointResult) -> None:
 def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, bool]:
     """Scene for the score of a recording, and whether its programme is known (a recording of this program).
 
-    Raises
-    ------
-    RecordingError
-        If neither the recording nor the caller gives a scene.
+    Raises RecordingError if neither the recording nor the caller gives a scene.
     """
     if scene is None and capture.scene is None:
         raise RecordingError(f"{capture.path}: the recording names no scene; give the sweep's with --scene")

@@ -170,10 +170,7 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
 def prune(data: dict[str, Any], methods: Sequence[str], jammer: bool) -> dict[str, Any]:
     """Disable the chains of other methods and an unneeded jammer; add missing chains.
 
-    Raises
-    ------
-    FlowgraphError
-        If a method is neither in the flowgraph nor registered.
+    Raises FlowgraphError if a method is neither in the flowgraph nor registered.
     """
     data = copy.deepcopy(data)
     names = {block["name"] for block in data["blocks"]}

@@ -58,17 +58,13 @@ def run_point(
 ) -> PointResult:
     """Run the flowgraph once for a scene at one point of its sweep.
 
+    Raises FlowgraphError if it does not end within ``time_limit_s``. An exception of a block's
+    ``work`` is raised unchanged.
+
     Parameters
     ----------
     capture : path, optional
         SigMF recording of the received samples.
-
-    Raises
-    ------
-    FlowgraphError
-        If it does not end within ``time_limit_s``.
-    Exception
-        The exception of a block's ``work``, unchanged.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     for block in blocks_of(top).values():

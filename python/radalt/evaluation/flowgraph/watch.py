@@ -38,6 +38,9 @@ def run_to_end(
 ) -> float:
     """Run a flowgraph until its stream ends or ``over`` says so; returns its wall seconds.
 
+    Raises FlowgraphError if it does not end within its limit, or does not stop. An exception of a
+    block's ``work`` is raised unchanged.
+
     Parameters
     ----------
     top : object
@@ -49,13 +52,6 @@ def run_to_end(
         and for observation.
     too_long : callable
         Message for a run beyond its limit, which is the argument.
-
-    Raises
-    ------
-    FlowgraphError
-        If it does not end within its limit, or does not stop.
-    Exception
-        The exception of a block's ``work``, unchanged.
     """
     begin = time.perf_counter()
     top.start()

@@ -43,10 +43,7 @@ class OverlapPoint(Point):
 def parse_axis(text: str, what: str) -> tuple[float, ...]:
     """Values of one axis: parts separated by commas, each a number or an inclusive ``start:stop:step``.
 
-    Raises
-    ------
-    ValueError
-        One line that names the option (``what``), the part and what is expected.
+    Raises ValueError, one line that names the option (``what``), the part and what is expected.
 
     Examples
     --------
@@ -88,10 +85,7 @@ def changed(
 ) -> Scene:
     """The scene with other axes, altitudes, frames per altitude, seed or methods; None keeps the scene's.
 
-    Raises
-    ------
-    SceneError
-        For a wrong value; one line.
+    Raises SceneError for a wrong value; one line.
     """
     axes = {"overlap": overlap, "sir_db": sir_db, "snr_db": snr_db}
     flown = {"programme_m": altitudes_m, "frames": frames}
@@ -125,10 +119,7 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
 def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:
     """Every overlap at every SIR at every SNR, in canonical order; an empty axis has the scene's value.
 
-    Raises
-    ------
-    ValueError
-        If overlaps or SIRs are swept in a scene without interference.
+    Raises ValueError if overlaps or SIRs are swept in a scene without interference.
     """
     sweep, frames = scene.sweep, scene.altitude.programme.trial_frames
     snrs = sweep.snr_db or (scene.channel.snr_db,)

@@ -34,10 +34,7 @@ _BEFORE_ALL = -1e9  # order of a level that there is not: no interference, no no
 def pool_runs(runs: Sequence[Run]) -> tuple[list[Row], list[str]]:
     """Pooled rows in canonical order, and notes on repeated measurements.
 
-    Raises
-    ------
-    PoolError
-        If two runs are not comparable; names both, the key and both values.
+    Raises PoolError if two runs are not comparable; names both, the key and both values.
     """
     for k, run in enumerate(runs):
         for other in runs[:k]:
@@ -129,10 +126,7 @@ def _emitters(scene: dict[str, Any]) -> list[dict[str, Any]]:
 def _same_draw(a: Run, old: Row, b: Run, new: Row) -> bool:
     """Whether two rows of one key have the same random numbers.
 
-    Raises
-    ------
-    PoolError
-        If they have and differ, or if they share a part of them.
+    Raises PoolError if they have and differ, or if they share a part of them.
     """
     if old["source"] != "simulated":
         return a.report["created"] == b.report["created"]
@@ -168,10 +162,7 @@ def _pooled(key: tuple[Any, ...], rows: Sequence[Row]) -> Row:
 def collect(folders: Sequence[str | Path], out: Path) -> tuple[Path, list[str]]:
     """Pool result folders into one report in ``out``; returns the path of report.md and notes for the user.
 
-    Raises
-    ------
-    FolderError, PoolError
-        One line.
+    Raises FolderError, PoolError, one line.
     """
     unique = {Path(folder).resolve(): folder for folder in reversed(folders)}
     runs = [read_run(folder) for folder in reversed(unique.values())]

@@ -52,10 +52,7 @@ class Run:
 def read_run(folder: str | Path) -> Run:
     """A finished run of ota_eval.
 
-    Raises
-    ------
-    FolderError, PoolError
-        One line: the part that is missing, unfinished or of another schema.
+    Raises FolderError, PoolError, one line: the part that is missing, unfinished or of another schema.
     """
     report = read_report(Path(folder))
     if report["schema"] != SCHEMA:

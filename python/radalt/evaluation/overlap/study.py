@@ -42,10 +42,7 @@ _START_S, _FLOWGRAPH = 0.6, 1.6
 def check_scene(scene: Scene) -> None:
     """Construct the flowgraph's objects once, so that errors are raised before the run.
 
-    Raises
-    ------
-    SceneError, MitigationError
-        One line.
+    Raises SceneError, MitigationError, one line.
     """
     from ...core.channel.simulated import SimulatedChannel
     from ...core.receiver.altimeter import shared_altimeter
@@ -68,10 +65,7 @@ def check_scene(scene: Scene) -> None:
 def check_methods(scene: Scene) -> dict[str, dict[str, Any]]:
     """Construct every method of a scene once, before the run; returns the description of each for reports.
 
-    Raises
-    ------
-    SceneError, MitigationError
-        If there is no method, one is unknown, named twice or cannot be built; one line.
+    Raises SceneError, MitigationError if there is no method, one is unknown, named twice or cannot be built; one line.
     """
     if not scene.methods:
         raise SceneError(f"methods is empty; name at least one of: {', '.join(METHODS)}")

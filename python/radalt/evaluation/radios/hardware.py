@@ -95,6 +95,8 @@ def run_hardware(
 ) -> PointResult:
     """Run a scene's programme once with radios.
 
+    Raises InterlockError, FlowgraphError, CalibrationError, one line.
+
     Parameters
     ----------
     scene : Scene
@@ -120,11 +122,6 @@ def run_hardware(
     PointResult
         ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio``
         (type, serial).
-
-    Raises
-    ------
-    InterlockError, FlowgraphError, CalibrationError
-        One line.
     """
     require_enclosure(scene, transmit)
     from gnuradio import uhd

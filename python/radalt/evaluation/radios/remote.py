@@ -42,6 +42,8 @@ def drive_remotely(
 ) -> dict[str, Any]:
     """Run in real time until a ``stop`` request or the event; returns the last state.
 
+    Raises InterlockError, FlowgraphError, ValueError, one line.
+
     Parameters
     ----------
     scene : Scene
@@ -59,11 +61,6 @@ def drive_remotely(
         Ends the run from another thread.
     log : callable
         Receives the radios' settings and the endpoints, a line each.
-
-    Raises
-    ------
-    InterlockError, FlowgraphError, ValueError
-        One line.
     """
     scene = by_hand(scene)
     for name, endpoint in (("telemetry", telemetry), ("control", control)):

@@ -174,6 +174,8 @@ def set_up(
     Checks the interlock again, calls `bring_up` with its readback, limits the jammer's bursts, sets the segmenter's
     full scale and calibration, and finally a common start time.
 
+    Raises InterlockError, FlowgraphError, CalibrationError, one line; nothing has been started.
+
     Parameters
     ----------
     top : object
@@ -192,11 +194,6 @@ def set_up(
     Returns
     -------
     Ready
-
-    Raises
-    ------
-    InterlockError, FlowgraphError, CalibrationError
-        One line; nothing has been started.
     """
     require_enclosure(scene, bool(top.transmit))
     _check_blocks(top, scene)
@@ -322,6 +319,8 @@ def stop_after_programme(top: Any, scene: Scene) -> threading.Thread:
 def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = time.sleep) -> list[Readback]:
     """Carry out the plan on the UHD blocks of a flowgraph that is not yet started.
 
+    Raises FlowgraphError if a rate or the master clock differs from the setting, or a lock is missing.
+
     Parameters
     ----------
     top : object
@@ -334,11 +333,6 @@ def bring_up(top: Any, scene: Scene, uhd: Any, sleep: Callable[[float], None] = 
     Returns
     -------
     list of Readback
-
-    Raises
-    ------
-    FlowgraphError
-        If a rate or the master clock differs from the setting, or a lock is missing.
     """
     readback = []
     blocks = [name for name in radio_blocks(scene) if hasattr(top, name)]  # a receiver alone has one

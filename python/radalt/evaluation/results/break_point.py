@@ -63,11 +63,6 @@ def break_point(
     level : float
         Within 0..1.
 
-    Raises
-    ------
-    ValueError
-        Without points.
-
     Examples
     --------
     >>> str(break_point([-10, -20, -30, -40], [1, 0.95, 0.5, 0.1]))

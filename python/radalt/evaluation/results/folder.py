@@ -140,10 +140,7 @@ def _read_json(file: Path, hint: str) -> dict[str, Any]:
 def read_report(path: Path) -> dict[str, Any]:
     """``report.json`` of the folder of a finished run.
 
-    Raises
-    ------
-    FolderError
-        One line: the part that is missing, unfinished or cannot be read.
+    Raises FolderError, one line: the part that is missing, unfinished or cannot be read.
     """
     if (path / _MARKER).is_file() and not (path / _REPORT).exists():
         raise FolderError(
@@ -154,6 +151,9 @@ def read_report(path: Path) -> dict[str, Any]:
 
 class RunFolder:
     """The folder of one run, locked by this process.
+
+    Raises FolderError if it holds other files, another run (the first difference is named), or another process writes
+    to it.
 
     Parameters
     ----------
@@ -174,11 +174,6 @@ class RunFolder:
         Rows of the journal.
     rejected : list of str
         Invalid lines (cut, changed, of another run); their points are measured again.
-
-    Raises
-    ------
-    FolderError
-        If it holds other files, another run (the first difference is named), or another process writes to it.
     """
 
     def __init__(
