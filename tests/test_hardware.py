@@ -30,7 +30,7 @@ from radalt.evaluation.flowgraph.run import load_class, write_scene
 from radalt.evaluation.flowgraph.watch import run_to_end
 from radalt.evaluation.radios import hardware
 from radalt.evaluation.radios.hardware import calibrate, run_hardware
-from radalt.evaluation.radios.setup import describe, plan
+from radalt.evaluation.radios.settings import describe, plan
 
 pytestmark = pytest.mark.timeout(150)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,8 +82,11 @@ def changed(
     frames: int | None = None,
     seed: int | None = None,
     methods: Sequence[str] | None = None,
+    own: Mapping[str, dict[str, Any]] | None = None,
 ) -> Scene:
     """The scene with other axes, altitudes, frames per altitude, seed or methods; None keeps the scene's.
+
+    ``own`` has further method options by the method's name; methods that the scene lacks are added.
 
     Raises SceneError for a wrong value; one line.
     """
@@ -98,7 +101,14 @@ def changed(
     try:
         sweep = dataclasses.replace(scene.sweep, **given(axes))
         altitude = dataclasses.replace(scene.altitude, **given(flown))
-        return dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
+        scene = dataclasses.replace(scene, sweep=sweep, altitude=altitude, **given(whole))
+        options = {
+            name: {**(scene.method_options.get(name) or {}), **more} for name, more in (own or {}).items()
+        }
+        added = tuple(name for name in options if name not in scene.methods)
+        return dataclasses.replace(
+            scene, methods=scene.methods + added, method_options={**scene.method_options, **options}
+        )
     except ValueError as error:
         raise SceneError(str(error)) from None
 

@@ -26,7 +26,9 @@ from ..flowgraph.rewrite import RADAR_GATE, prune
 from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
 from ..flowgraph.watch import run_to_end
 from ..simulation import TAIL_FRAMES, PointResult
-from .setup import FULL_SCALE, bring_up, programme_over, radio_blocks, set_up, start_together
+from .bring_up import bring_up, start_together
+from .settings import radio_blocks
+from .setup import FULL_SCALE, programme_over, set_up
 
 __all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
 
