@@ -40,11 +40,7 @@ class Transmitter:
 
 
 def transmit(name: str, seconds: float, seed: int) -> np.ndarray:
-    """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1.
-
-    Raises KeyError if there is no transmitter ``name``. Raises TimeoutError if the flowgraph takes longer than five
-    minutes.
-    """
+    """(n,) complex128 of ``seconds`` of a transmitter of `TRANSMITTERS` at its rate, mean power 1."""
     from gnuradio import blocks, gr
 
     from .flowgraph.watch import run_to_end

@@ -181,13 +181,7 @@ def _by_value(name: str, time_limit_s: float) -> Callable[[bytes], bytes]:
 
 
 class Measurer(WorkerPlugin):
-    """Plugin on a worker: the study, its files in the worker's folder, its processes.
-
-    Parameters
-    ----------
-    study : Study
-        Ready to be measured; its files are read on construction.
-    """
+    """Plugin on a worker: the study, ready to be measured, its files in the worker's folder, its processes."""
 
     def __init__(self, study: Study) -> None:
         self.wanted = installed(study.needs_network)

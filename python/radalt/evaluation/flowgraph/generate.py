@@ -82,14 +82,9 @@ def save_as_companion(data: dict[str, Any], path: Path) -> None:
 
 
 def generate(data: dict[str, Any], folder: Path) -> Path:
-    """Write the .grc file and generate Python by GNU Radio's compiler.
+    """Write the .grc file and generate Python by GNU Radio's compiler; returns ``<id>.py``, beside ``<id>.grc``.
 
     Raises FlowgraphError if a block is missing or the flowgraph is not valid; names the first error.
-
-    Returns
-    -------
-    Path
-        The generated file, ``<id>.py``, beside ``<id>.grc``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     name = data["options"]["parameters"]["id"]
@@ -124,16 +119,8 @@ def generated_here(data: dict[str, Any]) -> Path:
 def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, track: bool = False) -> Prepared:
     """Rewrite, prune and generate the simulated flowgraph of a scene, once for all of its points.
 
-    Parameters
-    ----------
-    scene : Scene
-        Decides whether there is a jammer chain.
-    methods : sequence of str
-        Methods whose chains are kept.
-    build_dir : path
-        Receives ``.grc`` and ``.py``.
-    track : bool
-        Whether every method is followed by a tracker.
+    There is a jammer chain if the scene has a jammer, and a tracker behind every method with ``track``. ``build_dir``
+    receives ``.grc`` and ``.py``.
     """
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
     data = prune(simulate(shipped(), name), methods, scene.has_jammer)

@@ -54,19 +54,11 @@ def save_grc(data: dict[str, Any], path: Path) -> None:
 
 
 def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = False) -> dict[str, Any]:
-    """The flowgraph with one simulated channel in place of its UHD blocks.
+    """The flowgraph, under another identifier, with one simulated channel in place of its UHD blocks.
 
     Gates, interlock and set-up of the radios are removed; the source before a gate is connected to the channel. Frames
-    are never dropped, since waiting loses nothing in simulation. Nothing else differs.
-
-    Parameters
-    ----------
-    data : dict
-        Flowgraph with the blocks ``radar_usrp_sink``, ``radar_usrp_source`` and, optionally, ``jammer_usrp_sink``.
-    name : str
-        Identifier of the new flowgraph.
-    realtime : bool
-        Whether the channel limits the throughput to the sample rate, as radios do.
+    are never dropped, since waiting loses nothing in simulation. Nothing else differs. With ``realtime`` the channel
+    limits the throughput to the sample rate, as radios do.
     """
     data = copy.deepcopy(data)
     blocks = {block["name"]: block for block in data["blocks"]}
@@ -113,14 +105,8 @@ _AIR_WORDS = re.compile("|".join(_SIMULATED_WORDS))
 
 
 def with_chain(data: dict[str, Any], name: str) -> dict[str, Any]:
-    """The flowgraph with another chain, ``mitigation_<name>`` to ``altimeter_<name>``, a copy of whitening's.
-
-    Parameters
-    ----------
-    data : dict
-        Flowgraph with the chain of the method ``whitening``.
-    name : str
-        Registry name of the method, or `CUSTOM`.
+    """The flowgraph with the chain of another method, ``mitigation_<name>`` to ``altimeter_<name>``, a copy of
+    whitening's.
     """
     data = copy.deepcopy(data)
     lowest = max(b["states"]["coordinate"][1] for b in data["blocks"] if b["name"].startswith("altimeter_"))

@@ -56,15 +56,10 @@ def write_scene(scene: Scene, path: Path) -> Path:
 def run_point(
     prepared: Prepared, scene: Scene, *, time_limit_s: float = 300.0, capture: Path | str | None = None
 ) -> PointResult:
-    """Run the flowgraph once for a scene at one point of its sweep.
+    """Run the flowgraph once for a scene at one point of its sweep; ``capture`` names a SigMF recording of it.
 
-    Raises FlowgraphError if it does not end within ``time_limit_s``. An exception of a block's
-    ``work`` is raised unchanged.
-
-    Parameters
-    ----------
-    capture : path, optional
-        SigMF recording of the received samples.
+    Raises FlowgraphError if it does not end within ``time_limit_s``. An exception of a block's ``work`` is raised
+    unchanged.
     """
     top = make_top(prepared, scene, drop_when_slow=0)
     for block in blocks_of(top).values():

@@ -15,11 +15,7 @@ Row = dict[str, Any]
 def panels(rows: Sequence[Row], against: str = "overlap") -> list[tuple[str, list[Row]]]:
     """Rows grouped by all values but the horizontal axis, with titles of what differs between panels.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-    against : str
-        ``"overlap"`` or ``"sir_db"``; for the latter rows without interference are left out.
+    ``against`` is ``"overlap"`` or ``"sir_db"``; for the latter rows without interference are left out.
     """
     other = "sir_db" if against == "overlap" else "overlap"
     names = ("interference", other, "snr_db")

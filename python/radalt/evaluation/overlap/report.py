@@ -40,22 +40,11 @@ def write_report(
     *,
     tracked: Sequence[Row] = (),
 ) -> Path:
-    """Write the result folder from its rows; returns the path of ``report.md``.
+    """Write the result folder from its rows, in canonical order; returns the path of ``report.md``.
 
-    Parameters
-    ----------
-    folder : RunFolder
-    study : OverlapStudy
-    rows : sequence of dict
-        All rows, in canonical order.
-    ceiling : sequence of dict
-        Rows without interference, one per method and SNR (more are ignored).
-    run : Run
-        Facts of the run.
-    altitudes : sequence of dict
-        Rows by altitude (`ALTITUDE_COLUMNS`); without them there are no results by altitude and no intervals of RMSE.
-    tracked : sequence of dict
-        Rows of the tracker's outputs; none without tracking.
+    ``ceiling`` has the rows without interference, one per method and SNR (more are ignored); ``altitudes`` those by
+    altitude (`ALTITUDE_COLUMNS`), without which there are no intervals of RMSE; ``tracked`` those of the tracker's
+    outputs.
     """
     if not any(row["trials"] for row in rows):
         raise FlowgraphError(

@@ -97,18 +97,17 @@ def run_hardware(
 ) -> PointResult:
     """Run a scene's programme once with radios.
 
-    Raises InterlockError, FlowgraphError, CalibrationError, one line.
+    Raises InterlockError, FlowgraphError, CalibrationError, one line. The result's ``segmenter`` also holds
+    ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio`` (type, serial).
 
     Parameters
     ----------
     scene : Scene
         At one point of its sweep; ``radio`` names devices, gains, enclosure.
-    methods : sequence of str
     transmit : bool
         The command line's ``--transmit``; the interlock needs it beside the enclosure.
-    calibration : path, optional
-        Calibration file, default `calibration_path`; a latency stored for this radio, clock and rate is subtracted
-        unless ``use_calibration`` is false.
+    calibration, use_calibration, log
+        As in `set_up`.
     capture : path, optional
         SigMF recording of the received samples.
     silent : sequence of str
@@ -116,14 +115,6 @@ def run_hardware(
         radar no timing is found, and the run ends with its last sample.
     time_limit_s : float
         Longest time from start to end.
-    log : callable
-        Receives the readback, a line each.
-
-    Returns
-    -------
-    PointResult
-        ``segmenter`` also holds ``saturated_frames``, ``tx_underflows``, ``tx_late``, ``calibrated`` and ``radio``
-        (type, serial).
     """
     require_enclosure(scene, transmit)
     from gnuradio import uhd
@@ -242,14 +233,9 @@ def link_bytes_per_s(serial: str) -> float | None:
 def calibrate(
     scene: Scene, *, transmit: bool, calibration: Path | str | None = None, **options: Any
 ) -> tuple[float, Path]:
-    """Measure the latency over a direct, attenuated cable from TX to RX and store it.
+    """Measure the latency over a direct, attenuated cable from TX to RX and store it; returns samples and file.
 
     Runs the scene's programme without jammer and without an earlier calibration.
-
-    Returns
-    -------
-    float, Path
-        Latency in samples, and the file it was stored in.
     """
     quiet = scene.at(overlap=0.0) if scene.interference else scene
     result = run_hardware(

@@ -40,27 +40,12 @@ def drive_remotely(
     stop: threading.Event | None = None,
     log: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Run in real time until a ``stop`` request or the event; returns the last state.
+    """Run in real time until a ``stop`` request or the event ``stop``; returns the last state.
 
+    The scene gives interference, channel and limits; its programme is not used. ``telemetry`` and ``control`` are ZMQ
+    endpoints, empty for none; ``network`` and ``keep_alive_s`` are those of `remote_control`. ``transmit`` is the
+    command line's ``--transmit``, for radios. ``log`` receives the radios' settings and the endpoints, a line each.
     Raises InterlockError, FlowgraphError, ValueError, one line.
-
-    Parameters
-    ----------
-    scene : Scene
-        Interference, channel and limits; its programme is not used.
-    methods : sequence of str
-    telemetry, control : str
-        ZMQ endpoints, empty for none.
-    network, keep_alive_s
-        See `remote_control`.
-    sim : bool
-        Simulated channel instead of the radios.
-    transmit : bool
-        With radios: the command line's ``--transmit``.
-    stop : threading.Event, optional
-        Ends the run from another thread.
-    log : callable
-        Receives the radios' settings and the endpoints, a line each.
     """
     scene = by_hand(scene)
     for name, endpoint in (("telemetry", telemetry), ("control", control)):

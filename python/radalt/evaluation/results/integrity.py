@@ -118,7 +118,7 @@ def integrity(outputs: np.ndarray, truth_m: np.ndarray, alert_limit_m: np.ndarra
         by every limit, and hazardous where its protection level is within the alert limit. The caller leaves out
         outputs without a meaning, such as those of synchronisation.
     alert_limit_m : (n,) or scalar, > 0
-        Alert limit: the largest error without a warning.
+        Largest error without a warning.
     """
     truth = np.asarray(truth_m, dtype=float)
     computed = outputs["status"] == Status.NORMAL
@@ -159,18 +159,9 @@ def time_to_alert_s(
     *,
     fault_frame: int,
 ) -> float:
-    """Seconds from a fault to the end of the last hazardous output; 0 without one.
+    """Seconds from a fault to the end of the last hazardous output; 0 without one, infinite if the last output is.
 
-    Infinite if the last output is hazardous.
-
-    Parameters
-    ----------
-    outputs, truth_m, alert_limit_m
-        As in `integrity`.
-    sweep_s : float
-        Seconds per frame.
-    fault_frame : int
-        First frame with the fault.
+    Arguments are those of `integrity`, the seconds per frame, and the first frame with the fault.
     """
     hazardous = is_hazardous(outputs, np.asarray(truth_m, dtype=float), alert_limit_m)
     hazardous &= outputs["frame_index"] >= fault_frame
