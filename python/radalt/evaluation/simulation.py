@@ -114,10 +114,8 @@ class _Path:
 
     def results(self) -> np.ndarray:
         """Results of all frames so far."""
-        return np.concatenate(self._results) if self._results else self._altimeter.process(self._none())
-
-    def _none(self) -> np.ndarray:
-        return np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
+        none = np.empty((0, self._altimeter.waveform.samples_per_frame), dtype=np.complex64)
+        return np.concatenate(self._results) if self._results else self._altimeter.process(none)
 
     def milliseconds(self) -> np.ndarray:
         """CPU time of the method per frame."""

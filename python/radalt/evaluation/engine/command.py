@@ -91,7 +91,7 @@ def main(
         status = after(options.out)
     except EXPECTED as error:
         bar.close()
-        complain(program, _full(error, options) or error)
+        complain(program, _said(error, options))
         return 2
     except KeyboardInterrupt as error:
         bar.close()
@@ -102,14 +102,12 @@ def main(
     return status or 0
 
 
-def _full(error: Exception, options: Options) -> str:
-    """One line for a disk that is full or failing, else empty."""
-    if getattr(error, "errno", None) not in _DISK:
-        return ""
-    return (
-        f"{options.out} cannot be written ({error.strerror}); the points so far are kept: "
-        "mend that and go on with --resume"
-    )
+def _said(error: Exception, options: Options) -> Exception | str:
+    """The error, or a line for a disk that is full or failing."""
+    if not isinstance(error, OSError) or error.errno not in _DISK:
+        return error
+    kept = "the points so far are kept: mend that and go on with --resume"
+    return f"{options.out} cannot be written ({error.strerror}); {kept}"
 
 
 def _cost(study: Study, options: Options) -> str:
@@ -126,15 +124,11 @@ def _kept(options: Options, last: Progress | None) -> str:
     """Stored points of an interrupted run and the command that resumes it; empty if there are none."""
     if last is None:
         return ""
-    return f"; {last.done} of {last.total} points are kept, go on with: {_resuming(options)}"
-
-
-def _resuming(options: Options) -> str:
-    """The command that resumes this run, as typed."""
     called, *arguments = sys.argv
     words = [*(called.split() if called.startswith("radalt ") else [sys.executable, called]), *arguments]
     if Path(called).resolve().parent.name == "training":  # these programs find the package by PYTHONPATH
         words.insert(0, f"PYTHONPATH={os.environ.get('PYTHONPATH', '')}")
     if not any(word == "--out" or word.startswith("--out=") for word in words):
         words += ["--out", str(options.out)]
-    return shlex.join(words if options.resume else [*words, "--resume"])
+    resuming = shlex.join(words if options.resume else [*words, "--resume"])
+    return f"; {last.done} of {last.total} points are kept, go on with: {resuming}"

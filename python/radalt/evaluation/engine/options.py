@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NoReturn
 
@@ -172,11 +172,9 @@ def typed(program: str) -> str:
     called = sys.argv[0]  # see evaluation/programs.py
     if called.startswith("radalt "):
         return called
-    if Path(called).resolve().parent.name == "tools":
-        return f".venv/bin/python tools/{program}.py"
-    if Path(called).resolve().parent.name == "training":
-        return f"PYTHONPATH=python .venv/bin/python training/{program}.py"
-    return f".venv/bin/python flowgraphs/{program}.py"
+    folder = Path(called).resolve().parent.name
+    folder = folder if folder in ("tools", "training") else "flowgraphs"
+    return f"{'PYTHONPATH=python ' * (folder == 'training')}.venv/bin/python {folder}/{program}.py"
 
 
 class Parser(argparse.ArgumentParser):
@@ -199,10 +197,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_options(
-    parser: argparse.ArgumentParser,
-    *,
-    out: str | None = None,
-    time_limit_s: float = 120.0,
+    parser: argparse.ArgumentParser, *, out: str | None = None, time_limit_s: float = 120.0
 ) -> None:
     """``--out --resume --publish --jobs --scheduler --time-limit-s --dry-run``, equal for every study.
 
@@ -236,26 +231,15 @@ def add_options(
         default=time_limit_s,
         help="longest time for one point (default: %(default)g)",
     )
-    add(
-        "--dry-run",
-        action="store_true",
-        help="print points, frames and the estimated time; measure nothing",
-    )
+    add("--dry-run", action="store_true", help="print points, frames and the estimated time; measure nothing")
 
 
 def options_of(args: argparse.Namespace, parser: argparse.ArgumentParser, *, command: str = "") -> Options:
     """`Options` from the arguments of `add_options`; ends the program with one line for a wrong value."""
     if args.resume and args.out is None:
         parser.error("--resume needs --out with the folder of the run to complete")
-    return Options(
-        out=args.out,
-        resume=args.resume,
-        jobs=args.jobs,
-        scheduler=args.scheduler,
-        time_limit_s=args.time_limit_s,
-        command=command,
-        publish=args.publish,
-    )
+    given = {f.name: getattr(args, f.name) for f in fields(Options) if f.name != "command"}
+    return Options(**given, command=command)
 
 
 def names_of(parser: Parser, option: str, text: str, known: Collection[str]) -> tuple[str, ...]:

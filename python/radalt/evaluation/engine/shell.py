@@ -1,7 +1,6 @@
 """Common parts of the studies' commands: parser, options of the engine, run, exit status.
 
-A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`).
-This
+A study's room holds one `command.py`, which the command ``radalt`` finds by scanning (`evaluation/programs.py`). This
 module does not import NumPy, so that ``--help`` is fast.
 """
 

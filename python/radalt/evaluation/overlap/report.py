@@ -112,11 +112,7 @@ def _draw_altitudes(title: str, altitudes: Sequence[Row], path: Path) -> list[tu
 
 
 def build_report(
-    head: dict[str, Any],
-    study: OverlapStudy,
-    rows: Sequence[Row],
-    ceiling: Sequence[Row],
-    run: Run,
+    head: dict[str, Any], study: OverlapStudy, rows: Sequence[Row], ceiling: Sequence[Row], run: Run
 ) -> dict[str, Any]:
     """Content of ``report.json``."""
     scene = study.scene
