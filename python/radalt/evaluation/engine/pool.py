@@ -65,21 +65,9 @@ def run_tasks(
 ) -> Iterator[tuple[int, Any]]:
     """Yield ``(index, function(task))`` as tasks finish, in no particular order.
 
-    Raises WorkerError if a worker dies, a task exceeds its time or fails with an error meant for the user. The other
-    workers are stopped.
-
-    Parameters
-    ----------
-    function : callable
-        Importable by name; called in a spawned process, which runs many tasks.
-    tasks : sequence
-        Picklable arguments.
-    jobs : int
-        Worker processes, >= 1.
-    time_limit_s : float
-        Longest time for one task.
-    label : callable
-        Names a task in error messages.
+    ``function``, importable by name, and the tasks are pickled; each of ``jobs`` spawned processes runs many tasks,
+    each task at most ``time_limit_s``. ``label`` names a task in error messages. Raises WorkerError if a worker dies, a
+    task exceeds its time or fails with an error meant for the user. The other workers are stopped.
     """
     if not tasks:
         return

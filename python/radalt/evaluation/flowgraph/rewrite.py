@@ -60,19 +60,13 @@ def simulate(data: dict[str, Any], name: str = "ota_sim", *, realtime: bool = Fa
     are never dropped, since waiting loses nothing in simulation. Nothing else differs. With ``realtime`` the channel
     limits the throughput to the sample rate, as radios do.
     """
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
+    data, blocks = _renamed(data, name)
     options = data["options"]["parameters"]
-    options["id"] = name
     texts = [(options, "title"), (options, "description")]
     for parameters, key in [*texts, *((block["parameters"], "comment") for block in data["blocks"])]:
         parameters[key] = _AIR_WORDS.sub(lambda words: _SIMULATED_WORDS[words[0]], parameters.get(key, ""))
-    channel = {
-        "name": CHANNEL,
-        "id": "radalt_simulated_channel",
-        "parameters": {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)},
-        "states": copy.deepcopy(blocks[RADAR_SINK]["states"]),
-    }
+    ports = {"scene": "scene", "jammer": str(JAMMER_SINK in blocks), "realtime": str(realtime)}
+    channel = _block(CHANNEL, "radalt_simulated_channel", ports, blocks[RADAR_SINK])
     gates = {name for name, block in blocks.items() if block["id"] == "radalt_transmit_gate"}
     fed_by = {sink: (source, port) for source, port, sink, _ in data["connections"] if sink in gates}
     data["connections"] = [
@@ -127,26 +121,15 @@ def from_recording(data: dict[str, Any], name: str = "ota_replay") -> dict[str, 
 
     It has the further parameters ``capture_file`` and ``follow_programme``.
     """
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
+    data, blocks = _renamed(data, name)
     gone = {RADAR_SINK, JAMMER_SINK, RADAR_GATE, JAMMER_GATE, "chirp_source", "jammer_source"}
     receiver = blocks[RADAR_SOURCE]
     receiver["id"] = "radalt_sigmf_source"
     receiver["parameters"] = {"scene": "scene", "file": "capture_file"}
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "bool(follow_programme)"
-    states = copy.deepcopy(receiver["states"])
     added = [
-        {
-            "name": key,
-            "id": "parameter",
-            "parameters": {"label": label, "type": kind, "value": value},
-            "states": copy.deepcopy(states),
-        }
-        for key, label, kind, value in (
-            ("capture_file", "SigMF recording", "str", '""'),
-            ("follow_programme", "Altitudes by the scene", "intx", "1"),
-        )
+        _parameter("capture_file", "SigMF recording", "str", '""', receiver),
+        _parameter("follow_programme", "Altitudes by the scene", "intx", "1", receiver),
     ]
     data["blocks"] = [block for block in data["blocks"] if block["name"] not in gone] + added
     data["connections"] = [c for c in data["connections"] if c[0] not in gone and c[2] not in gone]
@@ -184,8 +167,7 @@ def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
 
     A tracker after a method also receives the frames before mitigation.
     """
-    data = copy.deepcopy(data)
-    data["options"]["parameters"]["id"] = name
+    data, _ = _renamed(data, name)
     for block in data["blocks"]:
         if block["id"] == "radalt_altimeter_sink":
             block["id"] = "radalt_altitude_tracker"
@@ -198,28 +180,39 @@ def tracked(data: dict[str, Any], name: str) -> dict[str, Any]:
 
 def remote(data: dict[str, Any], name: str) -> dict[str, Any]:
     """The flowgraph without end: altitudes by hand, any altitude accepted, results and requests over ZMQ."""
-    data = copy.deepcopy(data)
-    blocks = {block["name"]: block for block in data["blocks"]}
-    data["options"]["parameters"]["id"] = name
+    data, blocks = _renamed(data, name)
     blocks["frames"]["parameters"]["value"] = "0"
     blocks["frame_segmenter"]["parameters"]["follow_programme"] = "False"
     blocks["chirp_source"]["parameters"]["altitude_m"] = "0.0"
     for gate in (RADAR_GATE, JAMMER_GATE):  # a simulated flowgraph has none
         if gate in blocks:
             blocks[gate]["parameters"]["controlled"] = "bool(control)"
-    blocks["scene"]["parameters"]["value"] = f"by_hand({blocks['scene']['parameters']['value']})"
-    states = blocks["scene"]["states"]
-    added = [
-        ("import_by_hand", "import", {"imports": "from radalt.core.scene.live import by_hand"}),
-        ("telemetry", "parameter", {"label": "Telemetry (PUB)", "type": "str", "value": '""'}),
-        ("control", "parameter", {"label": "Control (REP)", "type": "str", "value": '""'}),
-        ("network", "parameter", {"label": "Allow other machines", "type": "intx", "value": "0"}),
-        ("keep_alive_s", "parameter", {"label": "Keep alive (s)", "type": "eng_float", "value": "0"}),
-    ]
+    scene = blocks["scene"]
+    scene["parameters"]["value"] = f"by_hand({scene['parameters']['value']})"
     ports = {"scene": "scene", "network": "bool(network)"}
     ports |= {key: key for key in ("telemetry", "control", "keep_alive_s")}
-    added.append(("remote_control", "radalt_remote_control", ports))
     data["blocks"] += [
-        {"name": n, "id": kind, "parameters": p, "states": copy.deepcopy(states)} for n, kind, p in added
+        _block("import_by_hand", "import", {"imports": "from radalt.core.scene.live import by_hand"}, scene),
+        _parameter("telemetry", "Telemetry (PUB)", "str", '""', scene),
+        _parameter("control", "Control (REP)", "str", '""', scene),
+        _parameter("network", "Allow other machines", "intx", "0", scene),
+        _parameter("keep_alive_s", "Keep alive (s)", "eng_float", "0", scene),
+        _block("remote_control", "radalt_remote_control", ports, scene),
     ]
     return data
+
+
+def _renamed(data: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """A copy of a flowgraph under another identifier, and its blocks by name."""
+    data = copy.deepcopy(data)
+    data["options"]["parameters"]["id"] = name
+    return data, {block["name"]: block for block in data["blocks"]}
+
+
+def _block(name: str, kind: str, parameters: dict[str, str], beside: dict[str, Any]) -> dict[str, Any]:
+    """A new block in the place of another one."""
+    return {"name": name, "id": kind, "parameters": parameters, "states": copy.deepcopy(beside["states"])}
+
+
+def _parameter(name: str, label: str, kind: str, value: str, beside: dict[str, Any]) -> dict[str, Any]:
+    return _block(name, "parameter", {"label": label, "type": kind, "value": value}, beside)

@@ -167,13 +167,6 @@ class RunFolder:
         Whether it may hold another result of the study, which is then replaced.
     holds : callable
         Whether an entry of the journal (``point``, ``rows``) is valid for this run.
-
-    Attributes
-    ----------
-    done : dict of point -> list of dict
-        Rows of the journal.
-    rejected : list of str
-        Invalid lines (cut, changed, of another run); their points are measured again.
     """
 
     def __init__(
@@ -189,14 +182,13 @@ class RunFolder:
         whole = {"schema": SCHEMA, "journal": _JOURNAL_VERSION} | head
         self.head = json.loads(json.dumps(plain_json(whole)))  # as it is read back from JSON
         self._seal = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        self.done: dict[str, list[dict[str, Any]]] = {}
-        self.rejected: list[str] = []
+        self.done: dict[str, list[dict[str, Any]]] = {}  # rows of the journal by point
+        self.rejected: list[str] = []  # lines that are cut, changed or of another run; their points are measured again
         if path.exists() and not path.is_dir():
             raise FolderError(f"--out {path} is a file; name a folder")
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._check_links()
-            self._check_kinds()
+            self._check_files()
             self._lock = (path / _LOCK).open("a")
         except FolderError:
             raise
@@ -211,14 +203,13 @@ class RunFolder:
             ) from None
         self._claim(resume, holds)
 
-    def _check_links(self) -> None:
-        """Refuse links, through which files elsewhere would be overwritten."""
+    def _check_files(self) -> None:
+        """Refuse links, through which files elsewhere would be overwritten, and pipes, whose opening would block."""
         for found in self.path.rglob("*"):
             if found.is_symlink():
-                raise FolderError(f"{found} is a link, through which files elsewhere would be overwritten; remove it")
-
-    def _check_kinds(self) -> None:
-        """Refuse files of the run that are no regular files: opening a pipe would block."""
+                raise FolderError(
+                    f"{found} is a link, through which files elsewhere would be overwritten; remove it"
+                )
         for name in (_LOCK, _MARKER, _JOURNAL, _REPORT):
             path = self.path / name
             if path.exists() and not path.is_file():
@@ -230,7 +221,7 @@ class RunFolder:
             held = _read_json(marker, "name another --out")
             if self._replaces and held.get("study") == self.head.get("study"):
                 (self.path / _JOURNAL).unlink(missing_ok=True)
-                _replace(marker, json.dumps(self.head, indent=1) + "\n")
+                write_json(marker, self.head)
                 return
             if not resume:
                 raise FolderError(
@@ -245,7 +236,7 @@ class RunFolder:
                 f"--out {self.path} holds files that are no run of ours ({strange[0][:60]}"
                 f"{' and others' if len(strange) > 1 else ''}); name a new or an empty folder"
             )
-        _replace(marker, json.dumps(self.head, indent=1) + "\n")
+        write_json(marker, self.head)
 
     def _check(self, held: dict[str, Any]) -> None:
         try:

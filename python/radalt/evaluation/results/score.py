@@ -133,14 +133,9 @@ SCORE_COLUMNS = tuple(Score().row())
 
 
 def score_frames(results: np.ndarray, truth_m: np.ndarray, *, lost: int = 0) -> Score:
-    """Score results against true altitudes.
+    """Score altimeter results (`RESULT_DTYPE`) against true altitudes in metres.
 
-    Parameters
-    ----------
-    results : (n,) structured array of the altimeter's `RESULT_DTYPE`
-    truth_m : (n,) metres
-    lost : int
-        Frames of the programme that are missing in the results.
+    ``lost``: frames of the programme that are missing in the results.
     """
     valid = results["valid"]
     error = (results["altitude_m"] - truth_m)[valid]
