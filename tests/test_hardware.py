@@ -351,7 +351,7 @@ def generated(tmp_path_factory):
                 if block["name"] == bypassed:
                     block["states"]["state"] = "bypassed"
             module = generate(data, tmp_path_factory.mktemp(name))
-            made[name, disabled, bypassed] = load_class(Prepared(module, name, (), ()))
+            made[name, disabled, bypassed] = load_class(Prepared(module))
         return made[name, disabled, bypassed]
 
     return get

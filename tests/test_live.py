@@ -402,7 +402,7 @@ def test_view_transmits_nothing_without_an_enclosure(tmp_path):
         "from radalt.evaluation.flowgraph.run import load_class\n"
         "uhd.usrp_sink = uhd.usrp_source = lambda *args: print('a radio was made')\n"
         "data = load_grc(Path(sys.argv[1], 'flowgraphs/ota_live.grc'))\n"
-        "made = Prepared(generate(data, Path(sys.argv[2])), 'ota_live', (), ())\n"
+        "made = Prepared(generate(data, Path(sys.argv[2])))\n"
         "try: load_class(made)(transmit=1)\n"
         "except InterlockError as error: print('REFUSED', error)\n"
     )

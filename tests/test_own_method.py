@@ -179,8 +179,7 @@ def plain(tmp_path_factory):
 
 def run_flowgraph(data: dict, scene, folder: Path, names: list[str]) -> dict[str, np.ndarray]:
     """Results of the altimeters of any flowgraph."""
-    name = data["options"]["parameters"]["id"]
-    prepared = Prepared(generate(data, folder), name, (), ())
+    prepared = Prepared(generate(data, folder))
     parameters = {"scene_file": str(write_scene(scene, folder / "scene.yaml"))}
     if any(block["name"] == "drop_when_slow" for block in data["blocks"]):
         parameters["drop_when_slow"] = 0

@@ -37,22 +37,19 @@ class PointResult:
     status: dict[str, dict[str, Any]]  # by method: counters and state of the method
     segmenter: Mapping[str, Any]  # state, lock quality and counters
     real_time_factor: float  # seconds of signal per second of wall time
-    left_out: list[str] = field(default_factory=list)
     # by method: outputs of the tracker; empty without one
     outputs: dict[str, np.ndarray] = field(default_factory=dict)
 
 
-def received(
-    scene: Scene, frames: int, at_once: int = _AT_ONCE, *, radar_sends: bool = True
-) -> Iterator[tuple[int, np.ndarray]]:
+def received(scene: Scene, frames: int, *, radar_sends: bool = True) -> Iterator[tuple[int, np.ndarray]]:
     """(sample counter, complex64 samples) of received pieces of ``frames`` sweeps.
 
     A jump of the counter is a gap; the arrays are never overwritten. Without ``radar_sends`` the radar sends zeros.
     """
     sweeps, channel = sweeps_of(scene), channel_of(scene)
     jammer = jammer_of(scene) if scene.has_jammer else None
-    for first in range(0, frames, at_once):
-        count = min(at_once, frames - first)
+    for first in range(0, frames, _AT_ONCE):
+        count = min(_AT_ONCE, frames - first)
         radar = np.concatenate([sweeps.sweep(first + k) for k in range(count)])
         if not radar_sends:
             radar[:] = 0

@@ -75,12 +75,6 @@ class Cluster:
             self.close()
             raise self._no_worker() from None
 
-    def __enter__(self) -> Cluster:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def close(self) -> None:
         """End this program's processes on the workers, if the scheduler answers."""
         with contextlib.suppress(Exception):  # keep the run's result or error

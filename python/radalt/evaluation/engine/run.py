@@ -53,7 +53,9 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
     points = {point.name: point for point in study.points()}
     with contextlib.ExitStack() as stack:
         # connect first: without a cluster no folder is created
-        cluster = stack.enter_context(_cluster(study, options.scheduler)) if options.scheduler else None
+        cluster = None
+        if options.scheduler:
+            cluster = stack.enter_context(contextlib.closing(_cluster(study, options.scheduler)))
         inputs = None if cluster else _Inputs(study)  # workers elsewhere have copies
         holds = partial(_holds, study, points)
         folder = RunFolder(options.out, head_of(study), resume=options.resume, holds=holds)

@@ -15,7 +15,6 @@ from typing import Any
 from ...core.paths import share_dir
 from ...core.scene import Scene
 from . import FlowgraphError
-from .plan import left_out
 from .rewrite import load_grc, prune, save_grc, simulate, tracked
 
 __all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "save_as_companion", "shipped"]
@@ -25,10 +24,8 @@ __all__ = ["Prepared", "generate", "generated_here", "grc_dirs", "prepare", "sav
 class Prepared:
     """A generated flowgraph, ready for any point of its scene."""
 
-    module: Path  # generated Python file
-    name: str  # class and module name
-    methods: tuple[str, ...]  # methods in the flowgraph
-    left_out: tuple[str, ...]  # parts that were left out, with reasons
+    module: Path  # generated Python file, named as its class
+    methods: tuple[str, ...] = ()  # methods in the flowgraph
 
 
 def grc_dirs() -> list[str]:
@@ -125,7 +122,5 @@ def prepare(scene: Scene, methods: Sequence[str], build_dir: Path | str, *, trac
     name = f"ota_sim_{'jam' if scene.has_jammer else 'clear'}"
     data = prune(simulate(shipped(), name), methods, scene.has_jammer)
     if track:
-        name += "_tracked"
-        data = tracked(data, name)
-    module = generate(data, Path(build_dir))
-    return Prepared(module, name, tuple(methods), tuple(left_out(scene, methods)))
+        data = tracked(data, f"{name}_tracked")
+    return Prepared(generate(data, Path(build_dir)), tuple(methods))

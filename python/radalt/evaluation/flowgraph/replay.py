@@ -146,10 +146,8 @@ def replay_scene(capture: Capture, scene: Scene | None = None) -> tuple[Scene, b
 
 def prepare_replay(methods: Sequence[str], build_dir: Path | str) -> Prepared:
     """Generate the flowgraph with a recording in place of the receiver, without transmitters."""
-    name = "ota_replay"
-    data = from_recording(prune(shipped(), methods, False), name)
-    out = ("transmitters and channel: the samples come from a recording",)
-    return Prepared(generate(data, Path(build_dir)), name, tuple(methods), out)
+    data = from_recording(prune(shipped(), methods, False), "ota_replay")
+    return Prepared(generate(data, Path(build_dir)), tuple(methods))
 
 
 def run_replay(

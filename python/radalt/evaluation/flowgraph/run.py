@@ -32,7 +32,8 @@ __all__ = [
 
 def load_class(prepared: Prepared) -> type:
     """The generated top-block class; imported once per process."""
-    key = f"radalt_generated_{prepared.name}_{abs(hash(str(prepared.module)))}"
+    name = prepared.module.stem
+    key = f"radalt_generated_{name}_{abs(hash(str(prepared.module)))}"
     if key not in sys.modules:
         spec = importlib.util.spec_from_file_location(key, prepared.module)
         module = importlib.util.module_from_spec(spec)
@@ -42,7 +43,7 @@ def load_class(prepared: Prepared) -> type:
             spec.loader.exec_module(module)
         finally:
             sys.path.remove(str(prepared.module.parent))
-    return getattr(sys.modules[key], prepared.name)
+    return getattr(sys.modules[key], name)
 
 
 def write_scene(scene: Scene, path: Path) -> Path:
@@ -131,6 +132,5 @@ def result_of(top: Any, prepared: Prepared, scene: Scene, elapsed_s: float) -> P
         status={m: block.status() if block else {"method": m} for m, block in mitigations.items()},
         segmenter=top.frame_segmenter.status(),
         real_time_factor=top.frames * scene.waveform.sweep_s / elapsed_s,
-        left_out=list(prepared.left_out),
         outputs={m: block.outputs() for m, block in altimeters.items() if hasattr(block, "outputs")},
     )

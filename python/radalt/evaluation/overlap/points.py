@@ -64,11 +64,7 @@ def parse_axis(text: str, what: str) -> tuple[float, ...]:
             )
         for number in numbers:
             quantity(number, f"{what} {shown(part.strip())}: {what.lstrip('-').replace('-', '_')}")
-        values += (
-            numbers
-            if len(numbers) == 1
-            else _span(numbers[0], numbers[1], numbers[2], f"{what} {part.strip()}")
-        )
+        values += numbers if len(numbers) == 1 else _span(*numbers, f"{what} {part.strip()}")
     return tuple(dict.fromkeys(values))
 
 
@@ -117,13 +113,10 @@ def _span(start: float, stop: float, step: float, what: str) -> list[float]:
     if step == 0 or (stop - start) / step < 0:
         raise ValueError(f"{what}: a step of {step:g} never gets from {start:g} to {stop:g}")
     # tolerance of half a millionth of a step, so that 0:1:0.1 ends at 1 in spite of rounding
-    steps = (stop - start) / step
-    if steps > _MAX_VALUES:
-        raise ValueError(f"{what}: {steps:.4g} values; at most {_MAX_VALUES}: take a larger step")
-    count = int(np.floor(steps + 5e-7)) + 1
+    count = np.floor((stop - start) / step + 5e-7) + 1
     if count > _MAX_VALUES:
-        raise ValueError(f"{what}: {count} values; at most {_MAX_VALUES}: take a larger step")
-    return [round(start + k * step, 9) for k in range(count)]
+        raise ValueError(f"{what}: {count:.4g} values; at most {_MAX_VALUES}: take a larger step")
+    return [round(start + k * step, 9) for k in range(int(count))]
 
 
 def sweep_points(scene: Scene) -> tuple[OverlapPoint, ...]:

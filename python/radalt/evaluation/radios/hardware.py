@@ -21,7 +21,6 @@ from ...core.radio.interlock import require_enclosure
 from ...core.scene import Scene
 from ..flowgraph import FlowgraphError
 from ..flowgraph.generate import Prepared, generated_here, shipped
-from ..flowgraph.plan import left_out
 from ..flowgraph.rewrite import RADAR_GATE, prune
 from ..flowgraph.run import attach_recorder, finish_recorder, make_top, result_of
 from ..flowgraph.watch import run_to_end
@@ -30,7 +29,7 @@ from .bring_up import bring_up, start_together
 from .settings import radio_blocks
 from .setup import FULL_SCALE, programme_over, set_up
 
-__all__ = ["calibrate", "link_bytes_per_s", "prepare_hardware", "receive_alone", "run_hardware"]
+__all__ = ["calibrate", "link_bytes_per_s", "receive_alone", "run_hardware"]
 
 _START_S = 3.0  # longest time from `set_up` to the first sample, s
 _POLL_S = 0.02  # time between checks of the programme's end, s
@@ -47,16 +46,11 @@ def _print(line: str) -> None:
 
 
 @functools.lru_cache(maxsize=8)
-def _generated(methods: tuple[str, ...], jammer: bool) -> Path:
+def _prepared(methods: tuple[str, ...], jammer: bool) -> Prepared:
+    """``ota_b210.grc`` generated for radios, without chains and a second radio that the scene does not need."""
     data = prune(shipped(), methods, jammer)
     data["options"]["parameters"]["id"] = f"ota_b210_{'jam' if jammer else 'clear'}"
-    return generated_here(data)
-
-
-def prepare_hardware(scene: Scene, methods: Sequence[str]) -> Prepared:
-    """Generate ``ota_b210.grc`` for radios, without chains and a second radio that the scene does not need."""
-    module = _generated(tuple(methods), scene.has_jammer)
-    return Prepared(module, module.stem, tuple(methods), tuple(left_out(scene, methods, simulated=False)))
+    return Prepared(generated_here(data), methods)
 
 
 class _Events:
@@ -119,7 +113,7 @@ def run_hardware(
     require_enclosure(scene, transmit)
     from gnuradio import uhd
 
-    prepared = prepare_hardware(scene, methods)
+    prepared = _prepared(tuple(methods), scene.has_jammer)
     top = make_top(prepared, scene, drop_when_slow=1, transmit=1)
     events = _Events()
     for name in radio_blocks(scene):

@@ -24,7 +24,7 @@ __all__ = ["drive_remotely"]
 def _prepared(methods: tuple[str, ...], jammer: bool, sim: bool) -> Prepared:
     name = f"ota_remote_{'sim' if sim else 'air'}_{'jam' if jammer else 'clear'}"
     data = simulate(shipped(), name, realtime=True) if sim else shipped()
-    return Prepared(generated_here(remote(prune(data, methods, jammer), name)), name, methods, ())
+    return Prepared(generated_here(remote(prune(data, methods, jammer), name)), methods)
 
 
 def drive_remotely(

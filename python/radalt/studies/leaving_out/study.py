@@ -36,9 +36,7 @@ __all__ = ["LeavingOutStudy", "run_apart", "run_once"]
 def prepare_unpruned(scene: Scene, build_dir: Path) -> Prepared:
     """The flowgraph of a scene with every chain that the companion's file has, the jammer's included."""
     data = simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), "ota_sim_full")
-    return Prepared(
-        generate(prune(data, tuple(METHODS), True), build_dir), "ota_sim_full", tuple(METHODS), ()
-    )
+    return Prepared(generate(prune(data, tuple(METHODS), True), build_dir), tuple(METHODS))
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
