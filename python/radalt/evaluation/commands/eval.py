@@ -111,6 +111,7 @@ def _scene(args: argparse.Namespace) -> Any:
     from ..overlap.points import changed, parse_axis
 
     scene = load_scene(DEFAULT_SCENE if args.scene is None else args.scene)
+    own = _own_methods(args)
     for option, name, given, parse in (
         ("--overlap", "overlap", args.overlap, parse_axis),
         ("--sir-db", "sir_db", args.sir_db, parse_axis),
@@ -119,7 +120,7 @@ def _scene(args: argparse.Namespace) -> Any:
         ("--frames", "frames", args.frames, lambda frames, _: frames),
         ("--seed", "seed", args.seed, lambda seed, _: seed),
         ("--methods", "methods", args.methods, lambda text, _: _names(text)),
-        ("--method-file or --model", "own", args, lambda args, _: _own_methods(args)),
+        ("--method-file or --model", "own", own or None, lambda own, _: own),
     ):
         try:
             scene = scene if given is None else changed(scene, **{name: parse(given, option)})
@@ -191,38 +192,29 @@ def _print_pd(out: Path) -> None:
     totals = {method: pool(rows) for method, rows in series_of(report["rows"]).items()}
     wrong = ", ".join(f"{method} {total.wrong} of {total.trials}" for method, total in totals.items())
     print(f"\nwrong and called valid, of all trials: {wrong}")
-    flown = {
-        method: sum(map(Integrity.of_row, rows), Integrity())
-        for method, rows in series_of(report["tracked"]).items()
-    }
+    flown = []
+    for method, rows in series_of(report["tracked"]).items():
+        total = sum(map(Integrity.of_row, rows), Integrity())
+        hazardous = f"{total.hazardous} of {total.outputs} hazardous"
+        flown.append(f"{method} {total.availability:.3f} available, {hazardous}")
     if flown:
-        parts = (
-            f"{method} {total.availability:.3f} available, {total.hazardous} of {total.outputs} hazardous"
-            for method, total in flown.items()
-        )
-        print(f"tracked outputs: {', '.join(parts)}")
+        print(f"tracked outputs: {', '.join(flown)}")
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Print the plan for the radios; returns 0 if the interlock allows it, else 2."""
+    """Print the plan of the run, or of the radios; returns 2 if the interlock does not allow the latter, else 0."""
+    from ..flowgraph.plan import make_plan
     from ..overlap.study import check_scene
     from ..radios.settings import describe
 
-    scene = _scene(args)
+    scene, allowed = _scene(args), True
     check_scene(scene)
-    lines, allowed = describe(scene)
+    if args.plan:
+        lines = [make_plan(scene, scene.methods, simulated=args.sim).text()]
+    else:
+        lines, allowed = describe(scene)
     print("\n".join(lines))
     return 0 if allowed else 2
-
-
-def _plan(args: argparse.Namespace) -> int:
-    from ..flowgraph.plan import make_plan
-    from ..overlap.study import check_scene
-
-    scene = _scene(args)
-    check_scene(scene)
-    print(make_plan(scene, scene.methods, simulated=args.sim).text())
-    return 0
 
 
 def _calibrate(args: argparse.Namespace) -> int:
@@ -291,12 +283,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if problem:
         complain(PROGRAM, problem)
         return 2
-    for wanted, action in (
-        (args.plan, _plan),
-        (args.check, _check),
-        (args.calibrate, _calibrate),
-        (args.replay, _replay),
-    ):
-        if wanted:
-            return action(args)
-    return _run(args, options)
+    if args.plan or args.check:
+        return _check(args)
+    if args.calibrate:
+        return _calibrate(args)
+    return _replay(args) if args.replay else _run(args, options)
