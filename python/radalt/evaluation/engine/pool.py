@@ -7,7 +7,6 @@ Faulty flowgraphs do both.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import multiprocessing
 import os
 import signal
@@ -83,7 +82,9 @@ def run_tasks(
                 running[pool.schedule(answered, (function, task), timeout=time_limit_s)] = index
                 return
 
-        with uninterrupted():
+        # Ctrl-C is sent to the process group, and would interrupt the workers' imports: their owner ends them
+        resource_tracker.ensure_running()  # its start inside the block would unblock Ctrl-C
+        with ctrl_c_waits():
             for _ in range(workers):
                 hand_out()
         try:
@@ -152,15 +153,6 @@ def _enter(*initialized: Semaphore) -> None:
     os._exit = lambda status: leave(status or 1)
     for ready in initialized:
         ready.release()
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Threads and processes that start in this block never receive Ctrl-C, which is sent to the process group: their
-    owner ends them, and interrupted imports would print tracebacks."""
-    resource_tracker.ensure_running()  # its start inside the block would unblock Ctrl-C
-    with ctrl_c_waits():
-        yield
 
 
 _claims: list[socket.socket] = []
