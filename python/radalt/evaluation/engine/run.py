@@ -44,8 +44,8 @@ def head_of(study: Study) -> dict[str, Any]:
 def run(study: Study, options: Options, progress: Callable[[Progress], None] = lambda _: None) -> Path:
     """Measure every point of a study and write its result folder; returns the path of its page.
 
-    Points are journalled as they arrive, and the tables are written in the study's order: they are equal to the byte
-    for any number of workers, here or on a cluster, and for a run that was killed and resumed.
+    Rows are appended in the order of arrival and finally written in the study's order: they are equal to the byte for
+    any number of workers, here or on a cluster, and for a run that was killed and resumed.
 
     Raises FolderError, WorkerError, and errors of the study, one line for the user; the rows so far are kept.
     """
@@ -66,12 +66,14 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
         outcomes = _outcomes(study.begin(folder.path), todo, options, jobs, cluster)
         remaining = _Remaining(estimate(study, todo, jobs), len(todo), jobs)
         peaks: dict[int | str, int] = {}
+        _write_tables(study, points, folder)
         progress(Progress(resumed, len(points), resumed, (), remaining.seconds(0), folder.rejected))
         for count, (index, outcome) in enumerate(outcomes, start=1):
             if inputs is not None:
                 inputs.check()
             point = todo[index]
             folder.add(point.name, outcome.rows)
+            _append(study, point, folder, outcome.rows)
             peaks[outcome.process] = outcome.peak_bytes
             shown = [row for row in outcome.rows if study.table_of(point, row) == point.table]
             progress(Progress(resumed + count, len(points), resumed, shown, remaining.seconds(count)))
@@ -83,7 +85,7 @@ def run(study: Study, options: Options, progress: Callable[[Progress], None] = l
             peak_memory_bytes=peak_memory_bytes() + sum(peaks.values()),
             command=options.command,
         )
-        return _report(study, points, folder, facts)
+        return study.report(folder, _write_tables(study, points, folder), facts)
 
 
 def _outcomes(
@@ -99,16 +101,32 @@ def _outcomes(
     return run_tasks(measure, points, jobs=jobs, time_limit_s=limit_s, label=lambda point: point.name)
 
 
-def _report(study: Study, points: dict[str, Point], folder: RunFolder, facts: Run) -> Path:
-    """Write tables and report; returns the path of its page."""
+def _write_tables(
+    study: Study, points: dict[str, Point], folder: RunFolder
+) -> dict[str, list[dict[str, Any]]]:
+    """Write the tables of the journal's rows in the study's order; returns the rows by table."""
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in study.tables}
     for name, point in points.items():
-        for row in folder.done[name]:
+        for row in folder.done.get(name, ()):
             rows[study.table_of(point, row)].append(row)
     for name, table in rows.items():
         if table:
             folder.write_text(f"{name}.csv", study.tables[name].csv(table))
-    return study.report(folder, rows, facts)
+        else:
+            (folder.path / f"{name}.csv").unlink(missing_ok=True)  # of an earlier start
+    return rows
+
+
+def _append(study: Study, point: Point, folder: RunFolder, rows: Sequence[dict[str, Any]]) -> None:
+    """Append the rows of a point to their tables."""
+    for name, columns in study.tables.items():
+        mine = [row for row in rows if study.table_of(point, row) == name]
+        path = folder.path / f"{name}.csv"
+        if mine and not path.exists():
+            folder.write_text(path.name, columns.csv(mine))
+        elif mine:
+            with path.open("a", encoding="utf-8", newline="") as file:
+                file.write(columns.csv(mine, header=False))
 
 
 class _Inputs:
