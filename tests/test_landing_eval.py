@@ -304,7 +304,6 @@ def test_live_profile_plays_the_same_echoes(root):
     assert profile.altitude_m[0] > 500 > 2.5 > profile.altitude_m[-1] > 1.9
     result = profile.ground_return(17)
     assert profile.altitude_m[17] == pytest.approx(result.height_m, abs=1e-6)
-    assert profile.vertical_speed_m_per_s[17] == pytest.approx(result.climb_m_per_s)
     powers = [np.mean(np.abs(profile.frame(k)) ** 2) for k in range(60)]
     assert np.mean(powers) == pytest.approx(1.0, abs=0.35)
     with pytest.raises(ValueError, match="at least 2"):

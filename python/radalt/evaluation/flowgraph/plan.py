@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ...core.channel.simulated import ChannelSettings
+from ...core.channel.settings import ChannelSettings
 from ...core.receiver.altimeter import Altimeter, shared_altimeter
 from ...core.receiver.altimeter_settings import AltimeterSettings
 from ...core.scene import Scene

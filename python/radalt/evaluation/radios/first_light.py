@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings
+from ...core.channel.settings import ChannelSettings
 from ...core.parsing import load_yaml
 from ...core.radio.interlock import require_enclosure
 from ...core.radio.levels import drive

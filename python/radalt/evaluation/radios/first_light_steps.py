@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings
+from ...core.channel.settings import ChannelSettings
 from ...core.radio.path_measures import (
     burst_share,
     clipped_percent,

@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from ...core.channel.simulated import DropSettings, SimulatedChannel
+from ...core.channel.settings import DropSettings
+from ...core.channel.simulated import SimulatedChannel
 from ...core.programme import Programme
 from ...core.receiver.altimeter import Altimeter
 from ...core.receiver.frame import Frame
