@@ -236,24 +236,28 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
 def beat_spectra(
     path: Path, waveform: Waveform, frames: dict[str, np.ndarray], altitude_m: float, title: str
 ) -> None:
-    """Beat spectra of the same frame as the altimeter sees them, one column a method: {label: (N,) complex}."""
+    """Beat spectra of the same frame as the altimeter sees them, one panel per method: {label: (N,) complex}."""
     altimeter = shared_altimeter(waveform, AltimeterSettings())
+    rows = -(-len(frames) // 2)
     figure, axes = plt.subplots(
-        1, len(frames), figsize=(2.4 * len(frames), 2.6), sharey=True, layout="constrained"
+        rows, 2, figsize=(6, 1.9 * rows + 0.6), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
-    for axis, (label, frame) in zip(axes, frames.items(), strict=True):
+    for axis in axes.flat[len(frames) :]:
+        axis.set_axis_off()
+    for axis, (label, frame) in zip(axes.flat, frames.items(), strict=False):
         spectra = altimeter.spectra(frame[None])
         for half, dash, name in zip(spectra.power[0], ("-", ":"), ("up", "down"), strict=True):
             level_db = 10 * np.log10(np.maximum(half / spectra.power.max(), 1e-9))
             axis.plot(spectra.beat_hz / 1e3, level_db, dash, color="#0072B2", lw=1, label=name)
         true = axis.axvline(waveform.altitude_to_beat_hz(altitude_m) / 1e3, color="#D55E00", lw=0.8)
-        axis.set(title=label, xlabel="beat / kHz", ylim=(-50, 3))
+        axis.set(title=label, ylim=(-50, 3))
         axis.grid(alpha=0.3)
     true.set_label("true beat")
-    axes[0].set_ylabel("dB of the peak")
-    figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
+    figure.supxlabel("beat / kHz")
+    figure.supylabel("dB of the peak")
+    figure.legend(*axis.get_legend_handles_labels(), loc="lower right")
     figure.suptitle(title, fontsize=10)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
