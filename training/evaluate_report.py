@@ -176,7 +176,7 @@ def _error_table(rows: Sequence[Row], names: Sequence[str]) -> str:
             f"{overlap:g}",
             f"{sir_db:g}",
             *(
-                metres(r["rmse_forced_m"]) if (r := found.get((overlap, sir_db, m))) else "given up"
+                metres(r["rmse_forced_m"]) if (r := found.get((overlap, sir_db, m))) else "not run"
                 for m in chosen
             ),
         ]
