@@ -11,7 +11,7 @@ from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import FolderError
 from radalt.studies.runtime import study as runtime
-from radalt.studies.runtime.figure import pareto, place_labels
+from radalt.studies.runtime.figure import pareto
 from radalt.studies.runtime.study import RuntimeStudy
 
 TONES = "5 tones, all"
@@ -147,16 +147,3 @@ def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(tmp_path):
     assert measured == list(range(1, points + 1))
     assert (out / "rows.csv").read_bytes() == (tmp_path / "whole" / "rows.csv").read_bytes()
     assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] == points - 1
-
-
-def test_labels_cover_neither_each_other_nor_points_nor_bars():
-    rng = np.random.default_rng(4)
-    at = np.concatenate([rng.normal(200.0, 15.0, (14, 2)), rng.uniform(20.0, 380.0, (10, 2))])
-    bars = np.concatenate([np.linspace(p, p + [60.0, 0.0], 40) for p in at])
-    size = np.array([12.0, 10.0])
-    places = place_labels(at, bars, size, (0.0, 0.0, 400.0, 400.0))
-    apart = np.abs(places[:, None] - places[None]) / size
-    np.fill_diagonal(apart[..., 0], np.inf)
-    assert (apart.max(axis=2) >= 1.0).all()
-    assert (np.abs(places[:, None] - bars[None]) / size).max(axis=2).min() >= 0.5
-    assert (places - size / 2 >= 0.0).all() and (places + size / 2 <= 400.0).all()

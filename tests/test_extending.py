@@ -1,14 +1,16 @@
-"""The examples of docs/design.md are what they say: an interferer, a method, a study and a radio from outside."""
+"""The examples of docs/design.md are what they say: an interferer, a method, a radio, an altimeter profile, a study."""
 
 import csv
 import os
 import re
+import shutil
 import subprocess
 import sys
 
 import pytest
 import yaml
 
+from radalt.core.deramp.profile import load_profile
 from radalt.core.parsing import arguments, build
 
 pytestmark = pytest.mark.timeout(150)
@@ -137,6 +139,26 @@ def test_radio_sets_what_a_scene_may_ask_of_it(root, outside, tmp_path):
     )
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "radio.radar_tx_gain_db is 40; it has to be within 0..31.5" in refused.stderr
+
+
+def test_altimeter_profile_is_read_and_flown(root, tmp_path):
+    """What the file does not say is the base's, beside which it lies."""
+    page = (root / "docs/design.md").read_text(encoding="utf-8")
+    section = page.split("## Add an altimeter profile")[1].split("\n## ")[0]
+    file = tmp_path / "my_altimeter.yaml"
+    file.write_text(re.search(r"```yaml\n(.*?)```", section, re.DOTALL)[1])
+    shutil.copy(root / "flowgraphs/altimeters/fmcw_150mhz.yaml", tmp_path)
+    profile = load_profile(file)
+    assert (profile.bandwidth_hz, profile.period_s, profile.gain_dbi) == (100e6, 5e-3, 12.0)
+    assert profile.noise_figure_db == load_profile("fmcw_150mhz").noise_figure_db
+    assert profile.standing["gain_dbi"][0] == "assumed"
+    done = run(
+        os.environ | {"PYTHONPATH": str(root / "python")}, str(root / "flowgraphs/tolerance_eval.py"),
+        "--profile", str(file), "--interferers", "tone", "--altitudes-ft", "200", "--outputs", "20", "--seeds", "1",
+        "--method", "none", "--out", str(tmp_path / "run"),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "my_altimeter" in (tmp_path / "run/report.md").read_text(encoding="utf-8")
 
 
 def test_study_runs_on_the_engine(outside, tmp_path):

@@ -180,7 +180,6 @@ class MethodStudy(Study):
         "report.md": "tcae_comparison.md",
         "rows.csv": "data/tcae_comparison.csv",
         "pd.png": "figures/tcae_pd.png",
-        "gain.png": "figures/tcae_gain.png",
     }
 
     @property
