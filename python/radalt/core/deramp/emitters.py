@@ -19,9 +19,11 @@ from ..fir import kaiser_lowpass
 from ..waveform import Waveform, exp_cycles
 from .if_waveform import SIMULATION_FACTOR, IfWaveform
 
-__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Tone", "interference_if"]
+__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Qpsk", "Tone", "interference_if"]
 
 _PULSE_OVERSAMPLING = 16  # rate at which pulses are computed, over the simulation rate
+_ROLL_OFF = 0.25  # of QPSK's root-raised-cosine pulse
+_SPAN = 12  # symbols to either side at which that pulse is cut: its tail is 50 dB down
 
 
 class Emitter(Protocol):
@@ -189,6 +191,75 @@ class Ofdm:
         wave = (fft.ifft(spectrum) * size)[index]
         cycles = np.mod(self.offset_hz * t, 1.0) + middle * self.spacing_hz * useful
         return wave * exp_cycles(cycles - waveform.phase_cycles(np.mod(t, waveform.sweep_s)), np.complex128)
+
+
+@dataclass(frozen=True)
+class Qpsk:
+    """QPSK through a root-raised-cosine pulse (roll-off 0.25), narrower than the simulated band.
+
+    Parameters
+    ----------
+    offset_hz : float
+    symbol_hz : float
+        Symbol rate, at most half the simulation rate.
+    seed : int
+        Symbol ``s`` follows from it.
+    """
+
+    offset_hz: float = 0.0
+    symbol_hz: float = 1e6
+    seed: int = 1
+    constant_envelope = False
+
+    def symbols(self, first: int, count: int) -> np.ndarray:
+        """(count,) complex128 symbols ``first ...``, drawn in blocks of 256 by number."""
+        blocks = np.arange(first // 256, (first + count - 1) // 256 + 1)
+        drawn = [np.random.default_rng([self.seed, int(b) + (1 << 32)]).integers(0, 4, 256) for b in blocks]
+        at = first - 256 * int(blocks[0])
+        return exp_cycles(np.concatenate(drawn)[at : at + count] / 4 + 0.125, np.complex128)
+
+    def wave(self, time_s: np.ndarray) -> np.ndarray:
+        """(n,) complex128 baseband at rising times, about its own centre; mean power 1."""
+        u = np.asarray(time_s) * self.symbol_hz
+        first = int(np.floor(u[0])) - _SPAN
+        symbols = self.symbols(first, int(np.floor(u[-1])) + _SPAN + 1 - first)
+        nearest = np.floor(u).astype(int)
+        out = np.zeros(u.size, dtype=np.complex128)
+        for step in range(-_SPAN, _SPAN + 1):
+            out += symbols[nearest + step - first] * _root_raised_cosine(u - nearest - step)
+        return out
+
+    def mixed(self, waveform: IfWaveform, start_s: float) -> np.ndarray:
+        """See `Emitter`."""
+        if self.symbol_hz > 0.5 * waveform.simulation_hz:
+            raise ValueError(
+                f"qpsk.symbol_hz is {self.symbol_hz:g}; it has to be at most half the simulation rate "
+                f"{waveform.simulation_hz:g}; use ofdm for a wider carrier"
+            )
+        t = start_s + waveform.simulation_times_s
+        near = np.abs(self.offset_hz - waveform.frequency_hz(t)) < self.symbol_hz + waveform.stop_hz
+        out = np.zeros(t.size, dtype=np.complex64)
+        for part in _runs(near):
+            cycles = np.mod(self.offset_hz * t[part], 1.0) - waveform.phase_cycles(
+                np.mod(t[part], waveform.sweep_s)
+            )
+            out[part] = self.wave(t[part]) * exp_cycles(cycles, np.complex128)
+        return out
+
+
+def _root_raised_cosine(u: np.ndarray) -> np.ndarray:
+    """Pulse of unit energy per symbol at times in symbols (J. G. Proakis, Digital Communications, 9.2)."""
+    a = _ROLL_OFF
+    u = np.where(np.abs(np.abs(4 * a * u) - 1.0) < 1e-9, u + 1e-7, u)
+    u = np.where(np.abs(u) < 1e-9, 1e-7, u)
+    top = np.sin(np.pi * u * (1 - a)) + 4 * a * u * np.cos(np.pi * u * (1 + a))
+    return top / (np.pi * u * (1 - (4 * a * u) ** 2))
+
+
+def _runs(mask: np.ndarray) -> list[slice]:
+    """Runs of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 @dataclass(frozen=True)

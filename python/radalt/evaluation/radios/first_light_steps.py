@@ -52,10 +52,7 @@ def _devices(bench: Bench) -> Iterator[Measured]:
         speed = hardware.link_bytes_per_s(serial or (found or [""])[0])
         if speed is None:
             yield Measured(
-                "link",
-                None,
-                role,
-                "uhd_usrp_probe (package uhd-host) does not say; see lost samples",
+                "link", None, role, "uhd_usrp_probe (package uhd-host) does not say; see lost samples"
             )
         else:
             yield Measured("link", speed / 1e6, role, low=ways * rate_hz * _WIRE_BYTES / 1e6)
