@@ -12,7 +12,7 @@ from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import FolderError
 from radalt.studies.runtime import study as runtime
 from radalt.studies.runtime.figure import pareto
-from radalt.studies.runtime.study import RuntimePoint, RuntimeStudy
+from radalt.studies.runtime.study import RuntimeStudy
 
 TONES = "5 tones, all"
 CHAINS = ("none", "whitening", "nlms", "none, centroid", "none, span 6 km")
@@ -38,17 +38,6 @@ def test_all_chains_see_the_same_frames_and_whitening_gains_on_tones():
         np.testing.assert_equal(*same)  # where nothing was detected there is no mean
     assert by["clean", "none"]["pd"] == 1.0
     assert by[TONES, "whitening"]["pd"] > by[TONES, "none"]["pd"] + 0.5
-
-
-def test_more_batches_are_other_frames_and_their_counts_add():
-    study = RuntimeStudy((Chain("none", "none"),), (-20.0,), frames=20, interferers=(TONES,))
-    point = RuntimePoint("p", 20, interferer=TONES, sir_db=-20.0)
-    batches = [[runtime._TABLES["rows"].row(r) for r in study.measure(point, b)] for b in (0, 1)]
-    assert batches[0] != batches[1]
-    (both,) = study.pooled(batches)
-    for name in ("trials", "correct", "detections", "correct_even", "correct_odd", "squared_correct_m2"):
-        assert both[name] == pytest.approx(sum(b[0][name] for b in batches))
-    assert study.pooled(batches[:1]) == batches[0]
 
 
 def test_times_are_of_method_and_altimeter_together():

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings, SimulatedChannel
+from ...core.channel.settings import ChannelSettings
+from ...core.channel.simulated import SimulatedChannel
 from ...core.interference.amplifier import Amplifier
 from ...core.interference.effects import ImpairedEmitter, Impairments
 from ...core.interference.emitters import NamedEmitter

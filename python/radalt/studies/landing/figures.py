@@ -10,9 +10,9 @@ import numpy as np
 
 from ...core.mitigation import create
 from ...core.receiver.altimeter import Altimeter
-from ...evaluation.overlap.figures import series_style
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.score import CORRECT_LIMIT_M, accuracy_limit_m
+from ...evaluation.results.style import series_style
 from .config import LandingConfig
 from .points import approach_frames, impaired, rng_of
 
