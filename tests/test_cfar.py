@@ -182,25 +182,6 @@ def test_cells_share_a_trial_where_noise_lasts_without_a_gap_and_not_where_it_is
     assert white == pytest.approx(0.0, abs=0.05) and pieces < 0.0
 
 
-@pytest.mark.parametrize(("beyond", "trials"), [(1.0, 0.2), (0.4, 1.0)])
-def test_narrow_support_lowers_the_threshold_only_where_the_cells_beyond_the_span_are_as_loud(beyond, trials):
-    """By the logarithm of the trials that are left. Quieter cells there say that a method made the support narrow."""
-    altimeter = Altimeter(W)
-    search, margin = altimeter._search, altimeter.cfar.margin
-    power = np.random.default_rng(13).exponential(size=(40, 2, altimeter.beat_hz.size)).astype(np.float32)
-    span = slice(margin + search.first, margin + search.last)
-    power[..., : span.start] *= np.float32(beyond)
-    power[..., span.stop :] *= np.float32(beyond)
-    cells = altimeter.cfar.significance(power, np.full((40, 2), 0.2))
-    pair = np.full((40, 2), search.first + 100)
-    noise, _ = altimeter.cfar.declared_level(power, cells, pair + margin, span)
-    for more in (-0.2, 0.2):
-        each = 0.5 * (search.pair_threshold + np.log(trials) + more)
-        peak = noise * cells.looks * np.expm1(each / cells.looks)
-        declared = search._stands_out(power, cells, pair, peak)
-        assert np.mean(declared == (more > 0)) > 0.9
-
-
 def test_how_long_noise_lasts_is_not_read_from_the_cells_of_the_return():
     """A return 60 dB above noise, whose main lobe changes slowly as a burst does, leaves the noise's own figure."""
     altimeter = Altimeter(W, AltimeterSettings())
@@ -240,14 +221,6 @@ def test_white_noise_level_is_the_mean_of_the_band_but_for_the_energy_of_the_cel
         assert cells.value[frame, half, at] == pytest.approx(
             looks * np.log(1 + here / level / looks), rel=1e-4
         )
-
-
-def test_level_around_is_the_mean_of_the_training_groups():
-    sums = np.random.default_rng(4).exponential(size=(2, 2, 40)).astype(np.float32)
-    around = Cfar(train=5, guard=2, group=4)._around(sums)
-    for at in range(40 - 14):
-        training = [sums[1, 0, at + 7 + d] for d in range(-7, 8) if abs(d) > 2]
-        assert around[1, 0, at] == pytest.approx(np.mean(training) / 4, rel=1e-5)
 
 
 def test_noise_level_beside_a_step_of_30_db_is_that_of_the_cells_around():

@@ -326,7 +326,7 @@ def test_a_delay_line_that_expects_repeats_gives_what_any_other_gives():
             got = expecting.read(delay, blocks.size // n)
             expected = other.read(delay, blocks.size // n)
             np.testing.assert_array_equal(np.broadcast_to(got, expected.shape), expected)
-        settled += bool(expecting._settled)
+        settled += got.shape != expected.shape  # one sweep stands for all of them
     assert settled > 10
 
 
@@ -374,30 +374,25 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
         assert again[1].tobytes() == samples.tobytes()
 
 
+def made(**settings):
+    return SimulatedChannel(W, ChannelSettings(**settings), frames=60)
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda: ChannelSettings(adc_bits=20), "channel.adc_bits is 20; 0 for none, else 1..16"),
         (lambda: ChannelSettings(full_scale=0.0), "channel.full_scale is 0"),
         (lambda: ChannelSettings(start_offset_samples=-1.0), "channel.start_offset_samples is -1"),
-        (
-            lambda: ChannelSettings(jammer_clock_ppm=200.0),
-            "channel.jammer_clock_ppm is 200; within -100..100",
-        ),
+        (lambda: ChannelSettings(jammer_clock_ppm=200.0), "jammer_clock_ppm is 200; within -100..100"),
         (lambda: ChannelSettings(jammer_delay_samples=-3.0), "channel.jammer_delay_samples is -3"),
         (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),
+        (lambda: made(start_offset_samples=3.5), "below the kernel's 64"),
         (
-            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=3.5)),
-            "below the kernel's 64",
+            lambda: made(start_offset_samples=0, jammer_clock_ppm=1.0),
+            "1 .* start_offset_samples 0 leaves no room",
         ),
-        (
-            lambda: SimulatedChannel(W, ChannelSettings(start_offset_samples=0, jammer_clock_ppm=1.0)),
-            "jammer_clock_ppm 1 .* start_offset_samples 0 leaves no room",
-        ),
-        (
-            lambda: SimulatedChannel(W, ChannelSettings(drops=DropSettings(50)), frames=60),
-            "50 gaps do not fit a run of 60 frames",
-        ),
+        (lambda: made(drops=DropSettings(50)), "50 gaps do not fit a run of 60 frames"),
         (lambda: SimulatedChannel(W).process(np.zeros(10, np.complex64)), "blocks of 7500 samples"),
     ],
 )

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 from gnuradio import gr
+from waiting import ran
 
 from radalt.evaluation.flowgraph import generate
 
@@ -31,9 +32,7 @@ def companion(folder: Path, paths: list[Path], descriptions: str, *options: str)
     }
     probe = ["/usr/bin/python3", str(ROOT / "tests/companion_probe.py"), *options, *map(str, paths)]
     command = ["xvfb-run", "-a", *probe]
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100, check=False
-    )
+    done = ran(*command, cwd=folder, env=environment, limit_s=100)
     lines = [line for line in done.stdout.splitlines() if line.startswith("PROBE ")]
     assert len(lines) == 1, f"the companion ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     return json.loads(lines[0].removeprefix("PROBE "))

@@ -55,16 +55,9 @@ BEFORE = {
     ),
     "tones": (-4.322751959 + 1.73178518j, -8.040351155 - 1.631594559j, -2.387950392 + 1.943534004j),
 }
+MIXED = {"channel_bandwidth_hz": 10e6, "modulation": "mixed", "power_spread_db": 6.0, "carrier_hz": 1234567.0}
 SCENES = {
-    "nr": {
-        "nr": {
-            "channel_bandwidth_hz": 10e6,
-            "modulation": "mixed",
-            "power_spread_db": 6.0,
-            "carrier_hz": 1234567.0,
-            "load": 0.7,
-        }
-    },
+    "nr": {"nr": MIXED | {"load": 0.7}},
     "faded": {"nr": {"multipath": {"profile": "EVA", "doppler_hz": 120.0}}},
     "qpsk": {"qpsk": {"overlap": 0.6}},
     "rrc": {"qpsk": {"pulse": "rrc", "carrier_hz": 1e6}},

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from waiting import end_of, wait_for, written
+from waiting import end_of, ran, wait_for, written
 
 from radalt.evaluation.engine import command
 from radalt.evaluation.engine import estimate as estimates
@@ -213,26 +213,6 @@ def test_equal_shares_of_two_cores(jobs, others, waits):
     assert estimates.shared(jobs, 2, 1.0, own, idle) == pytest.approx(waits)
 
 
-@dataclass(frozen=True)
-class Slow(Coins):
-    """Its points take six times what it states."""
-
-    def measure(self, point, batch=0):
-        end = time.process_time() + 6 * self.seconds(point)
-        while time.process_time() < end:
-            pass
-        return []
-
-    def rehearsal(self):
-        return ((self, self.points()[0]),)
-
-
-def test_a_sample_of_its_own_work_scales_the_estimate():
-    study = Slow(pause_s=0.05)
-    stated = sum(map(study.seconds, study.points()))
-    assert estimates.estimate(study, study.points(), 1, here=False) == pytest.approx(6 * stated, rel=0.3)
-
-
 def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
     seen = []
     run(Coins(), Options(tmp_path, jobs=1), seen.append)
@@ -288,7 +268,7 @@ def test_a_stopped_run_prints_the_command_that_goes_on_and_it_does(tmp_path, sen
     assert f"go on with: {sys.executable} {tmp_path / 'program.py'} --out {tmp_path / 'run'} --resume" in err
     assert "Traceback" not in err
     printed = shlex.split(err.partition("go on with: ")[2])
-    done = subprocess.run(printed, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(*printed)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(rows_of(tmp_path / "run").splitlines()) == 5  # a head and four coins
 
@@ -312,7 +292,7 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
     command = [sys.executable, tmp_path / "program.py"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(*command)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2
 

@@ -3,11 +3,10 @@
 import csv
 import os
 import re
-import subprocess
-import sys
 
 import pytest
 import yaml
+from waiting import ran_python
 
 from radalt.core.parsing import arguments, build
 
@@ -34,9 +33,7 @@ def outside(root, tmp_path_factory):
 
 
 def run(env, *command):
-    return subprocess.run(
-        [sys.executable, *command], env=env, capture_output=True, text=True, timeout=100, check=False
-    )
+    return ran_python(*command, env=env, limit_s=100)
 
 
 def ota_eval(root, env, *arguments):

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio import gr, radalt
+from waiting import ran, ran_python
 
 from radalt.core.scene import load_scene, parse_scene
 from radalt.evaluation.flowgraph import FlowgraphError
@@ -410,9 +411,7 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
         "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize'}\n"
         "print('loaded', *sorted(unwanted & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", statements], capture_output=True, text=True, timeout=120, check=False
-    )
+    done = ran_python("-c", statements)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip().splitlines()[-1] == "loaded"
 
@@ -511,9 +510,7 @@ def run_button(module: Path, *arguments: str) -> subprocess.CompletedProcess[str
     command = load_grc(ROOT / "flowgraphs/ota_sim.grc")["options"]["parameters"]["run_command"]
     words = shlex.split(command.format(python=shlex.quote(sys.executable), filename=shlex.quote(str(module))))
     environment = os.environ | {"PYTHONPATH": f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"}
-    return subprocess.run(
-        [*words, *arguments], capture_output=True, text=True, timeout=120, check=False, env=environment
-    )
+    return ran(*words, *arguments, env=environment)
 
 
 @pytest.mark.parametrize("path", FLOWGRAPHS, ids=lambda p: p.stem)

@@ -367,15 +367,8 @@ def press_run(monkeypatch, tmp_path):
         air = press.air = uhd_double.Air(ticking=True, **air_changes)
         uhd_double.install(monkeypatch, air)
         path = write_scene(scene, tmp_path / "scene.yaml")
-        options = argparse.Namespace(
-            scene_file=str(path),
-            overlap="scene",
-            sir_db="scene",
-            seed="scene",
-            endpoint="",
-            drop_when_slow=0,
-            transmit=transmit,
-        )
+        options = dict.fromkeys(("overlap", "sir_db", "seed"), "scene") | {"scene_file": str(path)}
+        options = argparse.Namespace(**options, endpoint="", drop_when_slow=0, transmit=transmit)
         sys.modules[cls.__module__].main(cls, options)
         return air
 

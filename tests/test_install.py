@@ -10,21 +10,14 @@ from pathlib import Path
 
 import pytest
 from test_identity import ONE_PACKAGE
+from waiting import ran
 
 from radalt.evaluation.programs import programs
 
 
 def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     """Run a command and return what it printed; fail with everything it said."""
-    done = subprocess.run(
-        [str(word) for word in command],
-        cwd=cwd,
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=150,
-        check=False,
-    )
+    done = ran(*[str(word) for word in command], cwd=cwd, env=env, limit_s=150)
     assert done.returncode == 0, f"{command[0]} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -42,12 +35,6 @@ def source_files(folder: Path, pattern: str = "*") -> set[str]:
         if not re.search(r"__pycache__|(^|/)\.|\.pyc$", str(file))
         and not (file.suffix == ".py" and file.name.startswith(made))
     }
-
-
-def test_what_the_companion_generates_is_no_source(tmp_path):
-    for name in ("ota_sim.grc", "ota_sim.py", "ota_sim_epy_block_0.py", "ota_eval.py"):
-        (tmp_path / name).touch()
-    assert source_files(tmp_path) == {"ota_sim.grc", "ota_eval.py"}
 
 
 @pytest.fixture(scope="module")
@@ -177,9 +164,7 @@ def test_command_runs_outside_the_source_tree(prefix, tmp_path):
     assert shown.startswith("usage: radalt collect") and "    radalt collect results/monday" in shown
     assert ".venv" not in shown
     for word, answer in (("nonsense", ", collect, control, eval, "), ("gallery", "tools/gallery.py")):
-        done = subprocess.run(
-            [radalt, word], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=120
-        )
+        done = ran(radalt, word, cwd=tmp_path, env=kept)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1) and answer in done.stderr
 
 
@@ -187,9 +172,7 @@ def test_command_says_what_is_missing_or_runs(prefix, tmp_path):
     """The system's Python, without the environment of the tests: a report, or one line that names the packages."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     line = "eval --sim --overlap 0 --altitudes 100 --frames 2 --methods none --out out".split()
-    done = subprocess.run(
-        [prefix / "bin/radalt", *line], cwd=tmp_path, env=kept, capture_output=True, text=True, timeout=100
-    )
+    done = ran(prefix / "bin/radalt", *line, cwd=tmp_path, env=kept, limit_s=100)
     if done.returncode:
         assert done.stderr.count("\n") == 1
         assert "'make install' brings it along" in done.stderr
@@ -229,13 +212,7 @@ def test_missing_gnu_radio_is_one_clear_line(root: Path, tmp_path: Path):
     other = tmp_path / "python3"
     other.write_text("#!/bin/sh\nexit 1\n")
     other.chmod(0o755)
-    done = subprocess.run(
-        ["cmake", "-S", str(root), "-B", str(tmp_path / "build"), f"-DPYTHON_EXECUTABLE={other}"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    done = ran("cmake", "-S", root, "-B", tmp_path / "build", f"-DPYTHON_EXECUTABLE={other}")
     assert done.returncode != 0
     assert f"{other} cannot import gnuradio" in " ".join(done.stderr.split())
 

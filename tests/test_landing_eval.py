@@ -5,13 +5,12 @@ import dataclasses
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hostile import ended
+from waiting import ran_python
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
@@ -79,21 +78,8 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     report = json.loads((one / "report.json").read_text())
     assert report["schema"] == SCHEMA and report["seed"] == 3
     assert {p.name for p in one.iterdir()} == {
-        *(
-            *TABLES,
-            "report.json",
-            "report.md",
-            "report.html",
-            "study.yaml",
-            "run.json",
-            "points.jsonl",
-            ".lock",
-        ),
-        *(
-            str(Path(name).with_suffix(kind))
-            for name in report["figures"]
-            for kind in (".png", ".svg", ".pdf")
-        ),
+        *(*TABLES, *"report.json report.md report.html study.yaml run.json points.jsonl .lock".split()),
+        *(str(Path(f).with_suffix(kind)) for f in report["figures"] for kind in (".png", ".svg", ".pdf")),
     }
     assert len(report["figures"]) == 3
     assert any("onnxruntime was not imported" in line for line in report["left_out"])
@@ -225,9 +211,7 @@ def test_what_does_not_fit_gets_one_line(small, tmp_path, root, arguments, messa
     flat = root / "flowgraphs" / "landing"
     arguments = [a.format(flat=flat, out=tmp_path) for a in arguments]
     study = [] if arguments[0].endswith(".yaml") else [str(small)]
-    status, error = ended(
-        landing_command.main, *study, *arguments, "--out", str(tmp_path / "out"), "--jobs", "1"
-    )
+    status, error = ended(landing_command.main, *study, *arguments, "--out", tmp_path / "out", "--jobs", "1")
     assert status == 2
     assert message in error and error.count("\n") == 1
 
@@ -355,8 +339,4 @@ def test_live_profile_plays_the_same_echoes(root):
 def test_describing_a_landing_loads_no_terrain_code(root):
     code = "import sys; from radalt.core.returns import landing; landing.LandingSpec(); "
     code += "sys.exit(any('terrain' in m or m.startswith('dted') for m in sys.modules))"
-    environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    assert (
-        subprocess.run([sys.executable, "-c", code], env=environment, timeout=120, check=False).returncode
-        == 0
-    )
+    assert ran_python("-c", code, env=os.environ | {"PYTHONPATH": str(root / "python")}).returncode == 0

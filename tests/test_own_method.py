@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnuradio import gr
+from waiting import ran, ran_python
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.returns.point import point_return
@@ -292,14 +293,7 @@ def test_saving_a_shipped_flowgraph_in_the_companion_changes_no_line(path, tmp_p
 
 def call(*command: object) -> subprocess.CompletedProcess:
     path = f"{ROOT / 'python'}:{os.environ.get('PYTHONPATH', '')}"
-    return subprocess.run(
-        [sys.executable, *map(str, command)],
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    return ran_python(*command, env=os.environ | {"PYTHONPATH": path})
 
 
 def test_method_file_and_model_are_scored_beside_the_others(tmp_path):
@@ -314,15 +308,6 @@ def test_method_file_and_model_are_scored_beside_the_others(tmp_path):
     assert all(row["trials"] == 5 for row in rows.values())
     assert rows["tcae"]["pd"] == 1.0
     assert "own_method.py" in json.dumps(report) and "mine.onnx" in json.dumps(report)
-
-
-@pytest.mark.parametrize("option", ["--method-file", "--model"])
-def test_unusable_file_ends_the_program_with_one_line(tmp_path, option):
-    path = tmp_path / "mine.any"
-    path.write_text("this is neither Python nor ONNX\n")
-    done = call(FLOWGRAPHS / "ota_eval.py", "--sim", option, path, "--out", tmp_path / "out")
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
 
 
 def test_a_network_in_two_files_is_told_how_to_become_one():
@@ -346,7 +331,7 @@ def test_several_own_methods_are_rows_of_their_own(root, tmp_path):
         str(own),
     ]
     command = [sys.executable, str(root / "flowgraphs/ota_eval.py"), *words, "--out", str(tmp_path / "run")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(*command)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "run" / "report.json").read_text())
     rows = {row["method"]: row for row in report["rows"]}

@@ -1,16 +1,13 @@
 """The planner: what a scene leaves out is not built and not imported, and changes no result."""
 
-import subprocess
 import sys
 
 import ota_eval
 import pytest
+from waiting import ran_python
 
-from radalt.core.mitigation import create
 from radalt.core.paths import share_dir
-from radalt.core.receiver import altimeter
 from radalt.core.scene import load_scene, parse_scene
-from radalt.core.waveform import Waveform
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.flowgraph.plan import left_out, make_plan
@@ -68,7 +65,7 @@ def test_what_the_plan_leaves_out_is_not_imported():
     absent = make_plan(scene(), ("none", "whitening")).absent_modules
     assert {"onnxruntime", "matplotlib", "gnuradio.uhd", "PyQt5"} <= set(absent)
     code = f"import sys; sys.path[:0] = {sys.path!r}\n{RUN}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    done = ran_python("-c", code)
     line = next((x for x in done.stdout.splitlines() if x.startswith("IMPORTED")), done.stderr)
     assert line.startswith("IMPORTED"), line
     imported = line.split()[1:]
@@ -123,27 +120,6 @@ def test_methods_share_one_altimeter():
 
     one, other = (altimeter_sink(scene(), method=m) for m in ("none", "whitening"))
     assert one.altimeter is other.altimeter
-
-
-def test_methods_that_confirm_what_they_find_make_no_tables_of_their_own(monkeypatch):
-    """Counted: one altimeter over 1500 m for the scene's sink and both filters; the same bits as with one each."""
-    made = []
-    build = altimeter.Altimeter._build_tables
-    monkeypatch.setattr(altimeter.Altimeter, "_build_tables", lambda self: (made.append(self), build(self)))
-    settings = altimeter.AltimeterSettings(max_altitude_m=1500.0)
-    waveform = Waveform(carrier_hz=4.25e9)  # of no other test
-    measured = []
-    for shared in (True, False):
-        made.clear()
-        altimeter.shared_altimeter.cache_clear()
-        sink = altimeter.shared_altimeter(waveform, settings)
-        for method in ("lms_reference_input", "nlms"):
-            if not shared:
-                altimeter.shared_altimeter.cache_clear()
-            cleaned = create(method, waveform).process(waveform.beat_shifted(700.0))
-            measured.append(sink.process(cleaned[None]).tobytes())
-        assert len(made) == (1 if shared else 3)
-    assert measured[:2] == measured[2:]
 
 
 def test_plan_is_printed_and_nothing_runs(capsys):

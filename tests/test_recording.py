@@ -246,11 +246,8 @@ def test_an_archive_is_read_where_it_lies(tmp_path):
 @pytest.mark.parametrize(
     ("second", "stretches", "note"),
     [
-        (
-            "2026-11-28T07:00:00.002000000Z",
-            [(0, 7500), (15000, 7500)],
-            "",
-        ),  # a frame is lost, to a nanosecond
+        # a frame is lost, to a nanosecond
+        ("2026-11-28T07:00:00.002000000Z", [(0, 7500), (15000, 7500)], ""),
         ("2026-11-28T07:00:00.001000000Z", [(0, 7500), (7500, 7500)], ""),
         ("2026-11-28T07:00:00.006Z", [(0, 7500)], "what follows a gap at sample 7500 is left out"),
     ],
@@ -364,17 +361,8 @@ def test_a_recording_that_says_the_wrong_thing_of_itself_gets_one_line(tmp_path,
     damaged["global"][key] = value
     path.write_text(json.dumps(damaged))
     (tmp_path / "scene.yaml").write_text("altimeter: {max_altitude_m: 1500.0}\n")
-    command = [
-        "--replay",
-        path,
-        "--scene",
-        tmp_path / "scene.yaml",
-        "--methods",
-        "none",
-        "--out",
-        tmp_path / "out",
-    ]
-    assert ota_eval.main([str(word) for word in command]) == 2
+    words = f"--replay {path} --scene {tmp_path}/scene.yaml --methods none --out {tmp_path}/out"
+    assert ota_eval.main(words.split()) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert message in error and "foreign.sigmf-meta" in error

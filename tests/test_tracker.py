@@ -461,16 +461,8 @@ def test_block_tracks_in_any_chunks_and_says_so_in_messages():
 
     from radalt.core.scene import parse_scene
 
-    scene = parse_scene(
-        {
-            "altitude": {
-                "programme_m": [300.0],
-                "frames": 400,
-                "mode": "true_delay",
-                "vertical_speed_m_per_s": -5.0,
-            }
-        }
-    )
+    altitude = {"programme_m": [300.0], "frames": 400, "mode": "true_delay", "vertical_speed_m_per_s": -5.0}
+    scene = parse_scene({"altitude": altitude})
     path = 300.0 - 5.0 * (np.arange(360) - 180) * T
     frames = flight(np.random.default_rng(17), path, 0.0, -5.0).astype(np.complex64)
     tags = [

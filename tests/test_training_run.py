@@ -6,10 +6,10 @@ Needs the training environment (`make train ARGS="--help"` makes it); skipped wi
 import csv
 import os
 import re
-import subprocess
 
 import numpy as np
 import pytest
+from waiting import ran
 
 from radalt.core.mitigation import create
 from radalt.core.waveform import Waveform
@@ -28,7 +28,7 @@ def training(root):
     def run(program, *arguments):
         environment = {**os.environ, "PYTHONPATH": str(root / "python"), "OMP_NUM_THREADS": "1"}
         command = [python, root / "training" / program, *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=150)
+        done = ran(*command, cwd=root, env=environment, limit_s=150)
         return done.returncode, done.stdout, done.stderr
 
     return run
@@ -119,13 +119,7 @@ def test_doubling_is_a_transposed_convolution(root):
     """One convolution for even and odd columns gives what the transposed one of the same weights does."""
     if not (root / ".venv-train/.training").is_file():
         pytest.skip("no training environment; make train ARGS=--help makes it")
-    run = subprocess.run(
-        [root / ".venv-train/bin/python", "-c", DOUBLING],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
+    run = ran(root / ".venv-train/bin/python", "-c", DOUBLING, cwd=root, limit_s=100)
     assert run.returncode == 0 and float(run.stdout) < 1e-5, run.stderr
 
 
@@ -134,7 +128,7 @@ def test_a_faint_return_counts_by_decibels(root):
     if not (root / ".venv-train/.training").is_file():
         pytest.skip("no training environment; make train ARGS=--help makes it")
     command = [root / ".venv-train/bin/python", "-c", FAINT]
-    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    run = ran(*command, cwd=root, limit_s=100)
     assert run.returncode == 0, run.stderr
     plain, faint = map(float, run.stdout.split())
     assert plain < 0.2 and faint == pytest.approx(np.log(2.0), abs=0.25)
@@ -203,7 +197,7 @@ def test_the_authors_cnn_is_what_pytorchs_own_layers_give(root):
         pytest.skip("no training environment; make train ARGS=--help makes it")
     python = root / ".venv-train/bin/python"
     command = [python, "-c", AUTHORS_CNN]
-    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    run = ran(*command, cwd=root, limit_s=100)
     assert run.returncode == 0, run.stderr
     error, parameters = run.stdout.split()
     assert float(error) < 1e-5
@@ -253,5 +247,5 @@ def test_a_data_process_that_dies_is_not_waited_for(root):
         pytest.skip("no training environment; make train ARGS=--help makes it")
     command = [root / ".venv-train/bin/python", "-c", DYING]
     environment = {**os.environ, "PYTHONPATH": str(root / "python")}
-    done = subprocess.run(command, capture_output=True, text=True, cwd=root, env=environment, timeout=120)
+    done = ran(*command, cwd=root, env=environment)
     assert "ended with status 3" in done.stdout, done.stderr

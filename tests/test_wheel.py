@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from test_identity import ONE_PACKAGE
+from waiting import ran, ran_python
 
 WITHOUT_GNU_RADIO = """
 import importlib.abc, sys
@@ -26,7 +27,7 @@ sys.meta_path.insert(0, Absent())
 def wheel(root: Path, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
+    done = ran(*command, cwd=root)
     assert done.returncode == 0, done.stderr
     (file,) = folder.iterdir()
     return file
@@ -46,15 +47,7 @@ def python(site: Path, folder: Path, *words: str, more: tuple[Path, ...] = ()) -
         name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRC_", "RADALT"))
     }
     env = kept | {"PYTHONPATH": os.pathsep.join(map(str, (site, *more)))}
-    return subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=150,
-        check=False,
-    )
+    return ran_python(*words, cwd=folder, env=env, limit_s=150)
 
 
 def test_it_is_pure_small_and_whole(root, wheel):
