@@ -41,17 +41,12 @@ def test_error_is_near_the_cramer_rao_bound(snr_db, kind):
     altitudes = rng.uniform(3, 1500, 400)
     result = Altimeter(W).process(frames_of(kind, altitudes) + noise((400, 7500), snr_db, rng))
     error = result["altitude_m"] - altitudes
-    bound = altitude_crb_m(W, snr_db)
+    bound, speed_bound = altitude_crb_m(W, snr_db), vertical_speed_crb_m_per_s(W, snr_db)
     assert result["valid"].all()
+    np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
     assert 0.9 < rms(error) / bound < 1.3
     assert abs(error.mean()) < 0.15 * bound + 1e-3
-
-
-def test_vertical_speed_error_is_near_its_bound():
-    rng = np.random.default_rng(2)
-    altitudes = rng.uniform(3, 1500, 400)
-    result = Altimeter(W).process(frames_of("synthetic", altitudes) + noise((400, 7500), 15.0, rng))
-    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / vertical_speed_crb_m_per_s(W, 15.0) < 1.3
+    assert 0.9 < rms(result["vertical_speed_m_per_s"]) / speed_bound < 1.3
 
 
 @pytest.mark.parametrize("kind", ["synthetic", "true_delay"])
@@ -203,6 +198,12 @@ def test_batch_gives_what_single_frames_give_bit_for_bit():
     frames[4] = noise((7500,), 0.0, rng)
     altimeter = Altimeter(W)
     whole = altimeter.process(frames)
+    for size in (2, 4, 5):
+        parts = [
+            altimeter.process(frames[k : k + size], frame_index=k + np.arange(9 - k)[:size])
+            for k in range(0, 9, size)
+        ]
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
     singly = np.concatenate([altimeter.process(f[None], frame_index=i) for i, f in enumerate(frames)])
     assert whole.tobytes() == singly.tobytes()
     assert whole.dtype == RESULT_DTYPE
@@ -242,12 +243,6 @@ def test_unusable_frames_are_invalid_with_their_reason_and_leave_their_neighbour
     assert np.isnan(result["forced_altitude_m"][1:4]).all()
 
 
-def test_forced_decision_is_the_detection_where_there_is_one():
-    altitudes = np.linspace(10, 1400, 20)
-    result = Altimeter(W).process(frames_of("synthetic", altitudes))
-    np.testing.assert_array_equal(result["altitude_m"], result["forced_altitude_m"])
-
-
 def test_sweeps_that_disagree_beyond_doppler_are_no_target():
     """One altitude going up, another going down: each sweep detects, together they are impossible."""
     up, down = W.beat_shifted(200.0), W.beat_shifted(900.0)
@@ -255,15 +250,6 @@ def test_sweeps_that_disagree_beyond_doppler_are_no_target():
     result = Altimeter(W).process(frame[None])[0]
     assert Reason.NAMES[result["reason"]] == "sweeps_disagree"
     assert not result["valid"]
-
-
-def test_altitude_outside_the_span_is_not_reported():
-    settings = AltimeterSettings(max_altitude_m=500.0)
-    frames = np.stack([W.beat_shifted(a) for a in (400.0, 520.0, 800.0)]) + noise(
-        (3, 7500), 10.0, np.random.default_rng(3)
-    )
-    valid = Altimeter(W, settings).process(frames)["valid"]
-    assert list(valid) == [True, False, False]
 
 
 @pytest.mark.parametrize("altitude", [165.0, 170.0, 175.0, 425.0, 430.0, 435.0])

@@ -1,7 +1,6 @@
 """Results by altitude: rows that add up to the study's, the errors' distribution, and intervals of RMSE."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -10,10 +9,8 @@ from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import RESULT_DTYPE
 from radalt.core.scene import Scene
 from radalt.evaluation.overlap.altitudes import (
-    ALTITUDE_COLUMNS,
     ERRORS_M,
     altitude_rows,
-    groups,
     pool_altitudes,
     rmse_interval,
     with_intervals,
@@ -113,11 +110,3 @@ def test_batches_of_a_point_are_pooled_in_both_tables():
     assert pooled[0]["trials"] == 80 and pooled[0]["diverged_frames"] == 3
     assert [row["trials"] for row in pooled[1:]] == [40, 40]
     assert pool_altitudes(pooled[1:])["within_5_m"] == sum(r["within_5_m"] for b in batches for r in b[1:])
-
-
-def test_rows_survive_the_journal():
-    scene = scene_of((300.0, 40.0), 20)
-    rows = altitude_rows(scene, POINT, {"none": measured(scene.altitude.programme)})
-    kept = json.loads(json.dumps(rows))
-    assert [ALTITUDE_COLUMNS.row(row) for row in kept] == rows
-    assert list(groups(rows, "method")) == [("none",)]

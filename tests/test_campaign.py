@@ -137,12 +137,6 @@ def test_levels_of_what_is_drawn_hold_within_a_flight_and_differ_between_flights
     assert np.ptp(levels) > 5.0
 
 
-def test_the_vertical_speed_that_is_allowed_is_that_of_every_altimeter():
-    study = IntegrityStudy(("none", "whitening"), allowed_m_per_s=150.0)
-    assert {chain.settings.max_vertical_speed_m_per_s for chain in study.chains} == {150.0}
-    assert study.head()["allowed_m_per_s"] == 150.0
-
-
 def test_a_campaign_writes_its_page_and_its_events_fly_again(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and seconds each
     out = tmp_path / "out"

@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from waiting import end_of, ran, wait_for, written
+from waiting import end_of, ran, ran_python, wait_for, written
 
 from radalt.evaluation.engine import command
 from radalt.evaluation.engine import estimate as estimates
@@ -23,7 +22,7 @@ from radalt.evaluation.engine.pool import WorkerError
 from radalt.evaluation.engine.precision import half_width
 from radalt.evaluation.engine.run import head_of, run
 from radalt.evaluation.engine.study import Point, Study
-from radalt.evaluation.results.folder import FolderError, RunFolder
+from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, Score
 
@@ -127,14 +126,6 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     assert rows_of(tmp_path / "run") == rows_of(whole)
 
 
-@pytest.mark.parametrize("left_out", [1, 40])
-def test_a_journal_that_was_cut_is_completed(whole, tmp_path, left_out):
-    journal = shutil.copytree(whole, tmp_path / "run") / "points.jsonl"
-    journal.write_bytes(journal.read_bytes()[:-left_out])
-    run(Coins(), Options(tmp_path / "run", resume=True, jobs=1))
-    assert rows_of(tmp_path / "run") == rows_of(whole)
-
-
 def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again(whole, tmp_path, capsys):
     """Sealed, but of other columns, another kind or no point: a study changed without its version, say."""
     study = Coins()
@@ -152,11 +143,6 @@ def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again
     assert rows_of(tmp_path) == rows_of(whole)
     line = f"{tmp_path / 'points.jsonl'}:1 and 3 others: cut, changed or of another run; measured again"
     assert line in capsys.readouterr().out
-
-
-def test_another_seed_is_another_run(whole):
-    with pytest.raises(FolderError, match="seed is 1 there and 2 here"):
-        run(Coins(seed=2), Options(whole, resume=True))
 
 
 def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path):
@@ -291,8 +277,7 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
         "    print(*({'dask', 'distributed', 'tornado'} & set(sys.modules)))\n"
     )
     (tmp_path / "program.py").write_text(code, encoding="utf-8")
-    command = [sys.executable, tmp_path / "program.py"]
-    done = ran(*command)
+    done = ran_python(tmp_path / "program.py")
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2
 

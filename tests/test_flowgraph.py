@@ -194,11 +194,6 @@ def test_flowgraph_validates_compiles_and_imports(path, platform, tmp_path, caps
     assert {"scene_file", "seed"} <= inspect.signature(top.__init__).parameters.keys()
 
 
-def test_there_are_flowgraphs_and_descriptions():
-    assert {"ota_b210", "ota_sim"} <= {p.stem for p in FLOWGRAPHS}
-    assert len(DESCRIPTIONS) >= 8
-
-
 # -- descriptions -----------------------------------------------------------------------------------------------------
 
 
@@ -408,7 +403,8 @@ def test_scene_without_network_or_jammer_imports_no_onnxruntime(clear, tmp_path)
         f"import sys; sys.path[:0] = [{str(ROOT / 'python')!r}, {str(clear.module.parent)!r}]\n"
         f"import {clear.name} as module\n"
         f"top = module.{clear.name}(scene_file={str(scene)!r}); top.run()\n"
-        "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize'}\n"
+        "unwanted = {'onnxruntime', 'matplotlib', 'zmq', 'dted', 'torch', 'scipy.signal', 'scipy.optimize',\n"
+        "    'PyQt5', 'gnuradio.uhd'}\n"
         "print('loaded', *sorted(unwanted & set(sys.modules)))"
     )
     done = ran_python("-c", statements)

@@ -112,21 +112,17 @@ def assert_set_up_in_order(recorded):
     assert len(after[5:]) == 3
 
 
-def test_order_and_arguments_of_the_set_up(air):
-    fly(air, a_scene())
+def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monkeypatch):
+    lines, held = [], []
+    hold_drive = radalt.mixture_jammer_source.hold_drive
+    held_too = lambda self: (held.append(self), hold_drive(self))  # noqa: E731
+    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", held_too)
+    result = fly(air, a_scene(), log=lines.append)
     assert_set_up_in_order(air.calls)
-
-
-def test_devices_are_named_by_serial_and_master_clock(air):
-    fly(air, a_scene())
     built = {call[0]: call[2] for call in air.calls if call[1] == "construct"}
     assert built["radar Sink"] == built["radar Source"] == "serial=R,master_clock_rate=30000000"
     assert built["jammer Sink"] == "serial=J,master_clock_rate=30000000"
-
-
-def test_altitudes_are_right_and_events_are_counted(air):
-    lines = []
-    result = fly(air, a_scene(), log=lines.append)
+    assert len(held) == 1  # no live slider can make the jammer clip
     frames = result.results["none"]
     for altitude, first in ((300.0, 8), (60.0, 14)):
         trial = frames[(frames["frame_index"] >= first) & (frames["frame_index"] < first + 6)]
@@ -148,13 +144,6 @@ def test_a_live_slider_cannot_make_the_jammer_clip(air):
         jammer.set_sir_db(sir_db)
         burst = -jammer.stream.total_sir_db - 10 * np.log10(overlap)
         assert burst == pytest.approx(min(scene.burst_db, -sir_db - 10 * np.log10(overlap)))
-
-
-def test_set_up_holds_the_jammers_drive(air, monkeypatch):
-    held = []
-    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", lambda self: held.append(self))
-    fly(air, a_scene())
-    assert len(held) == 1
 
 
 def test_saturation_is_counted(air):

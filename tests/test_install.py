@@ -17,7 +17,7 @@ from radalt.evaluation.programs import programs
 
 def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     """Run a command and return what it printed; fail with everything it said."""
-    done = ran(*[str(word) for word in command], cwd=cwd, env=env, limit_s=150)
+    done = ran(*command, cwd=cwd, env=env, limit_s=150)
     assert done.returncode == 0, f"{command[0]} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 

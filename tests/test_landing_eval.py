@@ -14,7 +14,6 @@ from waiting import ran_python
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
-from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options
@@ -87,23 +86,6 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     # 8 frames: once without interference, once for each of two methods
     assert len(_rows(one / "approach.csv")) == 24
     assert len(_rows(one / "curve.csv")) == 2 * (1 + 4)
-
-
-def test_a_killed_run_goes_on_to_the_same_rows(small, tmp_path, capsys):
-    out = tmp_path / "run"
-    arguments = [str(small), "--out", str(out), "--jobs", "1"]
-    assert landing_command.main(arguments) == 0
-    whole = {name: (out / name).read_bytes() for name in ("points.jsonl", *TABLES)}
-    text = whole["points.jsonl"]
-    (out / "points.jsonl").write_bytes(text[: int(0.6 * len(text))])  # in the middle of a line
-    (out / "curve.csv").write_text("half of")
-    assert landing_command.main([*arguments, "--resume"]) == 0
-    assert 0 < json.loads((out / "report.json").read_text())["run"]["points_resumed"] < 7
-    assert all((out / name).read_bytes() == whole[name] for name in TABLES)
-    assert landing_command.main(arguments) == 2
-    assert "--resume" in capsys.readouterr().err
-    assert landing_command.main([*arguments, "--resume", "--seed", "4"]) == 2
-    assert "holds another run: seed is 3 there and 4 here" in capsys.readouterr().err
 
 
 def test_precision_samples_the_curves_and_leaves_the_approach_alone(small, tmp_path):
@@ -289,22 +271,6 @@ def test_extended_ground_costs_metres_and_averaging_wins_them_back(root):
         rms[name] = np.sqrt(np.mean((results["altitude_m"] - truth.height_m) ** 2))
     # 24 frames of speckle: the ratio itself scatters by some tenth around 0.7
     assert rms["point"] < 1.5 < rms["looks"] < 0.8 * rms["ground"]
-
-
-def test_statistics_count_misses_against_pd(root):
-    config = _config(root, altimeter=AltimeterSettings())
-    heights = np.array([20.0, 100.0, 200.0, 300.0])
-    frames = point_return(config.waveform, heights)[:, None]
-    results, _ = landing_points.altitudes(config, frames, "none")
-    truth = landing_points.Truth(frames, heights + [0, 0, 0, 9.0], heights, 0 * heights, 0 * heights, heights)
-    results["valid"][0] = False
-    figures = landing_points.statistics(results, truth, [1])
-    assert figures["trials"] == 4 and figures["detections"] == 3 and figures["correct"] == 2
-    assert figures["pd"] == 0.5
-    # Wilson interval of 2 in 4
-    assert (figures["pd_low"], figures["pd_high"]) == pytest.approx((0.150, 0.850), abs=1e-3)
-    assert figures["rmse_detected_m"] == pytest.approx(9.0 / np.sqrt(3), abs=0.7)
-    assert figures["forced"] == 4
 
 
 def test_every_assumption_changes_one_thing(root):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import ota_eval
 import pytest
-from waiting import end_of, ran, wait_for, written
+from waiting import end_of, ran_python, wait_for, written
 
 from radalt.core.scene import SweepSpec, load_scene
 from radalt.evaluation.overlap.points import sweep_points
@@ -129,9 +129,8 @@ def test_overlap_0_is_bit_for_bit_the_scene_without_interference(whole, tmp_path
 
 
 def test_a_worker_that_is_killed_ends_the_run_with_one_line_and_its_rows_kept(tmp_path):
-    process = start(
-        *SWEEP, "--altitudes", "600,40,50,60", "--frames", 20, "--out", tmp_path / "run", "--jobs", 1
-    )
+    longer = ("--altitudes", "600,40,50,60", "--frames", 20)
+    process = start(*SWEEP, *longer, "--out", tmp_path / "run", "--jobs", 1)
     wait_for((tmp_path / "run" / "rows.csv").exists, "rows.csv", process=process)
     os.kill(worker_of(process.pid), signal.SIGKILL)
     _, err = end_of(process)
@@ -210,9 +209,7 @@ def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight
 @pytest.mark.parametrize("program", ["ota_eval.py", "collect.py"])
 def test_the_wrong_python_is_one_line_and_code_2(root, program):
     # without site packages this very interpreter has neither GNU Radio nor NumPy
-    command = [sys.executable, "-S", str(root / "flowgraphs" / program), "x"]
-    command[-1:] = ["--sim"] if program == "ota_eval.py" else ["somewhere"]
-    done = ran(*command)
+    done = ran_python("-S", root / "flowgraphs" / program, "--sim" if program == "ota_eval.py" else "x")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
@@ -223,8 +220,7 @@ def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_pat
     assert code == 0, err
     assert read_report(again)["ceiling"][0]["overlap"] == 0  # measured though it is not in the sweep
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
-    command = [sys.executable, str(root / "flowgraphs" / "collect.py"), str(whole[0]), str(again)]
-    done = ran(*command, "--out", tmp_path / "all")
+    done = ran_python(root / "flowgraphs/collect.py", whole[0], again, "--out", tmp_path / "all")
     assert (done.returncode, done.stderr) == (0, "")
     pooled = {(r["method"], r["overlap"]): r for r in read_report(tmp_path / "all")["rows"]}
     assert pooled["none", 1.0]["trials"] == 12 and pooled["none", 0.5]["trials"] == 6

@@ -79,8 +79,7 @@ def install(root, tmp_path):
         said.write_text("")
         environment = os.environ | {"INSTALLED": installed, "HAS": has, "SAID": str(said)}
         environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
-        command = [str(root / "tools/install-debian-packages.sh"), "list"]
-        done = ran(*command, cwd=tmp_path, env=environment)
+        done = ran(root / "tools/install-debian-packages.sh", "list", cwd=tmp_path, env=environment)
         return done.returncode, done.stderr, said.read_text()
 
     return run

@@ -5,13 +5,12 @@ Here it is unpacked into a folder and used with the packages of these tests, not
 
 import os
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
 from test_identity import ONE_PACKAGE
-from waiting import ran, ran_python
+from waiting import ran_python
 
 WITHOUT_GNU_RADIO = """
 import importlib.abc, sys
@@ -26,8 +25,7 @@ sys.meta_path.insert(0, Absent())
 @pytest.fixture(scope="module")
 def wheel(root: Path, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    done = ran(*command, cwd=root)
+    done = ran_python("-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=root)
     assert done.returncode == 0, done.stderr
     (file,) = folder.iterdir()
     return file
