@@ -113,10 +113,9 @@ def assert_set_up_in_order(recorded):
 
 
 def test_set_up_is_in_order_altitudes_are_right_and_events_are_counted(air, monkeypatch):
-    lines, held = [], []
-    hold_drive = radalt.mixture_jammer_source.hold_drive
-    held_too = lambda self: (held.append(self), hold_drive(self))  # noqa: E731
-    monkeypatch.setattr(radalt.mixture_jammer_source, "hold_drive", held_too)
+    lines, held, hold = [], [], radalt.mixture_jammer_source.hold_drive
+    seen = "hold_drive", lambda self: held.append(hold(self))
+    monkeypatch.setattr(radalt.mixture_jammer_source, *seen)
     result = fly(air, a_scene(), log=lines.append)
     assert_set_up_in_order(air.calls)
     built = {call[0]: call[2] for call in air.calls if call[1] == "construct"}
