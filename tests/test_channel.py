@@ -7,7 +7,6 @@ import pytest
 
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
 from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
-from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
 from radalt.core.waveform import Waveform
@@ -396,9 +395,3 @@ def made(**settings):
 def test_impossible_channels_are_refused(make, said):
     with pytest.raises(ValueError, match=said):
         make()
-
-
-def test_free_emitters_pass_at_their_power():
-    j = QpskEmitter(pulse="rrc").samples(FRAMES * N, 7.5e6, np.random.default_rng(1))
-    settings = replace(PLAIN, start_offset_samples=100.4, jammer_clock_ppm=5.0, jammer_lo_offset_hz=2e3)
-    assert power_db(play(settings, None, j)[N:]) == pytest.approx(power_db(j), abs=0.1)

@@ -97,7 +97,7 @@ def test_rows_are_the_same_bytes_for_any_number_of_workers(whole, tmp_path):
     assert len(rows_of(whole).splitlines()) == 5
 
 
-def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path):
+def test_rows_stand_in_the_studys_order_whatever_order_they_came_in(tmp_path, measured_here):
     study = Coins()
     folder = RunFolder(tmp_path, head_of(study))
     last = study.points()[-1]
@@ -126,7 +126,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(whole, tmp_path):
     assert rows_of(tmp_path / "run") == rows_of(whole)
 
 
-def test_rows_that_the_study_could_not_have_written_are_named_and_measured_again(whole, tmp_path, capsys):
+def test_rows_that_no_study_wrote_are_named_and_measured_again(whole, tmp_path, capsys, measured_here):
     """Sealed, but of other columns, another kind or no point: a study changed without its version, say."""
     study = Coins()
     row = study.tables["rows"].row(study.measure(study.points()[0])[0])
@@ -152,9 +152,9 @@ def test_a_point_that_hangs_ends_with_one_line_and_the_others_are_kept(tmp_path)
     assert {name for name, _ in kept} == {"coin 0.1", "coin 0.5"}
 
 
-def test_precision_is_reached_with_the_fewest_batches_that_do(tmp_path):
+def test_precision_is_reached_with_the_fewest_batches_that_do(tmp_path, measured_here):
     study, seen = Coins(), []
-    run(study, Options(tmp_path, jobs=2, precision=0.05), seen.append)
+    run(study, Options(tmp_path, jobs=1, precision=0.05), seen.append)
     lines = [line.split(b",") for line in rows_of(tmp_path).splitlines()[1:]]
     trials = {line[0].decode(): int(line[1]) for line in lines}
     correct = {line[0].decode(): int(line[3]) for line in lines}
@@ -177,6 +177,11 @@ def test_a_dry_run_says_what_it_would_cost_and_writes_nothing(tmp_path, capsys):
     study = Coins(pause_s=30.0)
     assert command.main(study, Options(tmp_path / "run", jobs=2), program="coins", dry_run=True) == 0
     assert capsys.readouterr().out == f"coins: 4 points, 400 frames, about 65 s -> {tmp_path / 'run'}\n"
+    options = Options(tmp_path / "run", jobs=1, precision=0.05)
+    assert command.main(study, options, program="coins", dry_run=True) == 0
+    # 1.96^2 / (4 0.05^2) = 384 tosses at most, in batches of 100
+    line = "with --precision 0.05 up to 1600 frames, 8 min, if every Pd were 0.5"
+    assert line in capsys.readouterr().out
     assert not (tmp_path / "run").exists()
 
 
@@ -199,7 +204,7 @@ def test_equal_shares_of_two_cores(jobs, others, waits):
     assert estimates.shared(jobs, 2, 1.0, own, idle) == pytest.approx(waits)
 
 
-def test_a_first_estimate_is_there_before_the_first_point(tmp_path):
+def test_a_first_estimate_is_there_before_the_first_point(tmp_path, measured_here):
     seen = []
     run(Coins(), Options(tmp_path, jobs=1), seen.append)
     assert seen[0].done == 0 and seen[0].remaining_s > 0.02
@@ -280,14 +285,6 @@ def test_a_run_without_a_scheduler_imports_nothing_of_dask(tmp_path):
     done = ran_python(tmp_path / "program.py")
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
     assert len(rows_of(tmp_path / "run").splitlines()) == 2
-
-
-def test_a_dry_run_with_a_precision_says_what_it_may_come_to(tmp_path, capsys):
-    options = Options(tmp_path / "run", jobs=1, precision=0.05)
-    assert command.main(Coins(pause_s=30.0), options, program="coins", dry_run=True) == 0
-    # 1.96^2 / (4 0.05^2) = 384 tosses at most, in batches of 100
-    line = "with --precision 0.05 up to 1600 frames, 8 min, if every Pd were 0.5"
-    assert line in capsys.readouterr().out
 
 
 def test_a_precision_that_would_never_end_is_one_line(tmp_path, capsys):

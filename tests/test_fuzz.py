@@ -21,7 +21,7 @@ import pytest
 import sigmf
 import yaml
 from gnuradio import radalt
-from hostile import assert_line, assert_refused, ended
+from hostile import assert_line, assert_refused, ended, measure_here
 from test_engine import Coins, Options, command, rows_of, run
 from test_report import FolderError, finished, scene_of
 
@@ -330,10 +330,7 @@ def spoilable(tmp_path_factory):
 def measured_here(patch) -> None:
     """Points are measured in this process: a pool would start one an example. Nothing waits for the disk."""
     patch.setattr("radalt.evaluation.results.folder.os.fsync", lambda file: None)
-    patch.setattr(
-        "radalt.evaluation.engine.run.run_tasks",
-        lambda function, tasks, **_: ((k, function(task)) for k, task in enumerate(tasks)),
-    )
+    measure_here(patch)
 
 
 FILES = ("run.json", "points.jsonl", "rows.csv")

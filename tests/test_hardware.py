@@ -282,13 +282,6 @@ def test_the_plan_needs_no_radio_and_says_what_the_interlock_says():
     assert "jammer_usrp_sink" not in {step.block for step in plan(a_scene(jammer=False))}
 
 
-def test_a_calibration_file_that_is_none_is_named(tmp_path):
-    path = tmp_path / "calibration.yaml"
-    path.write_text("latency_samples: [1, 2]\n")
-    with pytest.raises(CalibrationError, match=r"calibration\.yaml.*calibrate anew"):
-        store_latency_samples(1.0, KEY, path)
-
-
 def test_an_entry_that_names_no_radio_is_used_for_none(tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("latency_samples: {30000000/7500000: 150.0}\n")
@@ -604,9 +597,7 @@ def test_scene_refuses_what_no_radio_can_do(radio, message):
 def test_interlock_refuses_what_only_the_whole_scene_shows(radio, message):
     with pytest.raises(InterlockError, match=message):
         require_enclosure(a_scene(**radio), True)
-
-
-def test_one_radio_needs_no_serial():
+    # one radio needs no serial
     require_enclosure(a_scene(jammer=False, radar_serial="", jammer_serial=""), True)
 
 

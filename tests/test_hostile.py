@@ -26,7 +26,8 @@ import pytest
 import realtime_benchmark
 import screenshot
 import stability
-from hostile import assert_line, assert_refused, ended
+import yaml
+from hostile import assert_line, assert_refused, ended, measure_here
 from waiting import end_of, ran, ran_python
 
 from radalt.core.mitigation import MitigationError, create, rehearsal
@@ -63,6 +64,7 @@ YAML = {
     "date": ("name: 2026-13-45\nseed: -1", "seed is -1"),
     "no int": ('seed: !!int "abc"', "'abc' is no int"),
     "no bool": ('seed: !!bool "abc"', "'abc' is no bool"),
+    "no digit": ("name: !!int '_'", "'_' is no int"),
     "no float": ('seed: !!float "abc"', "'abc' is no float"),
     "object": ("seed: !!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "set": ("methods: !!set {none}", "could not determine a constructor"),
@@ -106,18 +108,12 @@ def test_hostile_scene_gets_one_line(name, tmp_path):
     assert message in error
 
 
-def test_a_date_in_a_name_stays_text(tmp_path):
+def test_the_strict_reader_reads_what_everybodys_reader_reads_but_for_dates(tmp_path):
+    for file in (ROOT / "flowgraphs").glob("**/*.yaml"):
+        assert load_yaml(file, what="scene") == yaml.safe_load(file.read_text()), file
     path = tmp_path / "it.yaml"
     path.write_text("name: 2026-11-22\n")
     assert load_scene(path).name == "2026-11-22"
-
-
-@pytest.mark.parametrize("file", sorted((ROOT / "flowgraphs").glob("**/*.yaml")), ids=lambda p: p.stem)
-def test_shipped_yaml_reads_as_it_did(file):
-    """The strict reader reads what everybody's reader reads."""
-    import yaml
-
-    assert load_yaml(file, what="scene") == yaml.safe_load(file.read_text())
 
 
 def fifo(path: Path) -> Path:
@@ -149,33 +145,19 @@ def test_what_is_no_small_regular_file_is_refused_before_it_is_read(make, messag
         assert_line(str(caught.value))
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["latency_samples: {a: .nan}", "latency_samples: {a: true}", "latency_samples: {a: 1, a: 2}", "[1]"],
-)
-def test_hostile_calibration_gets_one_line(text, tmp_path):
+def test_hostile_calibration_gets_one_line(tmp_path):
     path = tmp_path / "calibration.yaml"
-    path.write_text(text)
-    with pytest.raises(CalibrationError, match="calibrate anew"):
-        load_latency_samples(CalibrationKey("B210", "R", 30e6, 7.5e6), path)
+    for latency in ("{a: .nan}", "{a: true}", "{a: 1, a: 2}", "[1, 2]"):
+        path.write_text(f"latency_samples: {latency}")
+        with pytest.raises(CalibrationError, match=r"calibration\.yaml.*calibrate anew"):
+            load_latency_samples(CalibrationKey("B210", "R", 30e6, 7.5e6), path)
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        "x" * 10**6,
-        [10**5000],
-        [[[[[[[[]]]]]]]] * 100,
-        {"a" * 999: "b" * 999},
-        b"\0" * 999,
-        float("nan"),
-        "\n\x1b[31m",
-    ],
-    ids=["long", "digits", "deep", "mapping", "bytes", "nan", "escape"],
-)
-def test_any_value_is_shown_on_one_line(value):
-    text = shown(value)
-    assert len(text) <= 80 and text.isprintable()
+def test_any_value_is_shown_on_one_line():
+    deep, wide = [[[[[[[[]]]]]]]] * 100, {"a" * 999: "b" * 999}
+    for value in ("x" * 10**6, [10**5000], deep, wide, b"\0" * 999, float("nan"), "\n\x1b[31m"):
+        text = shown(value)
+        assert len(text) <= 80 and text.isprintable()
 
 
 # -- the command line -------------------------------------------------------------------------------
@@ -391,7 +373,7 @@ def test_a_method_that_fails_in_mid_run_ends_it_with_one_line(end, message, tmp_
         f"    if n > 20:\n        {end}\n    return frames\n"
     )
     if "os._exit" not in end:  # what it raises is one line wherever it runs
-        in_this_process(monkeypatch, lambda: None)
+        measure_here(monkeypatch)
     status, error = ended(
         ota_eval.main, "--sim", "--methods", "none", "--method-file", path, "--overlap", "0",
         "--frames", "2", "--jobs", "1", "--out", tmp_path / "out",
@@ -507,20 +489,12 @@ def test_a_disk_full_of_a_capture_is_one_line(tmp_path):
 # -- files that change under a run ------------------------------------------------------------------
 
 
-def in_this_process(monkeypatch, first) -> None:
-    """Points are measured here, after ``first()``: when the command has read what it reads."""
-    monkeypatch.setattr(
-        "radalt.evaluation.engine.run.run_tasks",
-        lambda function, tasks, **_: (first(), ((k, function(task)) for k, task in enumerate(tasks)))[1],
-    )
-
-
 def test_a_scene_that_is_swapped_while_it_runs_changes_nothing(tmp_path, monkeypatch):
     """The run is of the scene that it read, and says so; another content is another run."""
     scene, out = tmp_path / "it.yaml", tmp_path / "run"
     text = "seed: 5\nmethods: [none]\naltitude: {frames: 2}\nsweep: {overlap: [0]}\n"
     scene.write_text(text)
-    in_this_process(monkeypatch, lambda: scene.write_text(text.replace("5", "6")))
+    measure_here(monkeypatch, lambda: scene.write_text(text.replace("5", "6")))
     command = ("--sim", "--scene", scene, "--jobs", "1", "--out", out)
     assert ended(ota_eval.main, *command) == (0, "")
     assert "seed: 6" in scene.read_text() and "seed: 5" in (out / "scene.yaml").read_text()
@@ -537,7 +511,7 @@ def test_a_method_file_that_is_swapped_while_it_runs_ends_the_run(tmp_path, monk
     method, out = tmp_path / "m.py", tmp_path / "run"
     method.write_text("def mitigate(frames, waveform): return frames\n")
     change = "def mitigate(frames, waveform): return 2 * frames\n"
-    in_this_process(monkeypatch, lambda: method.write_text(change))
+    measure_here(monkeypatch, lambda: method.write_text(change))
     options = ("--methods", "none", "--method-file", method, "--overlap", "0", "--frames", "1", "--jobs", "1")
     status, error = ended(ota_eval.main, "--sim", *options, "--out", out)
     assert_refused(status, error)

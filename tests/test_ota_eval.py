@@ -188,12 +188,13 @@ def test_an_unreadable_model_is_one_line_and_code_2(capsys, tmp_path):
     assert "bad.onnx is no readable ONNX file" in one_line(capsys)
 
 
-def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(whole, tmp_path):
+def test_a_tracked_run_has_the_same_rows_and_scores_the_outputs_of_a_slow_flight(
+    whole, tmp_path, measured_here
+):
     """Ten outputs at each of two altitudes; the first three after a step confirm the track. No noise to be wrong in."""
     folder = tmp_path / "tracked"
-    arguments = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3".split()
-    code, _, err = run(*arguments, "--tracked", "--out", folder, "--jobs", 2)
-    assert code == 0, err
+    options = "--methods none,whitening,lms --overlap 0 --sir-db=-28 --altitudes 600,40 --frames 3 --jobs 1"
+    assert ota_eval.main(["--sim", *options.split(), "--tracked", "--out", str(folder)]) == 0
     report = read_report(folder)
     assert stable(folder)[1:] == [row for row in stable(whole[0])[1:] if row[2] == "0"]
     rows = {row["method"]: row for row in report["tracked"]}
@@ -214,10 +215,10 @@ def test_the_wrong_python_is_one_line_and_code_2(root, program):
     assert done.stderr.count("\n") == 1 and sys.executable in done.stderr and "make setup" in done.stderr
 
 
-def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path):
+def test_runs_of_several_seeds_are_collected_by_the_command(whole, root, tmp_path, measured_here):
     again = tmp_path / "again"
-    code, _, err = run(*SWEEP, "--overlap", "1", "--seed", 2, "--out", again, "--jobs", 1)
-    assert code == 0, err
+    options = "--overlap", "1", "--seed", "2", "--out", str(again), "--jobs", "1"
+    assert ota_eval.main(["--sim", *SWEEP, *options]) == 0
     assert read_report(again)["ceiling"][0]["overlap"] == 0  # measured though it is not in the sweep
     assert {r["overlap"] for r in read_report(again)["rows"]} == {1.0}
     done = ran_python(root / "flowgraphs/collect.py", whole[0], again, "--out", tmp_path / "all")

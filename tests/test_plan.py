@@ -82,14 +82,6 @@ def test_every_part_has_a_reason_and_the_flowgraph_lists_the_same():
     assert left_out(shipped, shipped.methods) == made.left_out
 
 
-def test_methods_share_one_altimeter():
-    """Tables are made once a process, whatever the number of methods."""
-    from gnuradio.radalt import altimeter_sink
-
-    one, other = (altimeter_sink(scene(), method=m) for m in ("none", "whitening"))
-    assert one.altimeter is other.altimeter
-
-
 def test_plan_is_printed_and_nothing_runs(capsys):
     assert ota_eval.main(["--sim", "--plan", "--scene", "clear", "--methods", "none"]) == 0
     text = capsys.readouterr().out

@@ -188,13 +188,6 @@ def test_a_pipe_in_the_folder_is_not_waited_at(tmp_path, name):
 # -- one run, one folder ------------------------------------------------------------------------------------------
 
 
-def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
-    finished(tmp_path / "a", scene_of())
-    with pytest.raises(FolderError, match="holds a run already; add --resume"):
-        RunFolder(tmp_path / "a", head_of(scene_of()))
-    RunFolder(tmp_path / "a", head_of(scene_of()), resume=True)
-
-
 @pytest.mark.parametrize("name", ["report.md", "scene.yaml", "rows.csv", "thesis.tex"])
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_with_somebodys_own_files_is_refused_and_left_alone(tmp_path, name, resume):
