@@ -133,9 +133,10 @@ def test_leading_edge_reads_the_nearest_point_of_an_extended_return():
     depth = np.linspace(0, 120, 40)
     amplitude = np.exp(-depth / 80)
     errors = {s: [] for s in ("leading_edge", "centroid", "strongest")}
+    echoes = frames_of("synthetic", 300 + depth)
     for _ in range(60):
         gains = amplitude * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
-        frame = gains @ frames_of("synthetic", 300 + depth)
+        frame = gains @ echoes
         for strategy, values in errors.items():
             values.append(Altimeters[strategy].process(frame[None])["forced_altitude_m"][0] - 300)
     bias = {s: np.mean(v) for s, v in errors.items()}
@@ -339,8 +340,8 @@ def test_a_return_beyond_the_span_ten_decibels_stronger_is_the_return(amplitude,
 def test_error_is_the_cramer_rao_bound_at_every_allowed_speed(speed):
     """Issue: at most 1.1 times the bound in white noise."""
     rng = np.random.default_rng(31)
-    altitudes = rng.uniform(40, 1400, 1200)
-    frames = point_return(W, altitudes) + noise((1200, 7500), 10.0, rng)
+    altitudes = rng.uniform(40, 1400, 600)
+    frames = point_return(W, altitudes) + noise((600, 7500), 10.0, rng)
     result = Altimeter(W, AltimeterSettings(max_vertical_speed_m_per_s=speed)).process(frames)
     assert result["valid"].all()
     assert rms(result["altitude_m"] - altitudes) < 1.1 * altitude_crb_m(W, 10.0)

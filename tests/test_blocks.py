@@ -379,7 +379,7 @@ def test_a_search_that_ends_at_the_programme_is_one_line(capfd):
 
 def test_a_second_without_a_sweep_is_one_line(capfd):
     scene = scene_of(interference=None)
-    noise = np.random.default_rng(1).normal(size=(2 * 1200 * N, 2)).astype(np.float32).view(np.complex64)
+    noise = np.random.default_rng(1).standard_normal((1200 * N, 2), np.float32).view(np.complex64)
     segmenter, sink = radalt.frame_segmenter(scene), radalt.altimeter_sink(scene)
     run(Ragged(noise.ravel(), None), segmenter, sink)
     (line,) = lines(capfd.readouterr().out)

@@ -369,7 +369,7 @@ def test_phase_noise_has_its_rms_and_its_autocorrelation(rms_deg, bandwidth_hz):
 @pytest.mark.parametrize("free_running", [True, False])
 def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
     """J0(2 pi f_D t) over 12 ms of streams, whether the emitter itself runs on or starts anew with every frame."""
-    doppler_hz, frames, streams, frame_s = 60.0, 13, 400, 1e-3
+    doppler_hz, frames, streams, frame_s = 60.0, 13, 200, 1e-3
     rate_hz, count = 12e3, 12  # the channel does not care how densely it is looked at
     emitter = impaired(Wave(), fading=FadingChannel(profile="EPA", doppler_hz=doppler_hz))
     heard = np.empty((streams, frames), complex)
@@ -378,7 +378,7 @@ def test_fading_has_jakes_autocorrelation_from_frame_to_frame(free_running):
         heard[seed] = [running.samples(count, rate_hz, rng)[6] for _ in range(frames)]
     found = np.mean(heard * heard[:, :1].conj(), axis=0) / np.mean(np.abs(heard) ** 2)
     lag_s = np.arange(frames) * frame_s
-    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.12)  # 400 draws: 0.05
+    np.testing.assert_allclose(found, j0(2 * np.pi * doppler_hz * lag_s), atol=0.17)  # 200 draws: 0.07
 
 
 def test_fading_does_not_step_where_frames_meet():

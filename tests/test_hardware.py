@@ -375,9 +375,14 @@ def test_run_button_subtracts_the_stored_calibration(generated, press_run, capsy
     assert "0.000  none: 0 of 12" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_embedded"])
 @pytest.mark.parametrize(
-    ("radio", "transmit"), [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 10.0}, 1)]
+    ("name", "radio", "transmit"),
+    [
+        ("ota_b210", {}, 0),
+        ("ota_b210", {"enclosure": "none"}, 1),
+        ("ota_b210", {"attenuation_db": 10.0}, 1),
+        ("ota_embedded", {}, 0),
+    ],
 )
 def test_run_button_touches_no_radio_where_the_interlock_refuses(generated, press_run, name, radio, transmit):
     with pytest.raises(InterlockError):
@@ -440,11 +445,16 @@ def run_bare(cls, scene, tmp_path, transmit, air, monkeypatch, seconds=0.5):
     return top
 
 
-@pytest.mark.parametrize("name", ["ota_b210", "ota_embedded"])
 @pytest.mark.parametrize(
-    ("radio", "transmit"),
-    [({}, 0), ({"enclosure": "none"}, 1), ({"attenuation_db": 10.0}, 1), ({"jammer_serial": "R"}, 1)],
-    ids=["no --transmit", "no enclosure", "too little attenuation", "both sinks on one device"],
+    ("name", "radio", "transmit"),
+    [
+        ("ota_b210", {}, 0),
+        ("ota_embedded", {}, 0),
+        ("ota_b210", {"enclosure": "none"}, 1),
+        ("ota_b210", {"attenuation_db": 10.0}, 1),
+        ("ota_b210", {"jammer_serial": "R"}, 1),
+    ],
+    ids=["no --transmit", "embedded", "no enclosure", "too little attenuation", "both sinks on one device"],
 )
 def test_class_without_main_and_without_snippets_sends_zeros(
     generated, monkeypatch, tmp_path, name, radio, transmit, capfd

@@ -91,7 +91,7 @@ def test_a_scene_names_it():
 # -- its cancellation -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sir_db", [-15.0, -30.0, -45.0])
+@pytest.mark.parametrize("sir_db", [-15.0, -45.0])
 @pytest.mark.parametrize(
     "emitter",
     [
@@ -231,7 +231,7 @@ def going_on(*windows, sir_db=-40.0, seed=21):
     return (clean + 10 ** (-sir_db / 20) * jam).astype(np.complex64), clean
 
 
-@pytest.mark.parametrize("sir_db", [-15.0, -45.0, -55.0])
+@pytest.mark.parametrize("sir_db", [-15.0, -55.0])
 @pytest.mark.parametrize(
     "emitter",
     [

@@ -18,7 +18,7 @@ from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures
 from radalt.evaluation.overlap.comparison import compare, comparisons, holm
 from radalt.evaluation.overlap.points import point_seed, sweep_points
-from radalt.evaluation.overlap.pooling import PoolError, collect
+from radalt.evaluation.overlap.pooling import PoolError, collect, pool_runs, read_run
 from radalt.evaluation.overlap.pooling import Run as ComparedRun
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
@@ -236,9 +236,13 @@ def test_resume_refuses_another_model_of_the_same_name_and_other_versions(tmp_pa
 # -- report -------------------------------------------------------------------------------------------------------
 
 
-def test_the_report_says_all_that_it_has_to(tmp_path):
-    out = finished(tmp_path / "a", scene_of(), whole=True)
-    report = read_report(out)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
+
+
+def test_the_report_says_all_that_it_has_to(whole):
+    report = read_report(whole)
     assert report["schema"] == SCHEMA and report["seed"] == 1
     assert parse_scene(report["scene"]) == scene_of()
     needed = (
@@ -254,20 +258,20 @@ def test_the_report_says_all_that_it_has_to(tmp_path):
     assert {r["method"] for r in report["ceiling"]} == set(METHODS) and len(report["ceiling"]) == 2
     assert 0.01 < report["bounds"][0]["altitude_crb_m"] < 0.1  # 10 dB SNR: about 3 cm
     for name in report["figures"]:
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
-    text = (out / "report.md").read_text(encoding="utf-8")
+        assert (whole / name).read_bytes().startswith(b"\x89PNG")
+    text = (whole / "report.md").read_text(encoding="utf-8")
     for part in ("SIR \N{MINUS SIGN}28 dB", "95 % Wilson", "Cram", "left out", "m.onnx", "real-time factor"):
         assert part in text
     assert "placeholder" not in text
 
 
-def test_a_placeholder_model_is_said_in_the_report(tmp_path):
+def test_a_placeholder_model_is_said_and_names_from_a_scene_stay_text(tmp_path):
     methods = METHODS | {"tcae": METHODS["tcae"] | {"placeholder": True}}
-    text = (finished(tmp_path / "a", scene_of(), methods, whole=True) / "report.md").read_text(
-        encoding="utf-8"
-    )
-    assert "The model of tcae (m.onnx) is a placeholder" in text
-    assert "never came out" not in text
+    out = finished(tmp_path / "a", scene_of(name="<b>&case"), methods, whole=True)
+    text = (out / "report.md").read_text(encoding="utf-8")
+    assert "The model of tcae (m.onnx) is a placeholder" in text and "never came out" not in text
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<b>&case" not in page and "&lt;b&gt;&amp;case" in page
 
 
 def test_break_points_are_interpolated_and_gains_are_against_none():
@@ -308,8 +312,7 @@ def test_counts_of_independent_runs_are_added_and_the_interval_taken_anew(tmp_pa
 def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     a = finished(tmp_path / "a", scene_of(methods=("none",)), {"none": {}})
     b = finished(tmp_path / "b", scene_of(seed=2, sweep=SweepSpec(overlap=(0.25,), sir_db=(-28.0,))))
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    pooled, _ = pool_runs([read_run(a), read_run(b)])
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
 
 
@@ -317,8 +320,7 @@ def test_a_run_with_a_precision_is_added_and_compared_as_any_other(tmp_path):
     """Its points have as many trials as each needed."""
     a = finished(tmp_path / "a", scene_of())
     b = finished(tmp_path / "b", scene_of(seed=2), batches=3)
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    pooled, _ = pool_runs([read_run(a), read_run(b)])
     assert {(r["overlap"] > 0, r["trials"]) for r in pooled} == {(False, 300), (True, 600)}
     assert "0 differ beyond chance" in compare(a, b)
 
@@ -438,18 +440,12 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
     # the simulated channel says nothing about a run on the air
     noisy = dataclasses.replace(scene_of().channel, adc_bits=12)
     b = edit(finished(tmp_path / "b", scene_of(channel=noisy)), source="air")
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
+    pooled, _ = pool_runs([read_run(a), read_run(b)])
     assert len(pooled) == 24 and {r["runs"] for r in pooled} == {1}
     assert {r["series"] for r in pooled} == {"none", "tcae", "none, on the air", "tcae, on the air"}
 
 
 # -- report.html --------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("page") / "run", scene_of(), whole=True)
 
 
 def test_figures_are_there_in_three_formats(whole):
@@ -492,11 +488,6 @@ def test_page_is_whole_and_asks_for_nothing(whole):
     assert text.count("<svg") == 3 and "rate_hz: 7500000.0" in text and "radalt 0" in text
     for row in read_report(whole)["rows"]:
         assert f'<td data-value="{row["pd"]:.3f}">{row["pd"]:.3f} (' in text
-
-
-def test_names_from_a_scene_stay_text(tmp_path):
-    page = finished(tmp_path / "run", scene_of(name="<b>&case"), whole=True) / "report.html"
-    assert "<b>&case" not in page.read_text() and "&lt;b&gt;&amp;case" in page.read_text()
 
 
 def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
@@ -543,14 +534,14 @@ def test_fishers_test_is_exact():
 
 
 def test_chance_alone_is_rarely_named():
-    """400 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
+    """200 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
     rng = np.random.default_rng(1)
     chance = cache(lambda x, y: fisher_exact([[x, 60 - x], [y, 60 - y]])[1])
     named = 0
-    for _ in range(400):
+    for _ in range(200):
         tables = [rng.binomial(60, np.linspace(0.05, 0.95, 30)).tolist() for _ in range(2)]
         named += min(holm([chance(x, y) for x, y in zip(*tables, strict=True)])) <= 0.05
-    assert named / 400 <= 0.05
+    assert named / 200 <= 0.05
 
 
 def test_comparison_names_settings_points_and_the_correction(tmp_path):

@@ -229,13 +229,13 @@ def torn_indices(run: Run) -> set[int]:
     return torn
 
 
-def test_two_hundred_tagged_drops_in_ten_seconds():
+def test_a_hundred_tagged_drops_in_five_seconds():
     """Issue 2: every drop counted, lock back within 5 frames with the altitude right, no altitude from a torn frame."""
-    programme = Programme(tuple(np.geomspace(1500, 20, 10)), 1000)
-    run = play(programme, ChannelSettings(snr_db=20.0, drops=DropSettings(200, 100, 5000)), 11)
+    programme = Programme(tuple(np.geomspace(1500, 20, 10)), 500)
+    run = play(programme, ChannelSettings(snr_db=20.0, drops=DropSettings(100, 100, 5000)), 11)
     counters = run.segmenter.counters
-    assert len(run.gaps) == 200
-    assert counters["discontinuities"] == 200
+    assert len(run.gaps) == 100
+    assert counters["discontinuities"] == 100
     assert counters["lost_samples"] == sum(length for _, length in run.gaps)
     torn = torn_indices(run)
     assert counters["torn"] == len(torn)
@@ -247,7 +247,7 @@ def test_two_hundred_tagged_drops_in_ten_seconds():
         i for i in torn if 8 <= i < programme.total_frames
     }
     _, error = errors(run)
-    assert error.size >= 10_000 - len(torn)
+    assert error.size >= 5_000 - len(torn)
     assert np.abs(error).max() < 1.0 and np.sqrt(np.mean(error**2)) < 0.5
     assert counters["lock_losses"] == 0
 
