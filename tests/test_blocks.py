@@ -750,27 +750,3 @@ def test_blocks_meet_in_their_work_unless_they_take_turns():
             errors = run()
         assert all((error is None) == meet for error in errors)
     assert sys.getswitchinterval() < 1e-3
-
-
-def test_a_block_whose_work_is_that_of_another_has_its_turn():
-    """An altitude tracker is an altimeter: its turn is one, not two that wait for each other."""
-
-    class Altimeter:
-        calls, error = 0, None
-
-        @guarded
-        def work(self, input_items, output_items) -> int:
-            return 1
-
-    class Tracker(Altimeter):
-        @guarded
-        def work(self, input_items, output_items) -> int:
-            done.append(Altimeter.work(self, input_items, output_items))
-            return 1
-
-    done: list[int] = []
-    with in_turns():
-        thread = threading.Thread(target=Tracker().work, args=([], []), daemon=True)
-        thread.start()
-        thread.join(timeout=120.0)
-    assert done == [1]

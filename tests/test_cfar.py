@@ -167,41 +167,12 @@ def test_the_law_holds_on_processes_made_without_the_altimeter():
 # -- what it is made of -----------------------------------------------------------------------------------------------
 
 
-def test_cells_share_a_trial_where_noise_lasts_without_a_gap_and_not_where_it_is_in_pieces():
-    """A burst over a quarter of a half sweep leaves a quarter of the trials, two edges of an eighth each leave all."""
-    altimeter = Altimeter(W, AltimeterSettings())
-    frames = noise_frames(np.random.default_rng(11), 200)
-    edges = np.abs(np.mod(np.arange(W.samples_per_frame), 3750) - 1875) > 0.375 * 3750
-    at = np.full((200, 2), 200)
-    burst, pieces, white = (
-        altimeter.cfar.shared(altimeter.spectra(some).power, at).mean()
-        for some in (burst_of(frames, 0.25), frames * edges, frames)
-    )
-    assert burst == pytest.approx(np.log(4.0), abs=0.15)
-    assert white == pytest.approx(0.0, abs=0.05) and pieces < 0.0
-
-
-def test_how_long_noise_lasts_is_not_read_from_the_cells_of_the_return():
-    """A return 60 dB above noise, whose main lobe changes slowly as a burst does, leaves the noise's own figure."""
-    altimeter = Altimeter(W, AltimeterSettings())
-    power = altimeter.spectra(noise_frames(np.random.default_rng(12), 20)).power
-    at, lobe = np.full((20, 2), 200), np.sinc(np.arange(-16, 17) / 4.0) ** 2
-    returned = power.copy()
-    returned[..., 184:217] += 1e6 * power.mean() * lobe.astype(np.float32)
-    np.testing.assert_allclose(altimeter.cfar.shared(returned, at), altimeter.cfar.shared(power, at))
-
-
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.2])
 def test_support_is_the_share_of_the_samples_that_noise_lasts_for(share):
     rng = np.random.default_rng(1)
     samples = rng.standard_normal((2000, 500), dtype=np.float32).view(np.complex64)
     samples[:, round(share * 250) :] = 0
     assert support_of(samples, 250).mean() == pytest.approx(share, rel=0.05)
-
-
-def test_support_of_a_tone_and_of_nothing_is_whole():
-    tone = np.exp(2j * np.pi * 0.1 * np.arange(250)).astype(np.complex64)
-    np.testing.assert_array_equal(support_of(np.stack([tone, 0 * tone, np.nan * tone]), 250), 1.0)
 
 
 @pytest.mark.parametrize("group", [1, 4])
