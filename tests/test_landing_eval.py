@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import ended
+from hostile import ended, measure_here
 
 from radalt.core.receiver.altimeter import AltimeterSettings
 from radalt.core.returns.landing import LandingSpec
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine import estimate as estimates
 from radalt.evaluation.engine.options import Options
 from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.folder import SCHEMA
@@ -35,7 +34,9 @@ curve: {overlap: [0, 1.0], sinr_db: [-40, 0], trials: 6, sensitivity_trials: 0}
 
 @pytest.fixture
 def small(tmp_path, root, monkeypatch):
-    monkeypatch.setattr(estimates, "_scale", lambda sample: 1.0)  # test_engine's business, and seconds each
+    monkeypatch.setattr(
+        "radalt.evaluation.engine.estimate._scale", lambda sample: 1.0
+    )  # test_engine's business
     data = root / "flowgraphs" / "landing"
     text = SMALL + (
         f"trajectory: {{file: {data / 'approach_kord_10c.csv'}}}\n"
@@ -68,7 +69,9 @@ def test_shipped_study_states_the_defaults(root):
 
 def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
-    assert landing_command.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        measure_here(patch)
+        assert landing_command.main([str(small), "--out", str(one), "--jobs", "1"]) == 0
     assert landing_command.main([str(small), "--out", str(two), "--jobs", "2"]) == 0
     for name in TABLES:
         assert (one / name).read_bytes() == (two / name).read_bytes()
@@ -86,12 +89,12 @@ def test_a_run_writes_its_folder_and_processes_do_not_matter(small, tmp_path):
     assert len(_rows(one / "curve.csv")) == 2 * (1 + 4)
 
 
-def test_precision_samples_the_curves_and_leaves_the_approach_alone(small, tmp_path):
+def test_precision_samples_the_curves_and_leaves_the_approach_alone(small, tmp_path, measured_here):
     config = landing.load_config(small)
     study = LandingStudy(
         dataclasses.replace(config, curve=dataclasses.replace(config.curve, sinr_db=(-40.0,)))
     )
-    run(study, Options(tmp_path / "out", jobs=2, precision=0.2))
+    run(study, Options(tmp_path / "out", jobs=1, precision=0.2))
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert len(_rows(tmp_path / "out" / "approach.csv")) == 24
     rows = _rows(tmp_path / "out" / "curve.csv")
@@ -153,7 +156,7 @@ def test_break_points_are_where_pd_falls_through_nine_tenths_of_the_ceiling(root
     assert found["low_db"] < found["sir_db"] < found["high_db"]
 
 
-def test_somebody_elses_flight_works_without_code(small, tmp_path, root):
+def test_somebody_elses_flight_works_without_code(small, tmp_path, root, measured_here):
     """ADS-B state vectors over the shipped ground: GNSS altitudes, 25 ft steps, a row on the ground."""
     rows = ["time,icao24,lat,lon,velocity,heading,vertrate,onground,baroaltitude,geoaltitude"]
     for k in range(25):

@@ -211,8 +211,8 @@ def test_the_tracker_takes_the_same_frames():
 # -- the command --------------------------------------------------------------------------------------------------
 
 
-def test_command_writes_page_figure_and_rows_and_noise_breaks_where_its_density_over_the_return_says(
-    tmp_path,
+def test_command_writes_its_page_and_noise_breaks_where_its_density_over_the_return_says(
+    tmp_path, measured_here
 ):
     """One law: some 30 dB/MHz over the return at any altitude (a linear receiver: -17, -29, -44, -57 dBm/MHz)."""
     out = tmp_path / "run"
