@@ -11,7 +11,7 @@ import pytest
 from waiting import ran_python
 
 import radalt
-from radalt.core.channel.simulated import DropSettings
+from radalt.core.channel.settings import DropSettings
 from radalt.core.mitigation import METHODS
 from radalt.evaluation.overlap.points import changed, sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS

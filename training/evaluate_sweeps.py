@@ -169,7 +169,7 @@ class SweepStudy(Study):
             for what, rho in [*cases, *((e, rho) for e in emitters(SWEEPS[name]) for rho in OVERLAPS)]
         ]
 
-    def measure(self, point: SweepPoint, batch: int = 0) -> list[Row]:
+    def measure(self, point: SweepPoint) -> list[Row]:
         """Rows by SIR and method; a method leaves a case after two SIRs with Pd below 0.3."""
         waveform = SWEEPS[point.sweep]
         if point.interferer in ALONE:
@@ -318,7 +318,7 @@ def describe(rows: Sequence[Row]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = options.Parser(PROGRAM, __doc__)
-    options.add_options(parser, out=str(ROOT / "results" / "sweeps"), time_limit_s=7200.0, sampled=False)
+    options.add_options(parser, out=str(ROOT / "results" / "sweeps"), time_limit_s=7200.0)
     parser.add_argument("--sweeps", default=",".join(SWEEPS), help=f"comma-separated, of {', '.join(SWEEPS)}")
     parser.add_argument("--trials", type=options.number(int, 2, 100_000), default=30, help="frames per SIR")
     args = parser.parse_args(argv)

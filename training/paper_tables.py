@@ -136,7 +136,7 @@ class PaperTables(Study):
         frames, _, _ = impaired(config, truth, rng, overlap=point.overlap, sir_db=point.level_db)
         return frames[:, 0], truth.height_m, Chain("none", "none", settings=config.altimeter)
 
-    def measure(self, point: TablePoint, batch: int = 0) -> list[Row]:
+    def measure(self, point: TablePoint) -> list[Row]:
         """One row a method, all on the same frames."""
         frames, altitude_m, like = self._frames(point)
         rows = []
@@ -242,9 +242,7 @@ def describe(rows: Sequence[Row]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
     parser = options.Parser("paper_tables", __doc__)
-    options.add_options(
-        parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0, sampled=False
-    )
+    options.add_options(parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0)
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
     parser.add_argument("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
     parser.add_argument("--trials", type=int, default=150, help="frames per point; 0 leaves those tables out")

@@ -68,7 +68,6 @@ class CancellationStudy(Study):
             | {"cancelled", "tracked"},
         )
     }
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "cancellation.md",
         "rows.csv": "data/cancellation.csv",
@@ -87,18 +86,13 @@ class CancellationStudy(Study):
         """A point per case."""
         return [CasePoint(CASES[name].title, self.frames, case=name) for name in self.cases]
 
-    def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: CasePoint) -> list[dict[str, Any]]:
         """A row per SIR and method, on the same frames."""
         case, rows, failures = CASES[point.case], [], 0
         for sir_db in self.sirs_db:
             if failures >= 2:
                 break
-            seed = [
-                self.seed,
-                list(CASES).index(point.case),
-                round(-10 * sir_db),
-                *([batch] if batch else []),
-            ]
+            seed = [self.seed, list(CASES).index(point.case), round(-10 * sir_db)]
             frames, altitude_m = received(case, sir_db, point.frames, np.random.default_rng(seed))
             for method in _asked(self.methods, point.case):
                 cleaned, found = _cleaned(_method(method), frames, case.stream)

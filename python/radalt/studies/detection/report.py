@@ -24,6 +24,8 @@ def write_report(
     """Write ``report.md`` and ``report.json``; returns the page."""
     report = folder.head | {"run": run.as_dict()}
     tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
+    noise = [row for row in rows["null"] if row["scene"] == "none"]
+    tables["noise_worst"] = max(noise, key=lambda row: row["rate"], default=None)
     page = write_pages(folder, Path(__file__).with_name("report.md.j2"), report | tables)
     folder.write_report(report | {name: list(values) for name, values in rows.items()})
     return page

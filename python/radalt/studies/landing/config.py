@@ -22,10 +22,10 @@ from ...core.returns.landing import (
     AntennaSpec,
     GroundSpec,
     LandingSpec,
-    LinkSpec,
     TerrainSpec,
     TrajectorySpec,
 )
+from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
     MIN_HEIGHT_M,
     AircraftState,
@@ -119,7 +119,7 @@ class LandingConfig:
     terrain: TerrainSpec = TerrainSpec()
     antenna: AntennaSpec = AntennaSpec()
     ground: GroundSpec = GroundSpec()
-    link: LinkSpec = LinkSpec()
+    link: RadarLink = RadarLink()
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter(evm=TYPICAL)),)

@@ -17,7 +17,7 @@ from ...core.returns.terrain import GroundReturn
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, seconds_per_frame
 from ...evaluation.results.rows import Columns
-from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, pool, score_frames
+from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, score_frames
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 
@@ -32,7 +32,6 @@ __all__ = [
     "assumed_methods",
     "impaired",
     "point_rows",
-    "pooled_row",
     "rng_of",
     "seconds",
     "statistics",
@@ -76,11 +75,6 @@ class LandingPoint(Point):
     overlap: float = 0.0
     sinr_db: float | None = None
     assumption: str = ""
-
-    @property
-    def sampled(self) -> bool:
-        """The approach is flown once, and all assumptions meet the same frames."""
-        return self.table == "curve"
 
 
 def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
@@ -269,33 +263,6 @@ def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
     draws = np.random.default_rng(list(seed)).integers(0, errors.size, (RESAMPLES, errors.size))
     low, high = np.percentile(np.sqrt((errors**2)[draws].mean(axis=1)), [2.5, 97.5])
     return float(low), float(high)
-
-
-def pooled_row(batches: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """One method's row of a point from those of its batches: the score anew, means by what they are taken over.
-
-    Batches are independent, so the half widths of an error's interval, as mean squares, add in quadrature.
-    """
-
-    def mean(column: str, count: str, power: int = 1) -> float:
-        over = [row for row in batches if row[count]]
-        total = sum(row[count] for row in over)
-        return sum(row[count] * row[column] ** power for row in over) / total if total else float("nan")
-
-    row = dict(batches[0]) | pool(batches).row()
-    row["in_band"] = mean("in_band", "trials")
-    row["speed_bias_m_per_s"] = mean("speed_bias_m_per_s", "detections")
-    row["speed_rmse_m_per_s"] = mean("speed_rmse_m_per_s", "detections", 2) ** 0.5
-    row["diverged_frames"] = sum(batch["diverged_frames"] for batch in batches)
-    for over, count in (("detected", "detections"), ("forced", "forced")):
-        value, total = f"rmse_{over}_m", row[count]
-        for end, sign in (("low", -1), ("high", 1)):
-            name = f"rmse_{over}_{end}_m"
-            parts = [b[count] / total * (b[name] ** 2 - b[value] ** 2) for b in batches if b[count]]
-            row[name] = (
-                max(row[value] ** 2 + sign * float(np.hypot.reduce(parts)), 0.0) ** 0.5 if parts else None
-            )
-    return row
 
 
 def rng_of(config: LandingConfig, name: str, batch: int = 0) -> np.random.Generator:

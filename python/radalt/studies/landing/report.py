@@ -203,8 +203,7 @@ def _page_values(config: LandingConfig, report: Row) -> Row:
     }
     over = [r["text"] for r in report["sensitivity"] if r["over_400_m"] and r["method"] == "none"]
     more = {"config": config, "over": over, "paper_rmse_m": PAPER_RMSE_M}
-    page = {"precision": None} | report["run"]
-    return tables | more | {"run": page}
+    return tables | more | {"run": report["run"]}
 
 
 def _errors(row: Row, over: str) -> str:

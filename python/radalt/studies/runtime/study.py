@@ -34,7 +34,6 @@ _TIMED = 8  # frames of each interferer, and of none
 _TIMED_SIR_DB = -30.0
 _TRANSFORMS = 200
 _FACTS_S = 1.0  # a process with NumPy and SciPy, for the memory
-# summed where batches of a point are put together
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
 _TABLES = {
     "facts": Columns(
@@ -142,7 +141,6 @@ class RuntimeStudy(Study):
     interferers: tuple[str, ...] = tuple(INTERFERERS)
 
     tables: ClassVar[Mapping[str, Columns]] = _TABLES
-    sampled: ClassVar[bool] = True
     max_jobs: ClassVar[int | None] = 1
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "error_vs_runtime.md",
@@ -178,13 +176,13 @@ class RuntimeStudy(Study):
             ),
         )
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """See `Study`."""
         if point.table == "facts":
             return [_facts(next(c for c in self.chains if c.label == point.chain))]
         if point.table == "times":
             return list(_times(self.chains, self.interferers, point.round))
-        frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed, batch)
+        frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed)
         where = {
             "interferer": point.interferer or CLEAN,
             "sir_db": point.sir_db if point.interferer else None,
@@ -193,14 +191,6 @@ class RuntimeStudy(Study):
             where | {"chain": chain.label} | _scored(chain.results(frames, WAVEFORM)[0], truth)
             for chain in self.chains
         ]
-
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; with the sums that only this study has."""
-        rows = super().pooled(batches)
-        if len(batches) == 1:
-            return rows
-        same = zip(*batches, strict=True)
-        return [row | {k: sum(r[k] for r in of) for k in _SUMS} for row, of in zip(rows, same, strict=True)]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
         """See `report.write_report`."""

@@ -116,7 +116,7 @@ class StabilityStudy(Study):
             ),
         ]
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """See `Study`."""
         if point.table == "step_limits":
             return [checks.step_limit(point.spread)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.deramp.emitters import Emitter, Ofdm, OtherAltimeter, Pulses, Tone, interference_if
+from ...core.deramp.emitters import Emitter, Ofdm, OtherAltimeter, Pulses, Qpsk, Tone, interference_if
 from ...core.deramp.front_end import EnvelopeGain
 from ...core.deramp.if_waveform import IfWaveform, white_noise
 from ...core.deramp.profile import Profile
@@ -35,6 +35,10 @@ def _tone(profile: Profile, rng: np.random.Generator) -> Emitter:
 
 def _nr(profile: Profile, rng: np.random.Generator) -> Emitter:
     return Ofdm(0.07 * profile.bandwidth_hz, seed=int(rng.integers(1 << 31)))
+
+
+def _qpsk(profile: Profile, rng: np.random.Generator) -> Emitter:
+    return Qpsk(0.08 * profile.bandwidth_hz, seed=int(rng.integers(1 << 31)))
 
 
 def _other(profile: Profile, rng: np.random.Generator) -> Emitter:
@@ -135,6 +139,7 @@ INTERFERERS = {
     "white_noise": Interferer("white noise"),
     "tone": Interferer("tone", _tone, constant_envelope=True, bandwidth_hz=1.0),
     "nr10": Interferer("10 MHz NR", _nr, bandwidth_hz=9.36e6, floor_dbc_per_hz=_LEAKAGE_DBC_PER_HZ),
+    "qpsk": Interferer("QPSK, 1 MHz", _qpsk, bandwidth_hz=1e6),
     "altimeter": Interferer("another altimeter", _other, constant_envelope=True, bandwidth_hz=1.0),
     "equal_locked": Interferer("equal sweep, locked", _locked, constant_envelope=True, bandwidth_hz=1.0),
     "equal_drifting": Interferer(
