@@ -426,7 +426,8 @@ def test_simulated_and_real_runs_stand_beside_each_other_unmixed(tmp_path):
     # the simulated channel says nothing about a run on the air
     noisy = dataclasses.replace(scene_of().channel, adc_bits=12)
     b = edit(finished(tmp_path / "b", scene_of(channel=noisy)), source="air")
-    pooled, _ = pool_runs([read_run(a), read_run(b)])
+    collect([a, b], tmp_path / "all")
+    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
     assert len(pooled) == 24 and {r["runs"] for r in pooled} == {1}
     assert {r["series"] for r in pooled} == {"none", "tcae", "none, on the air", "tcae, on the air"}
 
