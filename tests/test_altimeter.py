@@ -261,10 +261,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
     ("settings", "said"),
     [
         ({"max_altitude_m": -1.0}, "altimeter.max_altitude_m -1 has to be above min_altitude_m 0"),
-        (
-            {"strategy": "median"},
-            "altimeter.strategy is 'median'; allowed: strongest, leading_edge, centroid",
-        ),
+        ({"strategy": "median"}, "strategy is 'median'; allowed: strongest, leading_edge, centroid"),
         ({"window": "kaiser"}, "altimeter.window is 'kaiser'; allowed"),
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),

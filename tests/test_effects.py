@@ -123,10 +123,7 @@ def test_the_shipped_scene_with_every_effect_plays_at_its_sir():
         ({"amplifier": {"gain": 1}}, "unknown key 'interference.nr.amplifier.gain'"),
         ({"phase_noise": {"rms_deg": 61.0}}, "phase_noise.rms_deg is 61; it has to be within 0..60"),
         ({"phase_noise": {"bandwidth_hz": 0.0}}, "phase_noise.bandwidth_hz is 0;"),
-        (
-            {"oscillator": {"clock_ppm": 101.0}},
-            "oscillator.clock_ppm is 101; it has to be within -100..100",
-        ),
+        ({"oscillator": {"clock_ppm": 101.0}}, "clock_ppm is 101; it has to be within -100..100"),
         ({"oscillator": {"carrier_offset_hz": 2e5}}, "oscillator.carrier_offset_hz is 200000;"),
         ({"fading": {"profile": "TDL-Z"}}, "fading.profile 'TDL-Z' is unknown"),
         ({"fading": {}, "multipath": {}}, "multipath and fading; give one"),

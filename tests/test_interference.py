@@ -191,10 +191,7 @@ def test_random_tones_stay_in_their_span():
         (lambda: QpskEmitter(pulse="gauss"), "qpsk.pulse is 'gauss'; allowed: rectangular, rrc"),
         (lambda: QpskEmitter(rolloff=1.1), "qpsk.rolloff is 1.1"),
         (lambda: ToneEmitter(0), "tones.count is 0"),
-        (
-            lambda: QpskEmitter(bandwidth_hz=9e6).samples(10, RATE_HZ, rng()),
-            "does not fit the rate of 7.5e\\+06",
-        ),
+        (lambda: QpskEmitter(bandwidth_hz=9e6).samples(10, RATE_HZ, rng()), "does not fit the rate of 7.5e"),
         (lambda: ToneEmitter(frequencies_hz=(4e6,)).samples(10, RATE_HZ, rng()), "leave \\+/- 3.75e\\+06 Hz"),
     ],
 )

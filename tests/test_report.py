@@ -129,36 +129,6 @@ def test_rows_survive_the_disk_digit_by_digit(tmp_path):
     assert again.done == {"a": rows[:2], "b": rows[2:4]} and again.rejected == []
 
 
-def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
-    rows = rows_of(scene_of())
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", rows[:2])
-    keep = (tmp_path / "points.jsonl").read_bytes()
-    folder.add("b", rows[2:4])
-    folder.close()
-    text = (tmp_path / "points.jsonl").read_bytes()
-    for cut in range(len(keep), len(text), 7):
-        (tmp_path / "points.jsonl").write_bytes(text[:cut])
-        again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-        again.close()
-        assert set(again.done) == {"a"}
-        assert (tmp_path / "points.jsonl").read_bytes() == keep
-
-
-@pytest.mark.parametrize(
-    "change", [('"pd": 1.0', '"pd": 7.0'), ('"trials": 150', '"trials": -5'), ('"a"', '"b"')]
-)
-def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
-    folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", rows_of(scene_of())[:2])
-    folder.close()
-    journal = tmp_path / "points.jsonl"
-    assert change[0] in journal.read_text(encoding="utf-8")
-    journal.write_text(journal.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
-    again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {} and again.rejected == [f"{journal}:1"]
-
-
 def test_rows_of_another_seed_do_not_hold(tmp_path):
     """Somebody copied the journal: same points, same columns, whole lines."""
     for name, seed in (("a", 1), ("b", 2)):

@@ -192,10 +192,7 @@ def test_bounds_are_the_inverse_of_the_numerical_fisher_information():
         ({"bandwidth_hz": -1.0}, "waveform.bandwidth_hz is -1.0"),
         ({"rate_hz": float("nan")}, "waveform.rate_hz is nan"),
         ({"bandwidth_hz": 8e6}, "waveform.bandwidth_hz 8e\\+06 exceeds the complex rate 7.5e\\+06"),
-        (
-            {"sweep_s": 1.00003e-3},
-            "7500.23 samples; it has to be a whole even number .*: try sweep_s = 0.001",
-        ),
+        ({"sweep_s": 1.00003e-3}, "7500.23 samples; .* a whole even number .*: try sweep_s = 0.001"),
         ({"sweep_s": 1e-6}, "has to be a whole even number of at least 16"),
     ],
 )
