@@ -4,12 +4,11 @@ import csv
 import importlib.util
 import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import yaml
+from waiting import ran_python
 
 from radalt.core.receiver.altimeter import Reason
 from radalt.core.returns.point import point_return
@@ -47,10 +46,7 @@ def test_every_key_of_every_shipped_scene_is_in_the_reference(root, reference):
 def test_the_first_flowgraph_measures_more_with_whitening_than_without(root):
     """QPSK at -28 dB over half the sweep: no mitigation loses frames, whitening next to none."""
     env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = subprocess.run(
-        [sys.executable, str(root / "examples/first_flowgraph.py")],
-        env=env, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = ran_python(root / "examples/first_flowgraph.py", env=env)
     assert done.returncode == 0, done.stderr
     pattern = r"^(\w+) +(\d+) frames, declared (\d+), within 5 m (\d+)$"
     rows = {
@@ -69,10 +65,7 @@ def test_own_samples_are_measured_from_the_altitude_of_the_first_sweeps(root, tm
     samples += 0.3 * rng.normal(size=(samples.size, 2)).view(complex).ravel()
     samples.astype(np.complex64).tofile(tmp_path / "samples.cf32")
     env = os.environ | {"PYTHONPATH": str(root / "python"), "GR_CONF_LOG_LOG_LEVEL": "warn"}
-    done = subprocess.run(
-        [sys.executable, str(root / "examples/own_samples.py"), str(tmp_path / "samples.cf32"), "500"],
-        env=env, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    done = ran_python(root / "examples/own_samples.py", tmp_path / "samples.cf32", "500", env=env)
     assert done.returncode == 0, done.stderr
     count, first, last = re.search(r"(\d+) altitudes from ([\d.]+) m to ([\d.]+) m", done.stdout).groups()
     assert int(count) > 100 and abs(float(first) - 500) < 5 and abs(float(last) - 620) < 5

@@ -109,13 +109,6 @@ def test_phase_and_timing_after_1e11_samples():
     assert [r["check"] for r in rows if r["verdict"] == "FAIL"] == []
 
 
-@pytest.mark.parametrize("method", ["none", "whitening", "nlms"])
-def test_batches_of_any_size_give_the_same_altitudes(method):
-    whole = checks.altitudes_of(method)
-    np.testing.assert_array_equal(checks.altitudes_of(method, (1,)), whole)
-    np.testing.assert_array_equal(checks.altitudes_of(method, (5, 1, 3)), whole)
-
-
 def test_other_processes_give_the_same_silenced_frames(monkeypatch):
     """Silenced frames have no altitude: |NaN - NaN| once made the row fail, without a value."""
     whole = np.array([100.0, np.nan, 300.0])
@@ -127,12 +120,6 @@ def test_other_processes_give_the_same_silenced_frames(monkeypatch):
     assert set(rows.values()) == {"pass"}
     given["1"] = (np.array([100.0, 200.0, 300.0]), "")
     assert [r["verdict"] for r in checks.determinism_rows("none")][2] == "FAIL"
-
-
-def test_a_process_that_fails_is_a_row_that_says_why(monkeypatch):
-    assert checks._altitudes_in_process("none", "1")[0].size == 12
-    other, said = checks._altitudes_in_process("no such method", "1")
-    assert other.size == 0 and "unknown mitigation method" in said
 
 
 def test_broken_frames_in_a_running_flowgraph():
@@ -202,7 +189,7 @@ def test_report_names_what_did_not_pass_and_counts_the_rest(case, tmp_path):
 
 
 @pytest.mark.timeout(300)
-def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path):
+def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path, measured_here):
     study = StabilityStudy(compared_chains(["none"]), ("numbers",), ("none",))
     points = study.points()
     assert len({p.name for p in points}) == len(points)
@@ -215,7 +202,7 @@ def test_a_stopped_study_goes_on_and_no_case_is_judged_twice(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         run(study, Options(tmp_path, jobs=1), progress)
-    page = run(study, Options(tmp_path, jobs=2, resume=True), progress)
+    page = run(study, Options(tmp_path, jobs=1, resume=True), progress)
     assert judged == list(range(1, len(points) + 1))
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert [line.split(",")[1] for line in lines[1:3]] == ["all zeros", "a constant"]

@@ -79,6 +79,7 @@ def draw(path: Path, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    path.parent.mkdir(parents=True, exist_ok=True)  # first: drawing takes seconds
     figure, axes = plt.subplots(4, 3, figsize=(8.0, 8.6), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
         with tempfile.TemporaryDirectory() as folder:
@@ -105,7 +106,6 @@ def draw(path: Path, seed: int) -> None:
         f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
         fontsize=11,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130)
 
 

@@ -96,10 +96,12 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     """The top block of the simulated live view, with the controls where the command line wants them."""
     from PyQt5 import Qt
 
+    from radalt.core.scene import load_scene
     from radalt.evaluation.flowgraph.generate import Prepared, generate
     from radalt.evaluation.flowgraph.rewrite import load_grc, simulate
     from radalt.evaluation.flowgraph.run import load_class
 
+    load_scene(args.scene)  # a wrong one is refused before seconds of generating
     data = simulate(load_grc(FLOWGRAPHS / "ota_live.grc"), "ota_live_sim")
     start = {"sir_db": args.sir_db, "overlap": args.overlap, "method": args.method}
     for step in SHOWS[args.show]:  # the controls show what they start with: here what they end with
