@@ -1,10 +1,10 @@
-"""The tables of the paper and of its predecessor, with the networks that are there.
+"""The tables of the paper and of its predecessor, with the networks of a folder.
 
     PYTHONPATH=python .venv/bin/python training/paper_tables.py
     PYTHONPATH=python .venv/bin/python training/paper_tables.py --models FOLDER --networks fc,cnn,paper
 
 RMSE over SINR and overlap with LMS beside it, Pd over overlap, peak-to-sidelobe ratio and range error over SIR, false
-altitudes on the landing. Runs in the runtime environment, without PyTorch. A killed run goes on with --resume.
+altitudes on the landing. Runs in the runtime environment, without PyTorch. --resume completes a stopped run.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from evaluate import FIRST_DRAW, NETWORKS, SEED, SNR_DB, Scenes, chain_of, emitt
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.waveform import Waveform
 from radalt.evaluation.engine import command, options
-from radalt.evaluation.engine.study import Point, Run, Study
-from radalt.evaluation.results.chain import Chain, chains_with, model_files, seconds_per_frame
+from radalt.evaluation.engine.chain_study import ChainStudy
+from radalt.evaluation.engine.study import Point, Run
+from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import RunFolder
 from radalt.evaluation.results.page import render
 from radalt.evaluation.results.proportion import clopper_pearson_bound
@@ -39,8 +40,8 @@ BESIDE = ("none", "lms", "lms_reference_input")
 SINRS_DB = (0.0, -5.0, -10.0, -15.0)
 OVERLAPS = (0.25, 0.5, 0.75, 1.0)
 SIRS_DB = (0.0, -5.0, -10.0, -15.0, -20.0)
-LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # of tones and QPSK together, each at -20 dB
-# What the authors state: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
+LANDING_SIR_DB = -20.0 - 10.0 * float(np.log10(2.0))  # tones and QPSK together, each at -20 dB
+# Statements of the authors: "over 400 m" without mitigation, "more than 85%" less than LMS (arXiv:2505.22783, abstract)
 STATED = {(-15.0, 1.0): "none above 400, TCAE more than 85 % below LMS"}
 Row = dict[str, Any]
 COLUMNS = Columns(
@@ -67,7 +68,7 @@ def _scenes(trials: int) -> Scenes:
 
 
 @dataclass(frozen=True)
-class PaperTables(Study):
+class PaperTables(ChainStudy):
     """``trials`` frames per point, ``landing_frames`` of the approach; either may be 0."""
 
     chains: tuple[Chain, ...]
@@ -76,11 +77,6 @@ class PaperTables(Study):
 
     tables: ClassVar[Mapping[str, Columns]] = {"rows": COLUMNS}
     published: ClassVar[Mapping[str, str]] = {"rows.csv": "data/paper_tables.csv"}
-
-    @property
-    def needs_network(self) -> bool:
-        """See `Study`."""
-        return bool(self.files())
 
     def check(self) -> None:
         """See `Study`; raises `MitigationError` where a model does not fit."""
@@ -117,7 +113,7 @@ class PaperTables(Study):
         return (swept if n else []) + (landing if flown else [])
 
     def _frames(self, point: TablePoint) -> tuple[np.ndarray, np.ndarray, Chain]:
-        """(n, N) frames, (n,) altitudes in metres, and the chain whose altimeter reads them."""
+        """(n, N) frames, (n,) altitudes in metres, and a chain with the altimeter for them."""
         if point.part != "landing":
             scenes = _scenes(self.trials)
             noise = 10.0 ** (-SNR_DB / 10.0) if point.part == "sinr" else 0.0
@@ -137,7 +133,7 @@ class PaperTables(Study):
         return frames[:, 0], truth.height_m, Chain("none", "none", settings=config.altimeter)
 
     def measure(self, point: TablePoint, batch: int = 0) -> list[Row]:
-        """One row a method, all on the same frames."""
+        """A row per method, all on the same frames."""
         frames, altitude_m, like = self._frames(point)
         rows = []
         for chain in self.chains:
@@ -166,18 +162,7 @@ class PaperTables(Study):
 
     def seconds(self, point: TablePoint) -> float:
         """See `Study`."""
-        waveform = Waveform()
-        return point.frames * sum(
-            seconds_per_frame(c.method, waveform, c.settings, c.options) for c in self.chains
-        )
-
-    def files(self) -> dict[str, Path]:
-        """The networks."""
-        return model_files(self.chains)
-
-    def with_files(self, files: Mapping[str, Path]) -> PaperTables:
-        """See `Study`."""
-        return replace(self, chains=chains_with(self.chains, files))
+        return point.frames * self.seconds_per_frame()
 
 
 def _about(model: Path) -> str:
@@ -240,7 +225,7 @@ def describe(rows: Sequence[Row]) -> str:
 
 @options.command("paper_tables")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about what does not fit, 130 when interrupted."""
+    """Run the study; returns 0, 2 after one line about an error, 130 when interrupted."""
     parser = options.Parser("paper_tables", __doc__)
     options.add_options(
         parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0, sampled=False
