@@ -48,7 +48,6 @@ def test_more_batches_are_other_frames_and_their_counts_add():
     (both,) = study.pooled(batches)
     for name in ("trials", "correct", "detections", "correct_even", "correct_odd", "squared_correct_m2"):
         assert both[name] == pytest.approx(sum(b[0][name] for b in batches))
-    assert study.pooled(batches[:1]) == batches[0]
 
 
 def test_times_are_of_method_and_altimeter_together():

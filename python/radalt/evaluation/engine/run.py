@@ -161,7 +161,7 @@ def _run(study: Study, points: list[Point], watch: _Watch, begin: float) -> Path
     for point in points:
         count = 1 if options.precision is None else more[point.name]
         batches = [folder.done[point.name, b] for b in range(count)]
-        for row in study.pooled(batches):
+        for row in study.pooled(batches) if count > 1 else batches[0]:
             rows[study.table_of(point, row)].append(kept_row(study, point, row))
     for name, table in rows.items():
         if table:

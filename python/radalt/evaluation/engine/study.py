@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +80,8 @@ class Study:
     published: ClassVar[Mapping[str, str]] = {}
 
     def check(self) -> None:
-        """Check all settings before the run; raises an expected error, one line."""
+        """Check all settings before the run; raises an expected error, one line. By default `head` finds it."""
+        self.head()
 
     def head(self) -> dict[str, Any]:
         """Everything on which a row depends, versions and hashes included, as JSON."""
@@ -102,14 +104,17 @@ class Study:
         return point.table
 
     def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """Pooled rows of a point's batches: sums of counts, new intervals, other values of the first batch."""
-        if len(batches) == 1:
-            return list(batches[0])
+        """Pooled rows of two or more batches of a point: sums of counts, new intervals, the rest of the first batch."""
         return [dict(same[0]) | pool(same).row() for same in zip(*batches, strict=True)]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:
-        """Write the report of all rows by table; returns the path of its page."""
-        raise NotImplementedError
+        """Write the report of all rows by table; returns the path of its page.
+
+        By default ``write_report(folder, study, rows, run)`` of the module ``report`` beside the study's.
+        """
+        room = type(self).__module__.rpartition(".")[0]
+        page: Path = importlib.import_module(".report", room).write_report(folder, self, rows, run)
+        return page
 
     def seconds(self, point: Point) -> float:
         """Approximate CPU seconds of one batch of a point, for the estimate before the run."""

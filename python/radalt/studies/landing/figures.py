@@ -18,9 +18,9 @@ from .points import approach_frames, impaired, rng_of
 
 __all__ = ["condition", "curve_of", "draw_figures"]
 
-IMAGE_FRAMES = 300
-_DPI, _ACROSS = 130, 4
-FEWEST_DETECTIONS = 5
+IMAGE_FRAMES = 300  # columns of the range-time image, about one per pixel
+_DPI, _ACROSS = 130, 4  # resolution of all figures; conditions side by side in the first
+FEWEST_DETECTIONS = 5  # below, the error over detections is not drawn: it would be chance
 
 
 def condition(row: dict[str, Any]) -> str:
@@ -29,7 +29,7 @@ def condition(row: dict[str, Any]) -> str:
 
 
 def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> list[dict[str, Any]]:
-    """One curve of figure 2, by rising SINR asked for (what a point got is limited by its SNR)."""
+    """One curve of figure 2, by rising nominal SINR (that of a point is limited by its SNR)."""
     wanted = [r for r in rows if (r["overlap"], r["method"]) == (overlap, method)]
     return sorted((r for r in wanted if r["asked_sinr_db"] is not None), key=lambda r: r["asked_sinr_db"])
 
@@ -37,7 +37,7 @@ def curve_of(rows: Sequence[dict[str, Any]], overlap: float, method: str) -> lis
 def draw_figures(
     config: LandingConfig, rows: Mapping[str, Sequence[dict[str, Any]]], folder: Path
 ) -> list[str]:
-    """Draw what the tables have material for; returns the file names, in report order."""
+    """Draw the figures of the tables that have rows; returns the file names, in report order."""
     names = []
     if rows["approach"]:
         names.append(_approach(config, rows["approach"], folder))
@@ -48,7 +48,7 @@ def draw_figures(
 
 
 def _approach(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Altitude over time and below it the error, per condition; at most four conditions side by side."""
+    """Altitude and error over time, per condition."""
     labels = list(dict.fromkeys(condition(r) for r in rows))
     across = min(len(labels), _ACROSS)
     down = -(-len(labels) // across)
@@ -147,7 +147,7 @@ def _range_time(config: LandingConfig, folder: Path) -> str:
 
 
 def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], folder: Path) -> str:
-    """Error over all frames, error over detections and Pd against SINR, a column an overlap."""
+    """Error over all frames, error over detections and Pd against SINR, a column per overlap."""
     overlaps = config.curve.overlap
     figure = new_figure(3.2 * len(overlaps) + 1, 9, dpi=_DPI)
     axes = figure.subplots(3, len(overlaps), sharex=True, sharey="row", squeeze=False)
@@ -165,7 +165,7 @@ def _error_against_sinr(config: LandingConfig, rows: Sequence[dict[str, Any]], f
                 axis.axhspan(ceiling[low], ceiling[high], color="#999999", alpha=0.25)
             for method in config.methods:
                 mine = curve_of(rows, overlap, method)
-                if value == "rmse_detected_m":  # the error of a handful of detections says nothing
+                if value == "rmse_detected_m":
                     mine = [r for r in mine if r["detections"] >= FEWEST_DETECTIONS]
                 x = [r["asked_sinr_db"] for r in mine]
                 y, bottom, top = (

@@ -1,4 +1,4 @@
-"""The figure of the error-against-run-time report: numbered points, and beside them what the numbers stand for."""
+"""Figure of the error-against-run-time report: numbered points, and a key of the numbers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from ...evaluation.results.figure import new_figure, save_figure
 
 __all__ = ["draw", "pareto", "place_labels"]
 
-REAL_TIME_MS = 1.0  # a frame lasts so long
-_FRONT, _REST = "#0072B2", "#777777"
-_LABEL_PT = 6.5
-_DIRECTIONS = np.exp(2j * np.pi * np.arange(16) / 16 + 0.4j)  # of a label from its point; none is along a bar
+REAL_TIME_MS = 1.0  # duration of a frame
+_FRONT, _REST = "#0072B2", "#777777"  # chains on the Pareto front, and all others
+_LABEL_PT = 6.5  # font size of the numbers
+_ANGLES = 2.0 * np.pi * np.arange(16) / 16 + 0.4  # from a point to its label; none along a bar
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
 def draw(report: dict[str, Any], path: Path) -> None:
@@ -25,7 +26,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
     Parameters
     ----------
     report : dict
-        Of `report.write_report`.
+        As of `report.summarise`.
     path : Path
         PNG file.
     """
@@ -60,7 +61,7 @@ def draw(report: dict[str, Any], path: Path) -> None:
 
 
 def pareto(points: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Labels on the front of (cost, loss), both smaller is better, in the order of cost."""
+    """Labels on the Pareto front of (cost, loss), smaller is better, in the order of cost."""
     front, best = [], float("inf")
     for label, (_, loss) in sorted(points.items(), key=lambda item: item[1]):
         if loss < best:
@@ -115,7 +116,7 @@ def _size(summary: dict[str, Any]) -> float:
 def _number(
     axis: Any, summary: Sequence[dict[str, Any]], values: dict[str, float | None], dpi: float
 ) -> None:
-    """Each point's number beside it, with a line to it where it had to step aside."""
+    """The number of each point beside it, with a line to the point."""
     numbered = [(k, s) for k, s in enumerate(summary, 1) if values[s["chain"]] is not None]
     at = axis.transData.transform([_at(s, values[s["chain"]]) for _, s in numbered])
     ends = axis.transData.transform([(s["times"][1]["ms_p99"], values[s["chain"]]) for _, s in numbered])
@@ -151,11 +152,11 @@ def place_labels(
     at : (n, 2) array
         Points, in pixels.
     avoid : (m, 2) array
-        Other places that no label may cover.
+        Further places that no label may cover, in pixels.
     size : (width, height)
-        Of a label, in pixels.
+        Size of a label, in pixels.
     inside : (left, bottom, right, top)
-        Where labels may lie.
+        Area for labels, in pixels.
 
     Returns
     -------
@@ -163,30 +164,27 @@ def place_labels(
         A label that finds no free place within 40 rings lies on its point.
     """
     size_xy, inside = np.asarray(size, dtype=float), np.asarray(inside, dtype=float)
-    placed: list[np.ndarray] = []
+    steps = 0.55 * np.arange(2, 42)[:, None, None] * size_xy[1] * _DIRECTIONS
+    placed = np.empty((0, 2))
     out = at.astype(float).copy()
     for k, own in enumerate(at):
-        for ring in range(2, 42):
-            steps = 0.55 * ring * size_xy[1] * np.stack([_DIRECTIONS.real, _DIRECTIONS.imag], axis=1)
-            for centre in own + steps:
-                fits = (centre - size_xy / 2 >= inside[:2]).all() and (
-                    centre + size_xy / 2 <= inside[2:]
-                ).all()
-                free = not any((np.abs(centre - other) < size_xy).all() for other in placed)
-                free = free and not (np.abs(at - centre) < 0.75 * size_xy).all(axis=1).any()
-                free = free and not (np.abs(avoid - centre) < 0.5 * size_xy).all(axis=1).any()
-                if fits and free:
-                    out[k] = centre
-                    placed.append(centre)
-                    break
-            else:
-                continue
-            break
+        centres = (own + steps).reshape(-1, 2)  # ring by ring
+
+        def free(places: np.ndarray, share: float, centres: np.ndarray = centres) -> np.ndarray:
+            return ~(np.abs(centres[:, None] - places) < share * size_xy).all(axis=2).any(axis=1)
+
+        fits = (centres - size_xy / 2 >= inside[:2]).all(axis=1) & (centres + size_xy / 2 <= inside[2:]).all(
+            axis=1
+        )
+        good = np.flatnonzero(fits & free(placed, 1.0) & free(at, 0.75) & free(avoid, 0.5))
+        if good.size:
+            out[k] = centres[good[0]]
+            placed = np.vstack([placed, out[k]])
     return out
 
 
 def _key(axis: Any, summary: Sequence[dict[str, Any]], fronts: set[str]) -> None:
-    """The table of numbers; what is on a front is in its colour."""
+    """The key of the numbers, chains on a front in its colour."""
     axis.set_axis_off()
     axis.set_xlim(0.0, 1.0)
     axis.set_ylim(len(summary) + 0.5, 0.5)
@@ -198,6 +196,6 @@ def _key(axis: Any, summary: Sequence[dict[str, Any]], fronts: set[str]) -> None
 
 
 def _name(label: str) -> str:
-    """A network by its file's name alone."""
+    """A network's chain by its file name; other chains by their label."""
     short = label.replace("lms_reference_input", "lms, ref. as input")
     return short.removeprefix("tcae ") + ".onnx" if short.startswith("tcae ") else short
