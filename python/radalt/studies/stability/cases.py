@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from ...core.deramp.front_end import Amplifier
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter, interference_frames
 from ...core.interference.evm import TYPICAL
 from ...core.receiver.altimeter import AltimeterSettings
@@ -248,10 +249,44 @@ def _numbers() -> Iterator[tuple[str, np.ndarray, np.ndarray, bool]]:
     yield "DC 40 dB above the return", good + np.complex64(100.0), truth, False
 
 
+def front_end_cases() -> Iterator[Case]:
+    """An amplifier deep in compression, and blockers beside the band whose third-order product is a line in the IF."""
+    amplifier = Amplifier(p1db_dbm=-20.0, iip3_dbm=-8.0)  # of the profile fmcw_150mhz
+    return_dbm, n = -80.0, _FRAMES
+
+    def amplified(frames: np.ndarray) -> np.ndarray:
+        """Frames over the return's amplitude, before and behind the amplifier."""
+        scaled = frames * 10.0 ** (return_dbm / 20.0)
+        return scaled * amplifier.gain(np.abs(scaled)) * 10.0 ** (-return_dbm / 20.0)
+
+    qpsk = QpskEmitter(pulse="rrc", evm=TYPICAL)
+    for what, emitter, above_db in (
+        ("a tone", ToneEmitter(1), 0.0),
+        ("a tone", ToneEmitter(1), 40.0),
+        ("QPSK", qpsk, 40.0),
+    ):
+        name = f"{what} {above_db:g} dB above compression, return 60 dB below it"
+        frames, truth = _interfered(name, [Interferer(emitter, -60.0 - above_db)])
+        yield _case("front_end", name, amplified(frames), truth, noise_limited=True)
+    # sweeps of two other altimeters, 10 and 20 MHz above the band; 2 f1 - f2 and 2 tau1 - tau2 make a return of 800 m
+    w = Waveform(rate_hz=60e6)
+    t = np.arange(w.samples_per_frame) / w.rate_hz
+    delayed = point_return(w, np.array([900.0, 1000.0])) * np.exp(2j * np.pi * np.outer([10e6, 20e6], t))
+    for blocker_dbm in (-40.0, -34.0):
+        product_db = 3.0 * blocker_dbm + 16.0 - return_dbm
+        name = f"two blockers at {blocker_dbm:g} dBm, product {product_db:g} dB from the return"
+        rng = _rng(name)
+        truth = rng.uniform(20.0, 700.0, n)
+        blockers = delayed.sum(axis=0) * 10.0 ** ((blocker_dbm - return_dbm) / 20.0)
+        frames = amplified(noisy(point_return(w, truth), 10.0, rng) + blockers)
+        yield _case("front_end", name, frames, truth, waveform=w, detects=True, noise_limited=True)
+
+
 # in the order of the report
 GROUPS: dict[str, Callable[[], Iterator[Case]]] = {
     "stiff": stiff_cases,
     "scene": scene_cases,
     "waveform": waveform_cases,
     "numbers": number_cases,
+    "front_end": front_end_cases,
 }

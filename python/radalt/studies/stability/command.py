@@ -25,7 +25,7 @@ METHODS = (
     "none,whitening,linear_prediction,blanking,nlms_predictor,nlms,"
     "lms_reference_input,lms,ofdm_cancel,qpsk_cancel,tcae,hybrid"
 )
-GROUPS = "stiff,scene,waveform,numbers"
+GROUPS = "stiff,scene,waveform,numbers,front_end"
 
 
 def _arguments(parser: Parser) -> None:

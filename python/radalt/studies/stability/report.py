@@ -22,6 +22,7 @@ _GROUPS = {
     "scene": "extreme scenes",
     "waveform": "other sweeps",
     "numbers": "number range and converters",
+    "front_end": "compression and intermodulation",
 }
 _COLOURS = {
     "pass": "#009E73",
