@@ -87,15 +87,21 @@ def _altitudes(rng: np.random.Generator, count: int = _FRAMES) -> np.ndarray:
     return rng.uniform(20.0, 1450.0, count)
 
 
-def _interfered(
-    name: str, interferer: Interferer, snr_db: float | None = 10.0, count: int = _FRAMES, **judged: object
-) -> Case:
-    """Point returns with one interferer."""
+def _jammed(
+    name: str, interferer: Interferer, snr_db: float | None = 10.0, count: int = _FRAMES
+) -> tuple[np.ndarray, np.ndarray]:
+    """(count, N) complex128 frames of point returns with one interferer, and their altitudes."""
     rng, w = _rng(name), Waveform()
     truth = _altitudes(rng, count)
     frames = noisy(point_return(w, truth), snr_db, rng)
-    total = interference_frames([interferer], count, w.samples_per_frame, w.rate_hz, rng)
-    return Case(name, (frames + total).astype(np.complex64), truth, **judged)
+    return frames + interference_frames([interferer], count, w.samples_per_frame, w.rate_hz, rng), truth
+
+
+def _interfered(
+    name: str, interferer: Interferer, snr_db: float | None = 10.0, count: int = _FRAMES, **judged: object
+) -> Case:
+    frames, truth = _jammed(name, interferer, snr_db, count)
+    return Case(name, frames.astype(np.complex64), truth, **judged)
 
 
 def stiff_cases() -> Iterator[Case]:
@@ -252,12 +258,13 @@ def _numbers() -> Iterator[tuple[str, np.ndarray, np.ndarray, bool]]:
 def front_end_cases() -> Iterator[Case]:
     """An amplifier deep in compression, and blockers beside the band whose third-order product is a line in the IF."""
     amplifier = Amplifier(p1db_dbm=-20.0, iip3_dbm=-8.0)  # of the profile fmcw_150mhz
-    return_dbm, n = -80.0, _FRAMES
+    return_dbm = -80.0
 
     def amplified(frames: np.ndarray) -> np.ndarray:
-        """Frames over the return's amplitude, before and behind the amplifier."""
+        """Frames behind the amplifier; before and behind it in units of the return's amplitude."""
         scaled = frames * 10.0 ** (return_dbm / 20.0)
-        return scaled * amplifier.gain(np.abs(scaled)) * 10.0 ** (-return_dbm / 20.0)
+        behind = scaled * amplifier.gain(np.abs(scaled)) * 10.0 ** (-return_dbm / 20.0)
+        return behind.astype(np.complex64)
 
     qpsk = QpskEmitter(pulse="rrc", evm=TYPICAL)
     for what, emitter, above_db in (
@@ -266,8 +273,8 @@ def front_end_cases() -> Iterator[Case]:
         ("QPSK", qpsk, 40.0),
     ):
         name = f"{what} {above_db:g} dB above compression, return 60 dB below it"
-        frames, truth = _interfered(name, [Interferer(emitter, -60.0 - above_db)])
-        yield _case("front_end", name, amplified(frames), truth, noise_limited=True)
+        frames, truth = _jammed(name, Interferer(emitter, -60.0 - above_db))
+        yield Case(name, amplified(frames), truth)
     # sweeps of two other altimeters, 10 and 20 MHz above the band; 2 f1 - f2 and 2 tau1 - tau2 make a return of 800 m
     w = Waveform(rate_hz=60e6)
     t = np.arange(w.samples_per_frame) / w.rate_hz
@@ -276,10 +283,10 @@ def front_end_cases() -> Iterator[Case]:
         product_db = 3.0 * blocker_dbm + 16.0 - return_dbm
         name = f"two blockers at {blocker_dbm:g} dBm, product {product_db:g} dB from the return"
         rng = _rng(name)
-        truth = rng.uniform(20.0, 700.0, n)
+        truth = rng.uniform(20.0, 700.0, _FRAMES)
         blockers = delayed.sum(axis=0) * 10.0 ** ((blocker_dbm - return_dbm) / 20.0)
         frames = amplified(noisy(point_return(w, truth), 10.0, rng) + blockers)
-        yield _case("front_end", name, frames, truth, waveform=w, detects=True, noise_limited=True)
+        yield Case(name, frames, truth, waveform=w, detects=True)
 
 
 # in the order of the report
