@@ -31,7 +31,7 @@ def parts_of(settings: TrackerSettings = TrackerSettings()) -> SimpleNamespace: 
     gate = Gate(tables, settings.gate_pfa)
     integrity = Integrity(gate, settings)
     updater = Updater(gate, integrity)
-    deleter = Deleter(tables, settings, integrity.search_threshold)
+    deleter = Deleter(gate, settings, integrity.search_threshold)
     return SimpleNamespace(
         tables=tables,
         gate=gate,

@@ -79,6 +79,11 @@ class Gate:
         innovation, variance = track.filter.innovation(found, lead_s)
         return bool(abs(innovation) <= min(GATE_SIGMAS * np.sqrt(variance), self._widest_m))
 
+    def near_speed(self, track: Track, found: Measurement) -> bool:
+        """Whether a measurement's Doppler lies within a track's gate: no aircraft changes its speed between blocks."""
+        innovation, variance = track.filter.speed_innovation(found)
+        return not self.tables.doppler or bool(abs(innovation) <= GATE_SIGMAS * np.sqrt(variance))
+
     def allowed_speed(self, found: Measurement) -> bool:
         """Whether a measurement's speed is one that is allowed, as far as it is known."""
         t = self.tables

@@ -56,6 +56,11 @@ class Kalman:
             row @ self.covariance @ row + found.altitude_variance_m2
         )
 
+    def speed_innovation(self, found: Measurement) -> tuple[float, float]:
+        """Speed found less speed expected, and its variance."""
+        variance = float(self.covariance[1, 1]) + found.speed_variance_m2_per_s2
+        return found.speed_m_per_s - float(self.mean[1]), variance
+
     def update(self, found: Measurement, lead_s: float, *, with_speed: bool) -> None:
         """Update by a measurement of altitude, or of altitude and speed at once.
 

@@ -102,7 +102,7 @@ class AltitudeTracker:
         self._integrity = Integrity(gate, settings)
         self._repeated = RepeatedFrames(self.sweep_s) if noise else None
         self._updater = Updater(gate, self._integrity)
-        self._deleter = Deleter(self.integrator, settings, self._integrity.search_threshold)
+        self._deleter = Deleter(gate, settings, self._integrity.search_threshold)
         self._initiator = Initiator(gate, self._updater, self._deleter, settings, lowest_start_m)
         cells = altimeter.beat_hz.size
         self._ratio = np.empty((self.frames, 2, cells), dtype=np.float32)

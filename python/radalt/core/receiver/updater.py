@@ -70,7 +70,8 @@ class Updater:
         track.append(found, scan.middle)
         track.doppler_m_per_s += (found.speed_m_per_s - track.doppler_m_per_s) / track.evidence.weight
         lowest, highest = self.integrity.open_cells(track)
-        foreign = lowest > highest  # its Doppler is none that its altitudes allow
+        # its Doppler is none that its altitudes allow, or not that of a track whose ambiguity is resolved
+        foreign = lowest > highest or (track.resolved and not self.gate.near_speed(track, found))
         pulled = foreign and self._pulled(track)
         track.contradicted = track.contradicted + 1 if foreign else 0
         if foreign and not pulled:  # a lobe's
