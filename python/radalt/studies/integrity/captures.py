@@ -13,7 +13,9 @@ from ...core.radio.recording import Stretch, write_metadata
 from ...core.receiver.altimeter import AltimeterSettings
 from ...core.returns.point import point_return
 from ...core.scene import AltitudeSpec, Scene, load_scene
-from .cases import WAVEFORM, Case, case_of, fly, received
+from .cases import WAVEFORM, Case, case_of
+from .flights import fly
+from .received import received
 from .study import IntegrityStudy
 
 __all__ = ["write_capture"]

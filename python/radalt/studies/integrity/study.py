@@ -26,8 +26,10 @@ from ...evaluation.results.integrity import (
 )
 from ...evaluation.results.rows import Columns
 from ...evaluation.results.score import score_frames
-from .cases import BLOCK, KINDS, WAVEFORM, Case, Flight, case_of, cases, fly, received
+from .cases import BLOCK, KINDS, WAVEFORM, Case, case_of, cases
 from .columns import EDGES, FRAMES, ROWS
+from .flights import Flight, fly
+from .received import received
 
 __all__ = ["IntegrityPoint", "IntegrityStudy", "Judged", "judge", "replay_lines"]
 
