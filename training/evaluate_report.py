@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from radalt.evaluation.results.break_point import (
     protection_gain,
 )
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.score import pool
 from radalt.evaluation.results.table import interval, metres, number, table
 
@@ -195,11 +194,10 @@ def _returns_table(rows: Sequence[Row], names: Sequence[str]) -> str:
 
 
 def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], run: Run) -> Path:
-    """``report.md``, ``report.json`` and the figures of a finished run; returns the page."""
+    """Write the figures, ``report.md`` and ``report.json``; returns the page."""
     breaks = break_points(rows)
     special = bool(_special(rows, "clean"))
-    report = folder.head | {
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    report = {
         "targets": targets(rows, breaks),
         "break_points": [
             {"interferer": case[0], "overlap": case[1], "method": name} | vars(found) | {"text": str(found)}
@@ -207,7 +205,6 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
             for name, found in methods.items()
         ],
         "rows": list(rows),
-        "run": run.as_dict(),
     }
     figures = []
     if breaks:
@@ -216,21 +213,17 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
         if "none" in names:
             draw_gain(folder.path / "gain.png", breaks, names)
             figures.append(("gain.png", "Protection gain"))
-    page = render(
-        Path(__file__).with_name("evaluate.md.j2"),
-        **report,
-        break_table=_break_table(breaks, names) if breaks else "",
-        both_table=_both_table(breaks, names),
-        wrong_table=_wrong_table(rows, names) if breaks else "",
-        clean_table=_score_table(rows, "clean") if special else "",
-        paper_table=_score_table(rows, PAPER_CASE),
-        error_table=_error_table(rows, names) if breaks else "",
-        returns_table=_returns_table(rows, names),
-        figures=figures,
-    )
-    path = folder.write_text("report.md", page)
-    folder.write_report(report)
-    return path
+    values = {
+        "break_table": _break_table(breaks, names) if breaks else "",
+        "both_table": _both_table(breaks, names),
+        "wrong_table": _wrong_table(rows, names) if breaks else "",
+        "clean_table": _score_table(rows, "clean") if special else "",
+        "paper_table": _score_table(rows, PAPER_CASE),
+        "error_table": _error_table(rows, names) if breaks else "",
+        "returns_table": _returns_table(rows, names),
+        "figures": figures,
+    }
+    return write_result(folder, Path(__file__).with_name("evaluate.md.j2"), run.as_dict(), report, values)
 
 
 def beat_spectra(

@@ -9,6 +9,7 @@ where every method has failed: two SIRs with Pd below 0.3. --resume completes a 
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -27,18 +28,18 @@ from radalt.core.mitigation.tcae import default_model_path
 from radalt.core.paths import model_path
 from radalt.core.receiver.altimeter import Altimeter
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine import command, options
+from radalt.evaluation.engine.options import Parser, names_of, number
+from radalt.evaluation.engine.shell import StudyCommand
 from radalt.evaluation.engine.study import Point, Run, Study
 from radalt.evaluation.results.break_point import BreakPoint, break_point_of
 from radalt.evaluation.results.chain import Chain, seconds_per_frame
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound, wilson_interval
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import CORRECT_LIMIT_M
 from radalt.evaluation.results.table import table
 
-PROGRAM = "evaluate_sweeps"
 ROOT = Path(__file__).resolve().parent.parent
 DRAW = 707  # seed of the frames; no setting was chosen on those of 707 (700 to 706 have been looked at)
 SIRS_DB = tuple(float(sir) for sir in range(-10, -61, -5))
@@ -194,18 +195,10 @@ class SweepStudy(Study):
         return [_row(point, None, chain, chain.results(frames, waveform)[0], nowhere) for chain in CHAINS]
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
-        """``report.md`` and ``report.json``."""
-        found = rows["rows"]
-        report = folder.head | {"rows": found, "run": run.as_dict()}
-        page = render(
-            Path(__file__).with_name("evaluate_sweeps.md.j2"),
-            **report,
-            break_table=break_table(found),
-            alone_table=alone_table(found),
-        )
-        path = folder.write_text("report.md", page)
-        folder.write_report(report)
-        return path
+        """See `Study`."""
+        tables = {"break_table": break_table(rows["rows"]), "alone_table": alone_table(rows["rows"])}
+        template = Path(__file__).with_name("evaluate_sweeps.md.j2")
+        return write_result(folder, template, run.as_dict(), rows, tables)
 
     def seconds(self, point: SweepPoint) -> float:
         """See `Study`; on average a method runs on half of a case's SIRs."""
@@ -301,21 +294,19 @@ def describe(rows: Sequence[Row]) -> str:
     return f"{rows[0]['sweep']}, {rows[0]['interferer']}: declared {about}"
 
 
-@options.command(PROGRAM)
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about an error, 130 when interrupted."""
-    parser = options.Parser(PROGRAM, __doc__)
-    options.add_options(parser, out=str(ROOT / "results" / "sweeps"), time_limit_s=7200.0, sampled=False)
+def _arguments(parser: Parser) -> None:
     parser.add_argument("--sweeps", default=",".join(SWEEPS), help=f"comma-separated, of {', '.join(SWEEPS)}")
-    parser.add_argument("--trials", type=options.number(int, 2, 100_000), default=30, help="frames per SIR")
-    args = parser.parse_args(argv)
-    how = options.options_of(args, parser)
-    names = tuple(dict.fromkeys(name.strip() for name in args.sweeps.split(",")))
-    strange = next((name for name in names if name not in SWEEPS), None)
-    if strange is not None:
-        parser.error(f"--sweeps holds {strange!r}; known: {', '.join(SWEEPS)}")
-    study = SweepStudy(names, args.trials)
-    return command.main(lambda: study, how, program=PROGRAM, dry_run=args.dry_run, describe=describe)
+    parser.add_argument("--trials", type=number(int, 2, 100_000), default=30, help="frames per SIR")
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> SweepStudy:
+    return SweepStudy(names_of(parser, "--sweeps", args.sweeps, SWEEPS), args.trials)
+
+
+OUT = str(ROOT / "results" / "sweeps")
+main = StudyCommand(
+    "evaluate_sweeps", __name__, _arguments, _study, describe, out=OUT, time_limit_s=7200.0, sampled=False
+).main
 
 
 if __name__ == "__main__":

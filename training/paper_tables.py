@@ -9,6 +9,7 @@ altitudes on the landing. Runs in the runtime environment, without PyTorch. --re
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,16 +23,18 @@ from evaluate import FIRST_DRAW, NETWORKS, SEED, SNR_DB, Scenes, chain_of, emitt
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.waveform import Waveform
-from radalt.evaluation.engine import command, options
 from radalt.evaluation.engine.chain_study import ChainStudy
+from radalt.evaluation.engine.options import Parser, names_of, number, path
+from radalt.evaluation.engine.shell import StudyCommand
 from radalt.evaluation.engine.study import Point, Run
 from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import RunFolder
-from radalt.evaluation.results.page import render
+from radalt.evaluation.results.page import write_result
 from radalt.evaluation.results.proportion import clopper_pearson_bound
 from radalt.evaluation.results.rows import Columns
 from radalt.evaluation.results.score import SCORE_COLUMNS, score_frames
-from radalt.evaluation.results.table import DASH, metres, number, table
+from radalt.evaluation.results.table import DASH, metres, table
+from radalt.evaluation.results.table import number as number_of
 from radalt.studies.landing.config import ApproachSpec, load_config
 from radalt.studies.landing.points import approach_frames, impaired
 
@@ -144,21 +147,18 @@ class PaperTables(ChainStudy):
         return rows
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[Row]], run: Run) -> Path:
-        """``report.md`` and ``report.json``; returns the page."""
+        """See `Study`."""
         names, found = folder.head["methods"], rows["rows"]
-        report = folder.head | {"rows": found, "run": run.as_dict()}
-        page = render(
-            Path(__file__).with_name("paper_tables.md.j2"),
-            **report,
-            sinr_table=_grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
-            pd_table=_grid(found, "sinr", names, lambda r: number(r["pd"], 2)),
-            ratio_table=_grid(found, "sir", names, lambda r: number(r["peak_to_sidelobe_db"], 1)),
-            range_table=_grid(found, "sir", names, _errors),
-            landing_table=_landing(found),
+        tables = {
+            "sinr_table": _grid(found, "sinr", names, lambda r: metres(r["rmse_forced_m"]), STATED),
+            "pd_table": _grid(found, "sinr", names, lambda r: number_of(r["pd"], 2)),
+            "ratio_table": _grid(found, "sir", names, lambda r: number_of(r["peak_to_sidelobe_db"], 1)),
+            "range_table": _grid(found, "sir", names, _errors),
+            "landing_table": _landing(found),
+        }
+        return write_result(
+            folder, Path(__file__).with_name("paper_tables.md.j2"), run.as_dict(), rows, tables
         )
-        path = folder.write_text("report.md", page)
-        folder.write_report(report)
-        return path
 
     def seconds(self, point: TablePoint) -> float:
         """See `Study`."""
@@ -212,7 +212,7 @@ def _landing(rows: Sequence[Row]) -> str:
         cells = []
         for r in (r for r in mine if r["method"] == method):
             wrong = r["detections"] - r["correct"]
-            cells += [f"{wrong} ({clopper_pearson_bound(wrong, r['trials']):.3f})", number(r["pd"], 2)]
+            cells += [f"{wrong} ({clopper_pearson_bound(wrong, r['trials']):.3f})", number_of(r["pd"], 2)]
         lines.append([method, *cells, DASH])
     header = ["method", "false", "Pd", "false, clean", "Pd, clean", "authors"]
     return table(header, lines) if lines else ""
@@ -223,32 +223,26 @@ def describe(rows: Sequence[Row]) -> str:
     return f"{rows[0]['interferer']}: Pd " + ", ".join(f"{r['method']} {r['pd']:.3g}" for r in rows)
 
 
-@options.command("paper_tables")
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; returns 0, 2 after one line about an error, 130 when interrupted."""
-    parser = options.Parser("paper_tables", __doc__)
-    options.add_options(
-        parser, out=str(ROOT / "results" / "paper_tables"), time_limit_s=3600.0, sampled=False
-    )
-    parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
-    parser.add_argument("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
-    parser.add_argument("--trials", type=int, default=150, help="frames per point; 0 leaves those tables out")
-    parser.add_argument(
-        "--landing-frames", type=int, default=200, help="frames of the approach; 0: no landing"
-    )
-    args = parser.parse_args(argv)
-    how = options.options_of(args, parser)
-    networks = [name.strip() for name in args.networks.split(",") if name.strip()]
-    strange = next((name for name in networks if name not in NETWORKS), None)
-    if strange is not None:
-        parser.error(f"--networks holds {strange!r}; known: {', '.join(NETWORKS)}")
-    if min(args.trials, args.landing_frames) < 0 or not args.trials + args.landing_frames:
-        parser.error(
-            f"--trials is {args.trials}, --landing-frames {args.landing_frames}; 0 or above, not both 0"
-        )
+def _arguments(parser: Parser) -> None:
+    add, count = parser.add_argument, number(int, 0, 1_000_000)
+    add("--models", type=path, default=ROOT / "models", help="folder of the networks' files")
+    add("--networks", default=",".join(NETWORKS), help=f"of {', '.join(NETWORKS)}")
+    add("--trials", type=count, default=150, help="frames per point; 0 leaves those tables out")
+    add("--landing-frames", type=count, default=200, help="frames of the approach; 0: no landing")
+
+
+def _study(args: argparse.Namespace, parser: Parser) -> PaperTables:
+    networks = names_of(parser, "--networks", args.networks, NETWORKS)
+    if not args.trials + args.landing_frames:
+        parser.error("--trials and --landing-frames are both 0; give one of them")
     chains = tuple(chain_of(name, args.models.resolve()) for name in (*BESIDE, *networks))
-    study = PaperTables(chains, args.trials, args.landing_frames)
-    return command.main(lambda: study, how, program="paper_tables", dry_run=args.dry_run, describe=describe)
+    return PaperTables(chains, args.trials, args.landing_frames)
+
+
+OUT = str(ROOT / "results" / "paper_tables")
+main = StudyCommand(
+    "paper_tables", __name__, _arguments, _study, describe, out=OUT, time_limit_s=3600.0, sampled=False
+).main
 
 
 if __name__ == "__main__":
