@@ -110,9 +110,8 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
             block["parameters"]["value"] = str(start[block["name"]])
     prepared = Prepared(generate(data, folder), "ota_live_sim", (), ())
     top = load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
-    top.settings = Qt.QSettings(
-        str(folder / "settings"), Qt.QSettings.IniFormat
-    )  # without the size of an earlier run
+    # settings of its own: without the window size of an earlier run
+    top.settings = Qt.QSettings(str(folder / "settings"), Qt.QSettings.IniFormat)
     sys.modules[type(top).__module__].snippets_main_after_init(top)
     top.set_sir_db(args.sir_db)
     return top

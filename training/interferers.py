@@ -22,10 +22,8 @@ __all__ = ["interference"]
 _BANK = 48  # long signals from which windows of a slow emitter are cut
 _BANK_SAMPLES = 65536  # samples of each, almost nine frames
 _DOPPLER_HZ = 120.0  # largest Doppler of a channel: 30 km/h at 4.3 GHz
-_FILTER_EDGE = (
-    0.4,
-    0.49,
-)  # edge of a receiver's filter over the rate; it falls linearly to zero at half the rate
+# edge of a receiver's filter over the rate; it falls linearly to zero at half the rate
+_FILTER_EDGE = (0.4, 0.49)
 _CLOCK = 2e-6  # largest relative clock offset: two crystals of 1 ppm
 _OWN_NOISE_DB = (-20.0, -3.0)  # white noise of an interferer over its power
 _RECORDED = 1 / 3  # share of interferers that are recordings, if there are any

@@ -247,9 +247,8 @@ class BandGain:
     def synthesise_matrices(self, spectrum: Tensor, gain: Tensor) -> Tensor:
         """`synthesise` as exported, (B, 2 a, b c)."""
         t, (a, b, c), groups = self.tables, self.factors, self.factors[0] // self.group
-        gain = torch.matmul(
-            gain.reshape(-1, c, b * groups).transpose(1, 2), t.both
-        )  # (B, (k2, k1 // group), 2 c)
+        # (B, (k2, k1 // group), 2 c)
+        gain = torch.matmul(gain.reshape(-1, c, b * groups).transpose(1, 2), t.both)
         gain = gain.reshape(-1, b, groups, 2 * c).transpose(1, 2)
         gain = gain.reshape(-1, groups, 1, 2 * b * c)  # long runs: short broadcasts are slow
         y = (spectrum.reshape(-1, groups, self.group, 2 * b * c) * gain).reshape(-1, a * b, 2 * c)

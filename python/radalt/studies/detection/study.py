@@ -39,11 +39,8 @@ __all__ = [
 ]
 
 WAVEFORM = Waveform()
-SPEEDS_M_PER_S = (
-    0.0,
-    20.0,
-    150.0,
-)  # vertical speeds that the altimeter allows: none, the default, any aircraft's
+# vertical speeds that the altimeter allows: none, the default, any aircraft's
+SPEEDS_M_PER_S = (0.0, 20.0, 150.0)
 FLOWN_M_PER_S = 10.0  # largest vertical speed in the frames, up and down
 SNR_DB = 10.0  # as in the other studies of single frames
 _BATCH = 16  # frames per call, 1 MB

@@ -14,9 +14,8 @@ __all__ = ["FASTEST_M_PER_S", "Flight", "fly", "rng_of"]
 
 FASTEST_M_PER_S = 10.0  # largest vertical speed of a flight, up and down
 _LOWEST_M, _HIGHEST_M = 5.0, 1400.0  # altitudes at which flights start
-_LATE = (
-    BLOCK // 4
-)  # frames of a block's last quarter, in which a step shows one output later (docs/tracker.md)
+# frames of a block's last quarter, in which a step shows one output later (docs/tracker.md)
+_LATE = BLOCK // 4
 # kinds with a fault in mid-flight
 _FAULTY = (
     "switched_on",

@@ -96,7 +96,7 @@ def _beam(width_deg: float) -> Assumption:
     return Assumption(f"beam_{width_deg:g}", "ground", f"beam {width_deg:g} degrees", change)
 
 
-# B T_h = 3750: what dechirping a half sweep gains against interference that is white over the band
+# gain of dechirping a half sweep (B T_h = 3750) against interference that is white over the band
 COMPRESSION_DB = 35.7
 
 ASSUMPTIONS: tuple[Assumption, ...] = (

@@ -40,7 +40,7 @@ __all__ = [
     "trial_frames",
 ]
 
-RESAMPLES = 400
+RESAMPLES = 400  # of the bootstrap
 MEASURED = ("altitude_m", "forced_altitude_m", "vertical_speed_m_per_s", "peak_to_sidelobe_db")
 _LEVELS = ("sinr_db", "sir_db", "snr_db")
 _ACCURACY = ("in_band", "speed_bias_m_per_s", "speed_rmse_m_per_s")

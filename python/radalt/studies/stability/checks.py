@@ -29,9 +29,8 @@ __all__ = ["SPREADS", "altitudes_of", "determinism_rows", "flowgraph_row", "long
 SPREADS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)  # spectral spreads of the input, for the step limits
 
 _FAR = 100_000_000_000  # samples: 3.7 hours at 7.5 MS/s
-_NETWORK_BOUND_M = (
-    0.01  # ONNX Runtime uses other kernels for other batch sizes; other methods are equal bit for bit
-)
+# ONNX Runtime uses other kernels for other batch sizes; other methods are equal bit for bit
+_NETWORK_BOUND_M = 0.01
 
 
 def _bound_m(method: str) -> float:

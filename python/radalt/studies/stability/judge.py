@@ -25,9 +25,8 @@ from .reference import REFERENCES, covariance_condition, reference_altitude_m
 
 __all__ = ["allowed_false_alarms", "judge", "judge_all"]
 
-_MAX_REFERENCE_SAMPLES = (
-    100_000  # samples of a frame up to which the float64 references are computed: seconds per case
-)
+# samples of a frame up to which the float64 references are computed: seconds per case
+_MAX_REFERENCE_SAMPLES = 100_000
 
 
 def judge_all(cases: Iterable[Case], chains: Sequence[Chain]) -> Iterator[dict[str, Any]]:

@@ -34,10 +34,8 @@ _TABLES = {
     "checks": Columns(names=("check", "value", "bound", "unit", "verdict"), text=_WORDS),
 }
 # CPU seconds of one machine; `rehearsal` scales them to this one
-_CASE_S, _FRAME_S = (
-    0.09,
-    0.002,
-)  # per chain: two constructions and the clean frame; each frame with its references
+# per chain: two constructions and the clean frame; each frame with its references
+_CASE_S, _FRAME_S = 0.09, 0.002
 _CHECK_S = {"long runs": 1.0, "determinism": 2.4, "flowgraph": 0.5, "step_limits": 1.2}
 
 

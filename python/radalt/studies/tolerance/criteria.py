@@ -16,10 +16,8 @@ __all__ = ["CRITERIA", "HIGHEST_DBM", "LOWEST_DBM", "RUN_IN", "break_level", "ju
 _MEAN_SHARE, _WITHIN_SHARE, _WITHIN = 0.005, 0.02, 0.98
 _LEAST_M = 3 * foot  # error up to which no altitude is called wrong (assumed)
 _ALERT_S = 1.0  # longest time for which a wrong altitude may be called NORMAL (assumed)
-LOWEST_DBM, HIGHEST_DBM = (
-    -150,
-    20,
-)  # levels searched: below thermal noise in 1 Hz, above what destroys a receiver
+# levels searched; above, receivers are destroyed rather than wrong
+LOWEST_DBM, HIGHEST_DBM = -150, 20
 _BRACKET_DB = 8  # first step from the expected level, doubled until the level is enclosed
 RUN_IN = 4  # outputs at the start that no criterion counts: a tracker confirms its track in them
 
