@@ -90,7 +90,7 @@ class Measurement:
 
     @property
     def real_time_factor(self) -> float:
-        """Seconds of signal a second."""
+        """Seconds of signal per second."""
         return self.signal_s / self.wall_s
 
 
