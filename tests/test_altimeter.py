@@ -291,7 +291,7 @@ def test_a_return_just_outside_either_end_of_the_span_is_named_as_that(altitude)
         ({"max_vertical_speed_m_per_s": -1.0}, "altimeter.max_vertical_speed_m_per_s is -1"),
         ({"max_altitude_m": 50_000.0}, "altimeter.max_altitude_m 50000 exceeds 37474.1 m"),
         ({"pfa_per_frame": 0.9}, "altimeter.pfa_per_frame is 0.9; it has to be within"),
-        ({"train_cells": 0.5}, "altimeter.train_cells 0.5 has to be within 1..256"),
+        ({"train_cells": 0.5}, "altimeter.train_cells is 0.5; it has to be within 1..256"),
     ],
 )
 def test_impossible_settings_are_refused(settings, said):

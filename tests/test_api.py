@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import radalt
-from radalt.core.channel.simulated import DropSettings
+from radalt.core.channel.settings import DropSettings
 from radalt.core.mitigation import METHODS
 from radalt.evaluation.overlap.points import changed, sweep_points
 from radalt.evaluation.overlap.rows import COLUMNS

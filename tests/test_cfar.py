@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings, Reason
-from radalt.core.receiver.cfar import Cfar, pair_threshold, support_of, upcrossings
+from radalt.core.receiver.cfar import Cfar, support_of
+from radalt.core.receiver.pair_threshold import pair_threshold, upcrossings
 from radalt.core.receiver.sweep_pairing import FLOOR
 from radalt.core.waveform import Waveform
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from radalt.core.channel.delay_line import MOST_BLOCKS, DelayLine
-from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
+from radalt.core.channel.settings import ChannelSettings, DropSettings
+from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference import QpskEmitter
 from radalt.core.programme import Programme
 from radalt.core.returns.point import point_return
@@ -377,12 +378,12 @@ def test_a_sample_is_the_same_to_the_bit_however_many_frames_come_with_a_call(se
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: ChannelSettings(adc_bits=20), "channel.adc_bits is 20; 0 for none, else 1..16"),
+        (lambda: ChannelSettings(adc_bits=20), "channel.adc_bits is 20; it has to be within 0..16"),
         (lambda: ChannelSettings(full_scale=0.0), "channel.full_scale is 0"),
         (lambda: ChannelSettings(start_offset_samples=-1.0), "channel.start_offset_samples is -1"),
         (
             lambda: ChannelSettings(jammer_clock_ppm=200.0),
-            "channel.jammer_clock_ppm is 200; within -100..100",
+            "channel.jammer_clock_ppm is 200; it has to be within -100..100",
         ),
         (lambda: ChannelSettings(jammer_delay_samples=-3.0), "channel.jammer_delay_samples is -3"),
         (lambda: DropSettings(3, 200, 100), "min_samples 200 <= max_samples 100"),

@@ -97,6 +97,7 @@ def desk(tmp_path_factory):
         "n41.dt1": landing / "hilly_n41w088.dt0",
         "n42.dt1": landing / "hilly_n41w089.dt0",
         "mymethod.py": ROOT / "flowgraphs/own_method.py",
+        "my_altimeter.yaml": ROOT / "flowgraphs/altimeters/fmcw_150mhz.yaml",
     }.items():
         shutil.copy(like, folder / name)
     for name in ("tcae_int8", "tcae_float16", "tcae_int8-dynamic"):

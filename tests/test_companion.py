@@ -115,16 +115,6 @@ def test_sections_have_titles(seen, path):
     assert all(b["states"]["coordinate"][1] > top for b in signal)
 
 
-def test_embedded_flowgraph_opens_where_our_descriptions_are_missing(tmp_path):
-    """In a companion that knows none of our blocks, ota_embedded stands and ota_b210 does not."""
-    paths = [ROOT / "flowgraphs/ota_embedded.grc", ROOT / "flowgraphs/ota_b210.grc"]
-    embedded, plain = companion(tmp_path, paths, "")["pages"]
-    assert embedded["errors"] == [] and not any(b["dummy"] for b in embedded["blocks"])
-    assert embedded["connections"] == plain["connections"] > 10
-    ours = {b["name"] for b in on_file(paths[1])["blocks"] if b["id"].startswith("radalt_")}
-    assert {b["name"] for b in plain["blocks"] if b["dummy"]} == ours
-
-
 def test_button_runs_the_flowgraph_and_the_console_shows_the_scores(tmp_path):
     """In the environment of `make grc`, with nothing installed."""
     path = Path(shutil.copy(ROOT / "flowgraphs/bring_your_own.grc", tmp_path))
@@ -162,7 +152,7 @@ def test_a_wrong_scene_is_the_first_error_of_a_flowgraph(path):
     graph.validate()
     first, *others = [message for _, message in graph.iter_error_messages()]
     assert "nope.yaml: cannot be read" in first and "give a YAML file or a shipped scene's name" in first
-    if path.stem in ("ota_sim", "ota_embedded_sim", "bring_your_own"):
+    if path.stem in ("ota_sim", "bring_your_own"):
         assert others == []
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from radalt.core.deramp.emitters import Ofdm, OtherAltimeter, Pulses, Qpsk, Tone, interference_if
+from radalt.core.deramp.emitters import Ofdm, OtherAltimeter, Pulses, Tone, interference_if
 from radalt.core.deramp.if_waveform import SIMULATION_FACTOR, IfWaveform, white_noise
 from radalt.core.fir import kaiser_lowpass
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings
@@ -23,7 +23,6 @@ EMITTERS = {
     "tone at the sweep's edge": Tone(-9.9e6),
     "OFDM 10 MHz": Ofdm(1e6, 624),
     "OFDM 1.4 MHz": Ofdm(-4e6, 72),
-    "QPSK": Qpsk(2.3e6, 0.9e6),
     "altimeter of another slope": OtherAltimeter(OTHER, 0.123e-3, 1e6),
     "altimeter of the same sweep, 1 us late": OtherAltimeter(SWEEP, 1e-6),
     "pulses": Pulses(1.5e6, repetition_hz=8e3),
@@ -43,8 +42,6 @@ def full_rate(emitter, t):
             z = np.exp(2j * np.pi * emitter.spacing_hz * u)
             out[at] = np.polynomial.polynomial.polyval(z, emitter.data(int(s))) * z ** float(k[0])
         return out * np.exp(2j * np.pi * emitter.offset_hz * t)
-    if isinstance(emitter, Qpsk):
-        return emitter.wave(t) * np.exp(2j * np.pi * emitter.offset_hz * t)
     if isinstance(emitter, Pulses):
         return emitter.envelope(t) * np.exp(2j * np.pi * emitter.offset_hz * t)
     return np.exp(2j * np.pi * emitter.cycles(t))

@@ -41,10 +41,9 @@ def emitter(name):
 def test_interference_at_10_db_is_missed_in_less_than_one_of_a_thousand(name, overlap):
     rng = np.random.default_rng(7)
     frames = clean(rng, 10.0)
-    power = np.mean(np.abs(point_return(W, 300.0)) ** 2)
     frames += interference_frames(
         [Interferer(emitter(name), sir_db=10.0, overlap=overlap)],
-        FRAMES, W.samples_per_frame, W.rate_hz, rng, return_power=power,
+        FRAMES, W.samples_per_frame, W.rate_hz, rng,
     )  # fmt: skip
     levels = InterferenceDetector(W).residual_db(frames)
     # stronger than counting a hundred: the threshold lies more than 3.1 standard deviations below the mean
@@ -83,11 +82,6 @@ def test_one_sample_in_seven_of_a_networks_output_tells_what_is_beside_its_retur
     assert abs(np.median(difference_db)) < 0.3 and np.abs(difference_db).max() < 1.5
 
 
-def test_a_threshold_out_of_range_is_named():
-    with pytest.raises(ValueError, match="within -15..10"):
-        InterferenceDetector(W, threshold_db=20.0)
-
-
 @pytest.mark.parametrize("snr_db", [-40.0, -20.0, -10.0])
 def test_a_return_in_white_noise_is_seen_as_that(snr_db):
     rng = np.random.default_rng(12)
@@ -101,7 +95,7 @@ def test_interference_with_room_beside_it_is_not_white(name, overlap, sir_db):
     rng = np.random.default_rng(13)
     frames = clean(rng, 10.0) + interference_frames(
         [Interferer(emitter(name), sir_db=sir_db, overlap=overlap)],
-        FRAMES, W.samples_per_frame, W.rate_hz, rng, return_power=1.0,
+        FRAMES, W.samples_per_frame, W.rate_hz, rng,
     )  # fmt: skip
     assert not InterferenceDetector(W).white(frames).any()
 

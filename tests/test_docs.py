@@ -84,6 +84,11 @@ def test_every_reason_is_on_the_page_and_in_the_companion(root):
         assert f"| {number} | `{name}` |" in page and f"{number} {name}" in block
 
 
+def test_every_shipped_scene_is_named_on_the_page_of_scenes(root):
+    named = set(re.findall(r"`(\w+)`", (root / "docs/interference.md").read_text(encoding="utf-8")))
+    assert {file.stem for file in (root / "flowgraphs/scenes").glob("*.yaml")} <= named
+
+
 def test_every_page_is_in_the_site(root):
     named = set(re.findall(r"- ([\w./-]+\.md)$", (root / "mkdocs.yml").read_text(), re.MULTILINE))
     assert named == {str(page.relative_to(root / "docs")) for page in (root / "docs").rglob("*.md")}

@@ -11,8 +11,8 @@ from radalt.evaluation.engine.run import run
 from radalt.evaluation.results.chain import Chain
 from radalt.evaluation.results.folder import FolderError
 from radalt.studies.runtime import study as runtime
-from radalt.studies.runtime.figure import pareto, place_labels
-from radalt.studies.runtime.study import RuntimePoint, RuntimeStudy
+from radalt.studies.runtime.figure import pareto
+from radalt.studies.runtime.study import RuntimeStudy
 
 TONES = "5 tones, all"
 CHAINS = ("none", "whitening", "nlms", "none, centroid", "none, span 6 km")
@@ -38,16 +38,6 @@ def test_all_chains_see_the_same_frames_and_whitening_gains_on_tones():
         np.testing.assert_equal(*same)  # where nothing was detected there is no mean
     assert by["clean", "none"]["pd"] == 1.0
     assert by[TONES, "whitening"]["pd"] > by[TONES, "none"]["pd"] + 0.5
-
-
-def test_more_batches_are_other_frames_and_their_counts_add():
-    study = RuntimeStudy((Chain("none", "none"),), (-20.0,), frames=20, interferers=(TONES,))
-    point = RuntimePoint("p", 20, interferer=TONES, sir_db=-20.0)
-    batches = [[runtime._TABLES["rows"].row(r) for r in study.measure(point, b)] for b in (0, 1)]
-    assert batches[0] != batches[1]
-    (both,) = study.pooled(batches)
-    for name in ("trials", "correct", "detections", "correct_even", "correct_odd", "squared_correct_m2"):
-        assert both[name] == pytest.approx(sum(b[0][name] for b in batches))
 
 
 def test_times_are_of_method_and_altimeter_together():
@@ -157,16 +147,3 @@ def test_a_killed_run_goes_on_and_its_errors_are_those_of_one_run(tmp_path):
     assert measured == list(range(1, points + 1))
     assert (out / "rows.csv").read_bytes() == (tmp_path / "whole" / "rows.csv").read_bytes()
     assert json.loads((out / "report.json").read_text())["run"]["points_resumed"] == points - 1
-
-
-def test_labels_cover_neither_each_other_nor_points_nor_bars():
-    rng = np.random.default_rng(4)
-    at = np.concatenate([rng.normal(200.0, 15.0, (14, 2)), rng.uniform(20.0, 380.0, (10, 2))])
-    bars = np.concatenate([np.linspace(p, p + [60.0, 0.0], 40) for p in at])
-    size = np.array([12.0, 10.0])
-    places = place_labels(at, bars, size, (0.0, 0.0, 400.0, 400.0))
-    apart = np.abs(places[:, None] - places[None]) / size
-    np.fill_diagonal(apart[..., 0], np.inf)
-    assert (apart.max(axis=2) >= 1.0).all()
-    assert (np.abs(places[:, None] - bars[None]) / size).max(axis=2).min() >= 0.5
-    assert (places - size / 2 >= 0.0).all() and (places + size / 2 <= 400.0).all()

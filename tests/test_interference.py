@@ -62,11 +62,6 @@ def test_shorter_burst_of_the_same_sir_is_stronger_while_it_lasts():
     assert db(np.max(np.abs(short)) ** 2 / np.max(np.abs(long)) ** 2) == pytest.approx(10.0, abs=0.01)
 
 
-def test_sir_refers_to_the_power_of_the_return():
-    frame = interference_frame(Interferer(QpskEmitter(), -10.0), N, RATE_HZ, rng(), return_power=0.25)
-    assert db(0.25 / np.mean(np.abs(frame) ** 2)) == pytest.approx(-10.0, abs=0.01)
-
-
 def test_burst_starts_anywhere_it_fits_or_where_it_is_told():
     first = [
         np.flatnonzero(interference_frame(Interferer(QpskEmitter(), 0.0, 0.4), N, RATE_HZ, rng(s)))[0]

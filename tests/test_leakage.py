@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.channel.settings import ChannelSettings
+from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.parsing import InputError
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import AltimeterSettings, shared_altimeter
@@ -17,10 +18,8 @@ from radalt.core.receiver.leakage import (
     LeakageCalibration,
     LeakageCanceller,
     ground_is_apart,
-    leakage_canceller,
-    load_leakage,
-    store_leakage,
 )
+from radalt.core.receiver.leakage_file import leakage_canceller, load_leakage, store_leakage
 from radalt.core.receiver.segmenter import FrameSegmenter
 from radalt.core.receiver.tracker import AltitudeTracker, Status, TrackerSettings
 from radalt.core.returns.point import point_return

@@ -93,10 +93,11 @@ def test_without_interference_there_is_no_jammer_chain_and_no_second_radio():
 
 def test_beat_band_decimation_and_fft_follow_the_highest_altitude():
     low, high = (
-        make_plan(scene(altitude={"programme_m": [top], "frames": 1}), ("none",)) for top in (100.0, 15_000.0)
+        make_plan(scene(altitude={"programme_m": [top], "frames": 1}), ("none",)).altimeter
+        for top in (100.0, 15_000.0)
     )
-    assert low.span_m == (0.0, 100.0)
-    assert low.band_hz[1] < high.band_hz[1] / 50
+    assert (low.settings.min_altitude_m, low.settings.max_altitude_m) == (0.0, 100.0)
+    assert low.search_hz[1] < high.search_hz[1] / 50
     assert low.decimation > high.decimation
     assert low.fft_size < high.fft_size
 
@@ -106,7 +107,10 @@ def test_doppler_is_searched_where_the_scene_flies_it():
     climbing = scene(altitude={"programme_m": [300.0], "mode": "true_delay", "vertical_speed_m_per_s": -40.0})
     assert still.altimeter_settings.max_vertical_speed_m_per_s == 0.0
     assert climbing.altimeter_settings.max_vertical_speed_m_per_s == 40.0
-    assert make_plan(climbing, ("none",)).doppler_cells > make_plan(still, ("none",)).doppler_cells
+    assert (
+        make_plan(climbing, ("none",)).altimeter.doppler_cells
+        > make_plan(still, ("none",)).altimeter.doppler_cells
+    )
     assert scene(altimeter={"max_altitude_m": 900.0}).altimeter_settings.max_altitude_m == 900.0
 
 

@@ -83,7 +83,7 @@ def test_a_scene_names_it():
     emitter = scene.interference[0].emitter
     assert emitter == QpskReceivedEmitter(pulse="rrc", clock_ppm=-5.0)
     assert emitter.label == "qpsk_received_rrc" and emitter.title(7.5e6).endswith("as received")
-    with pytest.raises(SceneError, match="clock_ppm is 2000.0; it has to be within -1000..1000"):
+    with pytest.raises(SceneError, match="clock_ppm is 2000; it has to be within -1000..1000"):
         parse_scene({"interference": {"qpsk_received": {"clock_ppm": 2000.0}}})
     with pytest.raises(ValueError, match="does not fit the rate"):
         QpskReceivedEmitter(bandwidth_hz=8e6).samples(100, RATE_HZ, np.random.default_rng(6))

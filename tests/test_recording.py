@@ -224,7 +224,7 @@ def test_headers_before_captures_are_no_samples(tmp_path):
 
     capture = open_capture(rewritten(path, headers))
     assert np.array_equal(np.concatenate([b for _, b in capture.blocks(7.5e6)]), samples.astype(np.complex64))
-    emitter = RecordingEmitter(file=str(path), receiver_bandwidth_hz=7.5e6)
+    emitter = RecordingEmitter(file=str(path))
     assert emitter.period_s == 15000 / 7.5e6
 
 

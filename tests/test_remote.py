@@ -421,7 +421,7 @@ def test_the_thread_survives_every_exception_and_counts_it(bench, monkeypatch):
         return reply["error"].startswith("the flowgraph has not started")
 
     wait_for(answers, "an answer of the new socket")
-    assert control._thread.is_alive() and control.errors == 2
+    assert control._threads[0].is_alive() and control.errors == 2
     assert all(gate.why_closed is None for gate in bench.gates)
 
 

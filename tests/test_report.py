@@ -5,28 +5,25 @@ import json
 import os
 import re
 import subprocess
-from functools import cache
 
 import numpy as np
 import pytest
 import yaml
-from scipy.stats import fisher_exact
 
 from radalt.core.interference import Interferer, QpskEmitter, ToneEmitter
 from radalt.core.mitigation import METHODS as MITIGATIONS
 from radalt.core.scene import Scene, SweepSpec, load_scene, parse_scene, scene_to_mapping
 from radalt.evaluation.engine.study import Run
 from radalt.evaluation.overlap import figures
-from radalt.evaluation.overlap.comparison import compare, comparisons, holm
 from radalt.evaluation.overlap.points import point_seed, sweep_points
 from radalt.evaluation.overlap.pooling import PoolError, collect
-from radalt.evaluation.overlap.pooling import Run as ComparedRun
 from radalt.evaluation.overlap.report import break_points, build_report, write_report
 from radalt.evaluation.overlap.rows import COLUMNS, make_row
 from radalt.evaluation.overlap.study import OverlapStudy
 from radalt.evaluation.results.folder import SCHEMA, FolderError, RunFolder, read_report
 from radalt.evaluation.results.proportion import wilson_interval
 from radalt.evaluation.results.score import Score
+from radalt.evaluation.results.style import series_style
 
 METHODS = {"none": {}, "tcae": {"model": "m.onnx", "sha256": "ab" * 32, "placeholder": False}}
 
@@ -48,7 +45,7 @@ def correct_of(method, point, trials):
 
 
 def rows_of(scene, batches=1):
-    """A row per point and method; ``batches`` of each point with interference, as --precision asks for."""
+    """A row per point and method; ``batches`` times the trials of each point with interference."""
     out = []
     for point in sweep_points(scene):
         trials = scene.altitude.programme.trial_frames * (batches if point.overlap else 1)
@@ -80,8 +77,7 @@ def finished(path, scene, methods=METHODS, *, whole=False, batches=1):
     folder = RunFolder(path, head_of(scene, methods))
     rows = rows_of(scene, batches)
     ceiling = [r for r in rows if r["overlap"] == 0]
-    precision = 0.05 if batches > 1 else None
-    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=precision)
+    run = Run(jobs=2, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     if whole:
         write_report(folder, OverlapStudy(scene), rows, ceiling, run)
     else:
@@ -109,7 +105,7 @@ def test_a_point_without_a_frame_has_no_pd_in_any_report(tmp_path):
             assert row["pd"] is None and row["trials"] == 0
         rows.append(row)
     folder = RunFolder(tmp_path / "a", head_of(scene))
-    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20, precision=None)
+    run = Run(jobs=1, points=6, points_resumed=0, wall_s=1.0, peak_memory_bytes=1 << 20)
     write_report(folder, OverlapStudy(scene), rows, [r for r in rows if r["overlap"] == 0], run)
     folder.close()
     text = (tmp_path / "a" / "report.md").read_text(encoding="utf-8")
@@ -153,26 +149,26 @@ def test_rows_survive_the_disk_digit_by_digit(tmp_path):
     """A fresh and a resumed run report the same numbers."""
     rows = rows_of(scene_of())
     folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows[:2])
-    folder.add("b", 3, rows[2:4])
+    folder.add("a", rows[:2])
+    folder.add("b", rows[2:4])
     folder.close()
     again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
-    assert again.done == {("a", 0): rows[:2], ("b", 3): rows[2:4]} and again.rejected == []
+    assert again.done == {"a": rows[:2], "b": rows[2:4]} and again.rejected == []
 
 
 def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
     rows = rows_of(scene_of())
     folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows[:2])
+    folder.add("a", rows[:2])
     keep = (tmp_path / "points.jsonl").read_bytes()
-    folder.add("b", 0, rows[2:4])
+    folder.add("b", rows[2:4])
     folder.close()
     text = (tmp_path / "points.jsonl").read_bytes()
     for cut in range(len(keep), len(text), 7):
         (tmp_path / "points.jsonl").write_bytes(text[:cut])
         again = RunFolder(tmp_path, head_of(scene_of()), resume=True)
         again.close()
-        assert set(again.done) == {("a", 0)}
+        assert set(again.done) == {"a"}
         assert (tmp_path / "points.jsonl").read_bytes() == keep
 
 
@@ -181,7 +177,7 @@ def test_a_torn_point_is_measured_again_wherever_the_file_was_cut(tmp_path):
 )
 def test_a_row_that_was_changed_is_named_and_measured_again(tmp_path, change):
     folder = RunFolder(tmp_path, head_of(scene_of()))
-    folder.add("a", 0, rows_of(scene_of())[:2])
+    folder.add("a", rows_of(scene_of())[:2])
     folder.close()
     journal = tmp_path / "points.jsonl"
     assert change[0] in journal.read_text(encoding="utf-8")
@@ -194,7 +190,7 @@ def test_rows_of_another_seed_do_not_hold(tmp_path):
     """Somebody copied the journal: same points, same columns, whole lines."""
     for name, seed in (("a", 1), ("b", 2)):
         folder = RunFolder(tmp_path / name, head_of(scene_of(seed=seed)))
-        folder.add("a", 0, rows_of(scene_of(seed=seed))[:2])
+        folder.add("a", rows_of(scene_of(seed=seed))[:2])
         folder.close()
     journal = tmp_path / "a" / "points.jsonl"
     journal.write_bytes((tmp_path / "b" / "points.jsonl").read_bytes())
@@ -321,7 +317,7 @@ def test_break_points_are_interpolated_and_gains_are_against_none():
 
 def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
     methods = ["none", "lms", "lms_reference_input", "nlms", "whitening", "blanking", "tcae", "mine", "other"]
-    styles = [figures.series_style(m, methods) for m in methods]
+    styles = [series_style(m, methods) for m in methods]
     for key in ("color", "marker", "label"):
         assert len({str(s[key]) for s in styles}) == len(methods)
     # the line alone tells all but the two headline series apart, which differ in marker and darkness
@@ -329,7 +325,7 @@ def test_methods_differ_in_colour_marker_and_line_so_that_grey_print_suffices():
 
 
 def test_a_method_looks_the_same_whatever_else_is_drawn():
-    assert figures.series_style("tcae", ["tcae"]) == figures.series_style("tcae", ["none", "mine", "tcae"])
+    assert series_style("tcae", ["tcae"]) == series_style("tcae", ["none", "mine", "tcae"])
 
 
 def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
@@ -339,7 +335,7 @@ def test_figures_show_the_rows_with_their_intervals(tmp_path, monkeypatch):
     rows = rows_of(scene_of())
     figures.draw_pd(rows, tmp_path / "a.png", title="t")
     assert len(drawn) == 4  # two panels of two methods
-    x, pd, error, _, style = drawn[2]
+    x, pd, error, _, style, _ = drawn[2]
     mine = [r for r in rows if r["sir_db"] == -28 and r["method"] == "none"]
     assert style["label"] == "none"  # one name in options, rows and figures
     assert np.abs(x - [0, 0.5, 1]).max() < 0.1
@@ -369,16 +365,6 @@ def test_runs_with_other_points_and_methods_join_without_being_mixed(tmp_path):
     collect([a, b], tmp_path / "all")
     pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
     assert len(pooled) == 6 + 2 and {r["runs"] for r in pooled} == {1}
-
-
-def test_a_run_with_a_precision_is_added_and_compared_as_any_other(tmp_path):
-    """Its points have as many trials as each needed."""
-    a = finished(tmp_path / "a", scene_of())
-    b = finished(tmp_path / "b", scene_of(seed=2), batches=3)
-    collect([a, b], tmp_path / "all")
-    pooled = json.loads((tmp_path / "all" / "report.json").read_text(encoding="utf-8"))["rows"]
-    assert {(r["overlap"] > 0, r["trials"]) for r in pooled} == {(False, 300), (True, 600)}
-    assert "0 differ beyond chance" in compare(a, b)
 
 
 def test_a_longer_run_of_one_seed_is_not_independent(tmp_path):
@@ -537,7 +523,7 @@ def test_figures_are_the_same_bytes_for_the_same_rows(whole, tmp_path):
 
 def test_figures_can_be_read_in_grey(whole):
     """Every series differs from every other in more than colour."""
-    styles = [figures.series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
+    styles = [series_style(m, list(MITIGATIONS)) for m in MITIGATIONS]
     told = [(s["marker"], s["linestyle"], s["markerfacecolor"] == "white") for s in styles]
     assert len(set(told)) == len(told)
 
@@ -579,68 +565,3 @@ def test_a_browser_shows_the_page_and_sorts_its_table(whole, tmp_path, browser):
     up, down = ([float(v) for v in found[key].split()] for key in ("up", "down"))
     assert up == sorted(up) and down == sorted(up, reverse=True) and len(up) == 12
     assert found["drawn"] == "3"
-
-
-# -- two runs compared --------------------------------------------------------------------------------------------
-
-
-def test_holm_is_the_textbooks():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
-
-
-def test_fishers_test_is_exact():
-    """The lady tasting tea: three of four and one of four right."""
-    a, b = ({"trials": 4, "correct": k, "detections": 4} for k in (3, 1))
-    runs = [
-        ComparedRun(name, {"rows": [dict.fromkeys(("interference", "method"), "x") | place | row]})
-        for name, row in (("a", a), ("b", b))
-        for place in [{"overlap": 1.0, "sir_db": -10.0, "snr_db": None}]
-    ]
-    pd, wrong = comparisons(*runs)
-    assert pd.p == pytest.approx(34 / 70) == wrong.p
-    assert pd.difference[0] == -0.5 and pd.difference[1] < -0.5 < pd.difference[2] < 1.0
-
-
-def test_chance_alone_is_rarely_named():
-    """400 pairs of equal runs of 30 comparisons each: a difference is named in at most 5 % of them."""
-    rng = np.random.default_rng(1)
-    chance = cache(lambda x, y: fisher_exact([[x, 60 - x], [y, 60 - y]])[1])
-    named = 0
-    for _ in range(400):
-        tables = [rng.binomial(60, np.linspace(0.05, 0.95, 30)).tolist() for _ in range(2)]
-        named += min(holm([chance(x, y) for x, y in zip(*tables, strict=True)])) <= 0.05
-    assert named / 400 <= 0.05
-
-
-def test_comparison_names_settings_points_and_the_correction(tmp_path):
-    first = finished(tmp_path / "first", scene_of())
-    second = finished(tmp_path / "second", scene_of(seed=2, sweep=SweepSpec((0.0, 1.0), (-10.0, -28.0))))
-    path = second / "report.json"
-    report = json.loads(path.read_text())
-    for row in report["rows"]:
-        if row["method"] == "none" and row["overlap"] == 1.0 and row["sir_db"] == -28.0:
-            row["correct"] += 60
-            row["pd"] = row["correct"] / row["trials"]
-    path.write_text(json.dumps(report))
-    text = compare(first, second)
-    assert "| seed | 1 | 2 |" in text and "Holm's method: **2 differ beyond chance**" in text
-    assert "16 comparisons by Fisher's exact test" in text and "4 rows are in" in text
-    lines = [line for line in text.splitlines() if line.startswith("| none | qpsk_rectangular | 1 | -28 |")]
-    assert [line.split(" | ")[5] for line in lines] == ["Pd", "wrong"]
-    assert "+0.400 (" in lines[0] and "-0.400 (" in lines[1]
-
-
-def test_comparison_of_a_run_with_itself_finds_nothing(tmp_path):
-    folder = finished(tmp_path / "run", scene_of())
-    text = compare(folder, folder)
-    assert "None differs." in text and "12 rows in both, 12 of them with the same digits" in text
-    assert "**0 differ beyond chance**" in text and "test is conservative" in text
-
-
-def test_comparison_of_what_has_nothing_in_common_is_refused(tmp_path):
-    folders = [
-        finished(tmp_path / f"{sir}", scene_of(sweep=SweepSpec((0.5,), (sir,)))) for sir in (-10.0, -20.0)
-    ]
-    with pytest.raises(PoolError, match="have no method and point in common"):
-        compare(*folders)

@@ -133,7 +133,7 @@ WRONG = [
     ),
     ({"interference": [{"qpsk": {}, "tones": {}}]}, "interference", "'qpsk'", "expected one 'kind: {...}'"),
     ({"interference": 7}, "interference", "7", "expected a mapping"),
-    ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "1..16"),
+    ({"channel": {"adc_bits": 40}}, "channel.adc_bits", "40", "0..16"),
     ({"channel": {"drops": {"count": -1}}}, "drops", "-1", "0 or above"),
     ({"altimeter": {"cfar": "os"}}, "'altimeter.cfar'", "unknown key", "allowed:"),
     ({"altimeter": {"pfa_per_frame": 2.0}}, "pfa_per_frame", "2.0", "within"),

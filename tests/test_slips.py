@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from radalt.core.channel.simulated import ChannelSettings, SimulatedChannel
+from radalt.core.channel.settings import ChannelSettings
+from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference.placement import interference_frames
 from radalt.core.programme import Programme
 from radalt.core.receiver.altimeter import Altimeter, AltimeterSettings

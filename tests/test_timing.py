@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from radalt.core.channel.simulated import ChannelSettings, DropSettings, SimulatedChannel
+from radalt.core.channel.settings import ChannelSettings, DropSettings
+from radalt.core.channel.simulated import SimulatedChannel
 from radalt.core.interference import Interferer, QpskEmitter
 from radalt.core.interference.stream import JammerStream
 from radalt.core.programme import Programme

@@ -79,7 +79,7 @@ def draw(path: Path, seed: int) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(3, 4, figsize=(13.0, 9.0), sharex=True, sharey=True, constrained_layout=True)
+    figure, axes = plt.subplots(4, 3, figsize=(8.0, 8.6), sharex=True, sharey=True, constrained_layout=True)
     for axis, (name, title) in zip(axes.flat, PANELS, strict=True):
         with tempfile.TemporaryDirectory() as folder:
             scene = with_recording(load_scene(name), Path(folder), seed)
@@ -95,14 +95,14 @@ def draw(path: Path, seed: int) -> None:
             cmap="cividis",
             interpolation="nearest",
         )
-        axis.set_title(title, fontsize=10)
+        axis.set_title(title.replace(", ", ",\n", 1), fontsize=10)
     for axis in axes[:, 0]:
         axis.set_ylabel("Frequency (MHz)")
     for axis in axes[-1]:
         axis.set_xlabel("Time (ms)")
     figure.colorbar(image, ax=axes, label="Power (dB)", shrink=0.9, pad=0.01)
     figure.suptitle(
-        f"Two sweeps at the receiver: 200 m return (the triangle), interference at {SIR_DB:g} dB SIR, 60 % overlap",
+        f"Two sweeps at the receiver: 200 m return (the triangle),\ninterference at {SIR_DB:g} dB SIR, 60 % overlap",
         fontsize=11,
     )
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -15,10 +15,9 @@ from _tool import FLOWGRAPHS  # isort: skip - first: Ctrl-C, one core, a quiet l
 from pathlib import Path
 
 import numpy as np
+from _landing_scenario import Approach, cell_posts, intervals_s, synthetic_elevation_m
 
-from radalt.core.returns import terrain
-from radalt.core.returns.terrain import VOID_M, TerrainError, cell_posts
-from radalt.core.returns.terrain.dted_cells import intervals_s
+from radalt.core.returns.terrain import VOID_M, TerrainError
 from radalt.evaluation.engine.options import Parser, command, number, path
 
 CELLS = ((41, -89), (41, -88))  # south-west corners of the cells under the approach
@@ -134,7 +133,7 @@ def write_dted(
 # -- the scenario ---------------------------------------------------------------------------------------------------
 
 
-def approach_csv(approach: terrain.Approach, step_s: float) -> str:
+def approach_csv(approach: Approach, step_s: float) -> str:
     """Text of the trajectory file."""
     lines = [
         f"# SYNTHETIC approach to the geometry of {approach.runway.name}; no flight was recorded for it.",
@@ -174,7 +173,7 @@ def main(argv: list[str] | None = None) -> int:
     """Write the files; returns 0, or 2 after a line about what does not fit."""
     args = _parser().parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
-    approach = terrain.Approach(
+    approach = Approach(
         glide_deg=args.glide_deg, start_height_m=args.start_height_m, speed_m_per_s=args.speed_m_per_s
     )
     file = args.out / "approach_kord_10c.csv"
@@ -182,7 +181,7 @@ def main(argv: list[str] | None = None) -> int:
     print(file)
     for kind in ("flat", "hilly") if args.terrain == "both" else (args.terrain,):
         for lat, lon in CELLS:
-            elevation = terrain.synthetic_elevation_m(kind, args.level, lat, lon)
+            elevation = synthetic_elevation_m(kind, args.level, lat, lon)
             file = args.out / f"{kind}_n{lat}w{-lon:03d}.dt{args.level}"
             reference = f"SYNTH-{kind.upper()}"
             print(write_dted(file, elevation, lat, lon, args.level, reference=reference))

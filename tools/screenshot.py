@@ -108,7 +108,7 @@ def _build(args: argparse.Namespace, folder: Path) -> Any:
     for block in data["blocks"]:
         if block["name"] in start:
             block["parameters"]["value"] = str(start[block["name"]])
-    prepared = Prepared(generate(data, folder), "ota_live_sim", (), ())
+    prepared = Prepared(generate(data, folder))
     top = load_class(prepared)(scene_file=args.scene, drop_when_slow=0)
     # settings of its own: without the window size of an earlier run
     top.settings = Qt.QSettings(str(folder / "settings"), Qt.QSettings.IniFormat)

@@ -180,7 +180,6 @@ class MethodStudy(ChainStudy):
         "report.md": "tcae_comparison.md",
         "rows.csv": "data/tcae_comparison.csv",
         "pd.png": "figures/tcae_pd.png",
-        "gain.png": "figures/tcae_gain.png",
     }
 
     def check(self) -> None:
@@ -226,7 +225,7 @@ class MethodStudy(ChainStudy):
         ]
         return (special if n else []) + (sweep if swept else [])
 
-    def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: CasePoint) -> list[dict[str, Any]]:
         """Rows by SIR and method; a method is not run further after two SIRs with Pd below 0.3."""
         swept = len(point.sirs_db) > 1
         scenes = scenes_of(self.trials if swept else self.special_trials, point.scenes)
@@ -277,7 +276,7 @@ def describe(rows: Sequence[dict[str, Any]]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; returns 0, 2 after one line about an error, 130 when interrupted."""
     parser = options.Parser(PROGRAM, __doc__)
-    options.add_options(parser, out=str(ROOT / "results" / "tcae"), time_limit_s=7200.0, sampled=False)
+    options.add_options(parser, out=str(ROOT / "results" / "tcae"), time_limit_s=7200.0)
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the networks' files")
     parser.add_argument("--methods", default=",".join([*CLASSICAL, *NETWORKS]), help="comma-separated")
     parser.add_argument(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,8 @@ GAIN_OVERLAPS = (0.3, 0.6, 1.0)
 PAPER_CASE = "qpsk_rectangular_sinr_-15"
 PAPERS = ("none", "fc", "cnn", "paper", "compact")  # the paper's comparison, and the default network
 PAPERS_SIR_DB = (0.0, -5.0, -10.0, -15.0, -20.0)  # the range that the paper's networks were trained for
+PANELS = ("qpsk_shaped", "nr5", "nr10", "mixture")  # interferers of the figure
+CURVES = ("none", "whitening", "ofdm_cancel", "hybrid", "paper", "compact")  # methods of the figure
 IDEAL = "_ideal"  # suffix of an interferer's name without error vectors
 SWEPT = (*GAIN_CASES, "qpsk_rectangular_delayed", "nr10")  # interferers of the sweep over SIR
 
@@ -209,10 +211,7 @@ def write_report(folder: RunFolder, rows: Sequence[Row], names: Sequence[str], r
     figures = []
     if breaks:
         draw_pd(folder.path / "pd.png", rows, names)
-        figures.append(("pd.png", "Pd over SIR"))
-        if "none" in names:
-            draw_gain(folder.path / "gain.png", breaks, names)
-            figures.append(("gain.png", "Protection gain"))
+        figures.append(("pd.png", "Pd over SIR at full overlap"))
     values = {
         "break_table": _break_table(breaks, names) if breaks else "",
         "both_table": _both_table(breaks, names),
@@ -231,49 +230,51 @@ def beat_spectra(
 ) -> None:
     """Beat spectra of the altimeter, a panel per method; ``frames`` is {label: (N,) complex}."""
     altimeter = shared_altimeter(waveform, AltimeterSettings())
+    rows = -(-len(frames) // 2)
     figure, axes = plt.subplots(
-        1, len(frames), figsize=(2.4 * len(frames), 2.6), sharey=True, layout="constrained"
+        rows, 2, figsize=(6, 1.9 * rows + 0.6), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
-    for axis, (label, frame) in zip(axes, frames.items(), strict=True):
+    for axis in axes.flat[len(frames) :]:
+        axis.set_axis_off()
+    for axis, (label, frame) in zip(axes.flat, frames.items(), strict=False):
         spectra = altimeter.spectra(frame[None])
         for half, dash, name in zip(spectra.power[0], ("-", ":"), ("up", "down"), strict=True):
             level_db = 10 * np.log10(np.maximum(half / spectra.power.max(), 1e-9))
             axis.plot(spectra.beat_hz / 1e3, level_db, dash, color="#0072B2", lw=1, label=name)
         true = axis.axvline(waveform.altitude_to_beat_hz(altitude_m) / 1e3, color="#D55E00", lw=0.8)
-        axis.set(title=label, xlabel="beat / kHz", ylim=(-50, 3))
+        axis.set(title=label, ylim=(-50, 3))
         axis.grid(alpha=0.3)
     true.set_label("true beat")
-    axes[0].set_ylabel("dB of the peak")
-    figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside right upper")
+    figure.supxlabel("beat / kHz")
+    figure.supylabel("dB of the peak")
+    figure.legend(*axis.get_legend_handles_labels(), loc="lower right")
     figure.suptitle(title, fontsize=10)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
 def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
-    """Pd over SIR, one panel per interferer and overlap."""
+    """Pd over SIR at the largest overlap: four panels of six curves, readable at 400 pixels; the tables have all."""
     cases = curves(rows)
-    interferers = list(dict.fromkeys(name for name, _ in cases))
-    overlaps = sorted({overlap for _, overlap in cases})
+    fullest = max(overlap for _, overlap in cases)
+    shown = [case for case in cases if case[1] == fullest and case[0] in PANELS] or list(cases)[:4]
     figure, axes = plt.subplots(
-        len(interferers), len(overlaps), figsize=(3.1 * len(overlaps), 2.0 * len(interferers) + 0.8),
-        sharex=True, sharey=True, squeeze=False, layout="constrained",
+        -(-len(shown) // 2), 2, figsize=(6, 5.6), sharex=True, sharey=True, squeeze=False, layout="constrained",
     )  # fmt: skip
-    for name, overlap in cases:
-        axis = axes[interferers.index(name), overlaps.index(overlap)]
-        for method in names:
+    for case, axis in zip(shown, axes.flat, strict=False):
+        for method in [name for name in names if name in CURVES]:
             style = STYLES[method]
             axis.plot(
-                [r["sir_db"] for r in cases[name, overlap][method]],
-                [r["pd"] for r in cases[name, overlap][method]],
+                [r["sir_db"] for r in cases[case][method]],
+                [r["pd"] for r in cases[case][method]],
                 color=style.colour,
                 marker=style.marker,
                 ls=style.line,
-                ms=4,
-                lw=1.1,
+                ms=5,
+                lw=1.4,
                 label=method,
             )
-        axis.set_title(f"{name.replace('_', ' ')}, overlap {overlap:g}", fontsize=8)
+        axis.set_title(f"{case[0].replace('_', ' ')}, overlap {case[1]:g}", fontsize=11)
         axis.axhline(BREAK_PD, color="0.8", lw=0.8)
         axis.grid(alpha=0.25)
     axes[0, 0].invert_xaxis()
@@ -282,25 +283,6 @@ def draw_pd(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("Pd")
     handles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def draw_gain(path: Path, breaks: Mapping[Case, dict[str, BreakPoint]], names: Sequence[str]) -> None:
-    """Protection gain against none, a row per case, a marker per method; an open end is drawn at its bound."""
-    figure, axis = plt.subplots(figsize=(8, 0.28 * len(breaks) + 1.5), layout="constrained")
-    labels = [f"{name.replace('_', ' ')}, {overlap:g}" for name, overlap in breaks]
-    for method in [m for m in names if m != "none"]:
-        known = gains(breaks, "none", method)
-        look = {"marker": STYLES[method].marker, "color": STYLES[method].colour, "label": method}
-        places = [list(breaks).index(case) for case in known]
-        axis.plot([g.db for g in known.values()], places, ls="", ms=7, alpha=0.9, **look)
-    axis.axvline(0, color="k", lw=0.8)
-    axis.set_yticks(range(len(labels)), labels, fontsize=8)
-    axis.invert_yaxis()
-    axis.set_xlabel("protection gain against no mitigation / dB")
-    axis.grid(alpha=0.3)
-    figure.legend(loc="outside upper center", ncols=5, fontsize=8, title=_EMITTERS)
-    figure.savefig(path, dpi=110)
+    figure.legend(*handles, loc="outside upper center", ncols=3, title=_EMITTERS)
+    figure.savefig(path, dpi=150)
     plt.close(figure)

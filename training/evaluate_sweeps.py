@@ -158,7 +158,7 @@ class SweepStudy(Study):
             for what, rho in [*cases, *((e, rho) for e in emitters(SWEEPS[name]) for rho in OVERLAPS)]
         ]
 
-    def measure(self, point: SweepPoint, batch: int = 0) -> list[Row]:
+    def measure(self, point: SweepPoint) -> list[Row]:
         """Rows by SIR and method; a method is not run further after two SIRs with Pd below 0.3."""
         waveform = SWEEPS[point.sweep]
         if point.interferer in ALONE:
@@ -305,7 +305,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> SweepStudy:
 
 OUT = str(ROOT / "results" / "sweeps")
 main = StudyCommand(
-    "evaluate_sweeps", __name__, _arguments, _study, describe, out=OUT, time_limit_s=7200.0, sampled=False
+    "evaluate_sweeps", __name__, _arguments, _study, describe, out=OUT, time_limit_s=7200.0
 ).main
 
 

@@ -135,7 +135,7 @@ class PaperTables(ChainStudy):
         frames, _, _ = impaired(config, truth, rng, overlap=point.overlap, sir_db=point.level_db)
         return frames[:, 0], truth.height_m, Chain("none", "none", settings=config.altimeter)
 
-    def measure(self, point: TablePoint, batch: int = 0) -> list[Row]:
+    def measure(self, point: TablePoint) -> list[Row]:
         """A row per method, all on the same frames."""
         frames, altitude_m, like = self._frames(point)
         rows = []
@@ -240,9 +240,7 @@ def _study(args: argparse.Namespace, parser: Parser) -> PaperTables:
 
 
 OUT = str(ROOT / "results" / "paper_tables")
-main = StudyCommand(
-    "paper_tables", __name__, _arguments, _study, describe, out=OUT, time_limit_s=3600.0, sampled=False
-).main
+main = StudyCommand("paper_tables", __name__, _arguments, _study, describe, out=OUT, time_limit_s=3600.0).main
 
 
 if __name__ == "__main__":

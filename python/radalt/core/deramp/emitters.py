@@ -1,7 +1,7 @@
-"""Emitters as a deramping altimeter hears them: mixed with its sweep and filtered, at the IF rate.
+"""Emitters as a deramping altimeter receives them: mixed with its sweep and filtered, at the IF rate.
 
 Each has mean power 1 at the antenna port while it transmits, and is a function of time: frame ``i`` begins at
-``i * sweep_s``, and the same instant gives the same sample in whatever frame it is asked for. All phases are float64.
+``i * sweep_s``, and an instant has the same sample in every frame that contains it. All phases are float64.
 
 Frequencies ``offset_hz`` are relative to the centre of the sweep.
 """
@@ -19,11 +19,9 @@ from ..fir import kaiser_lowpass
 from ..waveform import Waveform, exp_cycles
 from .if_waveform import SIMULATION_FACTOR, IfWaveform
 
-__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Qpsk", "Tone", "interference_if"]
+__all__ = ["Emitter", "Ofdm", "OtherAltimeter", "Pulses", "Tone", "interference_if"]
 
-_PULSE_OVERSAMPLING = 16  # rate that pulses are made at, over the simulation rate
-_ROLL_OFF = 0.25  # of QPSK's root-raised-cosine pulse
-_SPAN = 12  # symbols to either side at which that pulse is cut: its tail is 50 dB down
+_PULSE_OVERSAMPLING = 16  # rate at which pulses are computed, over the simulation rate
 
 
 class Emitter(Protocol):
@@ -50,10 +48,9 @@ def _crossing(
     frequency_hz: np.ndarray | float,
     cycles: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """A wave of slowly varying frequency, made only where its beat lies within reach of the simulated band.
+    """A wave of slowly varying frequency, computed only where its beat lies within reach of the simulated band.
 
-    What is farther away than the simulation rate less the IF's stop band folds beside the IF at most; the gate falls
-    to zero before.
+    Beats beyond the simulation rate less the IF's stop band alias outside the IF; the gate falls to zero before.
     """
     beat = frequency_hz - waveform.frequency_hz(time_s)
     inner = 0.5 * waveform.simulation_hz
@@ -86,9 +83,9 @@ class Tone:
 
 @dataclass(frozen=True)
 class OtherAltimeter:
-    """Another FMCW altimeter, of equal or other slope: the sweep of a `Waveform` of its own, begun ``delay_s`` later.
+    """Another FMCW altimeter, of equal or different slope, whose sweep begins ``delay_s`` later.
 
-    An equal sweep that is locked shows as a target at ``c delay_s / 2``; one whose period differs by 10 ppm wanders.
+    An equal sweep that is locked appears as a target at ``c delay_s / 2``; one whose period differs by 10 ppm drifts.
     """
 
     sweep: Waveform
@@ -109,21 +106,21 @@ class OtherAltimeter:
 
 @dataclass(frozen=True)
 class Ofdm:
-    """CP-OFDM with QPSK on every subcarrier but none at DC left out: the numerology of NR without its control signals.
+    """CP-OFDM with QPSK on every subcarrier, DC included: the numerology of NR without its control signals.
 
-    Per symbol only the subcarriers near the sweep are made, by one small inverse transform.
+    Per symbol only the subcarriers near the sweep are computed, by one small inverse FFT.
 
     Parameters
     ----------
     offset_hz : float
-        Of subcarrier 0, the middle.
+        Frequency of subcarrier 0, the middle one.
     subcarriers : int
         624 of 15 kHz are the 52 resource blocks of a 10 MHz NR carrier.
     spacing_hz : float
     prefix : float
         Cyclic prefix over the useful part; 72/1024 is NR's normal prefix, 4.69 us at 15 kHz.
     seed : int
-        Data of symbol ``s`` follow from (seed, s).
+        The data of symbol ``s`` are drawn from (seed, s).
     """
 
     offset_hz: float = 0.0
@@ -144,7 +141,7 @@ class Ofdm:
         return exp_cycles(quarters / 4 + 0.125, np.complex128) / np.sqrt(self.subcarriers)
 
     def check(self, waveform: IfWaveform) -> int:
-        """Size of the small transform; raises ValueError where a sweep is too fast or the rates do not fit."""
+        """Size of the small FFT; raises ValueError where a sweep is too fast or the rates do not fit."""
         size = waveform.simulation_hz / self.spacing_hz
         if abs(size - round(size)) > 1e-6:
             raise ValueError(
@@ -195,77 +192,8 @@ class Ofdm:
 
 
 @dataclass(frozen=True)
-class Qpsk:
-    """QPSK through a root-raised-cosine pulse (roll-off 0.25), narrower than the simulated band.
-
-    Parameters
-    ----------
-    offset_hz : float
-    symbol_hz : float
-        Symbol rate, at most half the simulation rate.
-    seed : int
-        Symbol ``s`` follows from it.
-    """
-
-    offset_hz: float = 0.0
-    symbol_hz: float = 1e6
-    seed: int = 1
-    constant_envelope = False
-
-    def symbols(self, first: int, count: int) -> np.ndarray:
-        """(count,) complex128 symbols ``first ...``, drawn in blocks of 256 by number."""
-        blocks = np.arange(first // 256, (first + count - 1) // 256 + 1)
-        drawn = [np.random.default_rng([self.seed, int(b) + (1 << 32)]).integers(0, 4, 256) for b in blocks]
-        at = first - 256 * int(blocks[0])
-        return exp_cycles(np.concatenate(drawn)[at : at + count] / 4 + 0.125, np.complex128)
-
-    def wave(self, time_s: np.ndarray) -> np.ndarray:
-        """(n,) complex128 baseband at rising times, about its own centre; mean power 1."""
-        u = np.asarray(time_s) * self.symbol_hz
-        first = int(np.floor(u[0])) - _SPAN
-        symbols = self.symbols(first, int(np.floor(u[-1])) + _SPAN + 1 - first)
-        nearest = np.floor(u).astype(int)
-        out = np.zeros(u.size, dtype=np.complex128)
-        for step in range(-_SPAN, _SPAN + 1):
-            out += symbols[nearest + step - first] * _root_raised_cosine(u - nearest - step)
-        return out
-
-    def mixed(self, waveform: IfWaveform, start_s: float) -> np.ndarray:
-        """See `Emitter`."""
-        if self.symbol_hz > 0.5 * waveform.simulation_hz:
-            raise ValueError(
-                f"qpsk.symbol_hz is {self.symbol_hz:g}; it has to be at most half the simulation rate "
-                f"{waveform.simulation_hz:g}; use ofdm for a wider carrier"
-            )
-        t = start_s + waveform.simulation_times_s
-        near = np.abs(self.offset_hz - waveform.frequency_hz(t)) < self.symbol_hz + waveform.stop_hz
-        out = np.zeros(t.size, dtype=np.complex64)
-        for part in _runs(near):
-            cycles = np.mod(self.offset_hz * t[part], 1.0) - waveform.phase_cycles(
-                np.mod(t[part], waveform.sweep_s)
-            )
-            out[part] = self.wave(t[part]) * exp_cycles(cycles, np.complex128)
-        return out
-
-
-def _root_raised_cosine(u: np.ndarray) -> np.ndarray:
-    """Pulse of unit energy per symbol at times in symbols (J. G. Proakis, Digital Communications, 9.2)."""
-    a = _ROLL_OFF
-    u = np.where(np.abs(np.abs(4 * a * u) - 1.0) < 1e-9, u + 1e-7, u)
-    u = np.where(np.abs(u) < 1e-9, 1e-7, u)
-    top = np.sin(np.pi * u * (1 - a)) + 4 * a * u * np.cos(np.pi * u * (1 + a))
-    return top / (np.pi * u * (1 - (4 * a * u) ** 2))
-
-
-def _runs(mask: np.ndarray) -> list[slice]:
-    """Runs of true entries."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-@dataclass(frozen=True)
 class Pulses:
-    """A pulsed radar: peak power 1, raised-cosine edges; made at a higher rate where a pulse comes near the sweep.
+    """A pulsed radar: peak power 1, raised-cosine edges; computed at a higher rate where a pulse is near the sweep.
 
     Parameters
     ----------
@@ -305,7 +233,8 @@ class Pulses:
         """One pulse on the simulated grid, by a low-pass from the finer one."""
         fine, rate = _PULSE_OVERSAMPLING, waveform.simulation_hz
         out = np.zeros(t.size, dtype=np.complex64)
-        taps = _decimating(waveform)
+        # what folds stays beside the IF
+        taps = kaiser_lowpass(waveform.stop_hz, rate - waveform.stop_hz, fine * rate)
         side = taps.size // 2
         first = int(np.floor((centre_s - reach_s - t[0]) * rate)) - side // fine - 1
         last = int(np.ceil((centre_s + reach_s - t[0]) * rate)) + side // fine + 2
@@ -317,9 +246,3 @@ class Pulses:
         wave = self.envelope(u) * exp_cycles(cycles, np.complex128)
         out[first:last] = np.convolve(wave, taps, mode="valid")[::fine]
         return out
-
-
-def _decimating(waveform: IfWaveform) -> np.ndarray:
-    """Taps from the pulses' rate to the simulation rate: what folds stays beside the IF."""
-    rate = waveform.simulation_hz
-    return kaiser_lowpass(waveform.stop_hz, rate - waveform.stop_hz, _PULSE_OVERSAMPLING * rate)

@@ -17,23 +17,21 @@ __all__ = ["Deleter"]
 # Mean over ten blocks of the normalised innovation squared, above which a track contradicts its measurements. A
 # consistent track has 1 and exceeds 8 in none of 1e9 blocks (chi square of ten values).
 _INCONSISTENT = 8.0
-
-
-# Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
-# in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
-# that interference covers.
 # Blocks in a row in which a place has to be vacant. One alone may be a fade; with three, a step of the ground costs one
 # output more, and no pull-off was found in which that made a difference (docs/tracker.md).
 _VACANT_BLOCKS = 2
+# Standard deviations of a prediction within which a deleted track's return is expected, and the least and largest width
+# in resolution cells: a half, since returns nearer than that are one peak; three, beyond which side lobes are examined
+# that interference covers.
 _PLACE_SIGMAS, _LEAST_PLACE_CELLS, _MOST_PLACE_CELLS = 4.0, 0.5, 3.0
 
 
 class Deleter:
-    """Ends tracks: after a time without measurements, where they contradict themselves, where the ground has stepped.
+    """Ends tracks: after a time without measurements, where measurements contradict them, at a step of the ground.
 
     A track that was certain is remembered after its end, until its place is vacant in two blocks in a row. Before that
-    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no limit of time:
-    whoever pulls off can wait.
+    its successor may be a false return that has pulled the tracker off, and is no altitude. There is no time limit,
+    since a pull-off can last.
 
     Parameters
     ----------

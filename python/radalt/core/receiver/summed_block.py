@@ -1,4 +1,4 @@
-"""What the sums over one block of frames show: the strongest return, others beside it, their errors."""
+"""Returns in the sums over one block of frames: the strongest, others beside it, their errors."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class Block:
         self._away: dict[bytes, np.ndarray] = {}
         self.middle = float(at.mean())
         self._votes = np.log1p(ratio)
-        self.late = late = -(-self.count // _PARTS)  # frames of its last quarter
+        self.latest_frames = late = -(-self.count // _PARTS)  # frames of its last quarter
         self._shifts = shifts = tables.shifts(at)
         sums = tables.moved_sums(self._votes, shifts)
         background, self._sigma = self._noise(sums[len(sums) // 2])
@@ -285,9 +285,11 @@ class Block:
         """
         t = self.tables
         k = int(t.rows[found.row, 0])
-        share = self.late / self.count
+        share = self.latest_frames / self.count
         _, floor, slope = self._sums(k)
-        power = t.moved_sums(self.ratio[-self.late :], self._shifts[k : k + 1, -self.late :])[0]
+        power = t.moved_sums(
+            self.ratio[-self.latest_frames :], self._shifts[k : k + 1, -self.latest_frames :]
+        )[0]
         reach = round(_MAIN_LOBE * t.resolution_cells)
         steps, cells = np.arange(-reach, reach + 1), np.arange(power.shape[1])
         over = [np.interp(found.cells[half] + steps, cells, power[half]) / floor[half] for half in range(2)]
@@ -331,7 +333,7 @@ class Block:
     def away_from(self, found: Measurement) -> np.ndarray:
         """Mask like `table`: entries of which at least one half lies beyond the main lobe of a return."""
         t, key = self.tables, found.cells.tobytes()
-        if key not in self._away:  # asked for several times
+        if key not in self._away:  # needed several times
             lobe = _MAIN_LOBE * t.resolution_cells
             up = np.abs(t.up_cell[0] - found.cells[0]) > lobe
             self._away[key] = up | (np.abs(t.down_cell - found.cells[1]) > lobe)
@@ -449,7 +451,8 @@ class Block:
         peak = found.power * level
         fluctuation = signal.detrend(excess, axis=0).std(axis=0, ddof=2)
         over = np.maximum(here, mirrored).mean(axis=0)
-        noise = np.sqrt(over * level + 0.5 * level**2)  # of one frame's excess, for a constant line in noise
+        # standard deviation of one frame's excess for a constant line in noise
+        noise = np.sqrt(over * level + 0.5 * level**2)
         fluctuates = fluctuation > np.maximum(_FLUCTUATION_SIGMAS * noise, _FLUCTUATION_SHARE * peak)
         one_sided = excess.mean(
             axis=0

@@ -49,8 +49,6 @@ def point_return(
     if waveform.deramped:
         total = total - waveform.phase_cycles(t)
     out = exp_cycles(total, dtype)
-    if (
-        waveform.deramped
-    ):  # what is still on the ramp before passes the IF filter for an instant only: left out
+    if waveform.deramped:  # the return of the ramp before passes the IF filter for an instant only: left out
         out[np.mod(t, waveform.half_sweep_s) < delay_s + 2.0 / waveform.rate_hz] = 0
     return out[0] if np.ndim(parts[0]) == 0 else out

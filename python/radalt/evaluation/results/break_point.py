@@ -15,18 +15,10 @@ BREAK_PD = 0.9  # least Pd at which a method holds, usual for detection requirem
 
 @dataclass(frozen=True)
 class Gain:
-    """Difference of two break-points in decibels.
+    """Difference of two break-points in decibels."""
 
-    Attributes
-    ----------
-    db : float
-        The value, or the end of the range that ``mark`` names; NaN if unknown.
-    mark : str
-        ``""`` exact, ``"<="`` or ``">="`` at the end of a grid, ``"?"`` if both ends are open.
-    """
-
-    db: float
-    mark: str = ""
+    db: float  # the value, or the end of the range that ``mark`` names; NaN if unknown
+    mark: str = ""  # ``""`` exact, ``"<="`` or ``">="`` at the end of a grid, ``"?"`` if both ends are open
 
     def __str__(self) -> str:
         return "\N{EN DASH}" if self.mark == "?" else f"{_SIGN[self.mark]}{self.db:.1f}"
@@ -34,21 +26,13 @@ class Gain:
 
 @dataclass(frozen=True)
 class BreakPoint:
-    """Break-point SIR of a method: the lowest SIR down to which Pd is at least the level.
+    """Break-point SIR of a method: the lowest SIR down to which Pd is at least the level."""
 
-    Attributes
-    ----------
-    sir_db : float
-        SIR at which Pd crosses the level, or the end of the grid that ``mark`` names.
-    mark : str
-        ``""``, ``"<="`` if Pd holds down to the lowest measured SIR, ``">="`` if it fails at the highest.
-    low_db, high_db : float
-        Break-points of the upper and lower 95 % Wilson bounds of Pd: an interval of the break-point; an end of the
-        grid stands for everything beyond it.
-    """
-
-    sir_db: float
+    sir_db: float  # SIR at which Pd crosses the level, or the end of the grid that ``mark`` names
+    # ``""``, ``"<="`` if Pd holds down to the lowest measured SIR, ``">="`` if it fails at the highest
     mark: str
+    # break-points of the upper and lower 95 % Wilson bounds of Pd: an interval of the break-point; an end of the grid
+    # stands for everything beyond it
     low_db: float
     high_db: float
 
@@ -79,11 +63,6 @@ def break_point(
     low, high : (n,) bounds of Pd, default ``pd`` itself.
     level : float
         Within 0..1.
-
-    Raises
-    ------
-    ValueError
-        Without points.
 
     Examples
     --------

@@ -22,33 +22,16 @@ _CHUNK = 20  # frames per call: 1.2 MB at the default waveform, within the secon
 
 @dataclass(frozen=True)
 class Chain:
-    """One way from frames to altitudes.
+    """One way from frames to altitudes."""
 
-    Attributes
-    ----------
-    label : str
-        Label in reports.
-    method : str
-        Registry name.
-    options : tuple of (name, value)
-        Options of the method.
-    precision : str
-        Arithmetic precision of the method; a model's metadata override it.
-    settings : AltimeterSettings
-        Settings of the altimeter.
-    looks : int
-        Consecutive frames whose power spectra are averaged for one altitude.
-    independent : bool
-        Whether frames are independent, so that the method is reset before each: `Hybrid` has a budget of acquisitions
-        per stream, and independent frames are no stream.
-    """
-
-    label: str
-    method: str
-    options: tuple[tuple[str, Any], ...] = ()
-    precision: str = "float32"
+    label: str  # label in reports
+    method: str  # registry name
+    options: tuple[tuple[str, Any], ...] = ()  # of the method
+    precision: str = "float32"  # arithmetic precision of the method; a model's metadata override it
     settings: AltimeterSettings = field(default_factory=AltimeterSettings)
-    looks: int = 1
+    looks: int = 1  # consecutive frames whose power spectra are averaged for one altitude
+    # whether frames are independent, so that the method is reset before each: `Hybrid` has a budget of acquisitions
+    # per stream, and independent frames are no stream
     independent: bool = False
 
     @classmethod

@@ -37,16 +37,7 @@ def render(template: Path, **values: Any) -> str:
 
 
 def write_pages(folder: RunFolder, template: Path, values: Mapping[str, Any]) -> Path:
-    """`write_page` of a template.
-
-    Parameters
-    ----------
-    folder : RunFolder
-    template : Path
-        ``.md.j2``.
-    values : mapping
-        Values of the template; ``run`` is a `Run` as a dict.
-    """
+    """`write_page` of a ``.md.j2`` template; its value ``run`` is a `Run` as a dict."""
     return write_page(folder, render(template, **values), values["run"])
 
 
@@ -76,16 +67,8 @@ def write_result(
 def write_page(folder: RunFolder, text: str, run: Mapping[str, Any], *, more: str = "") -> Path:
     """Write ``report.md``, and ``report.html``, which contains its figures; returns the path of ``report.md``.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Folder with the page's figures; an SVG is preferred.
-    text : str
-        Markdown.
-    run : mapping
-        A `Run` as a dict.
-    more : str
-        Markdown at the end of ``report.html`` only.
+    ``text`` is Markdown, ``run`` a `Run` as a dict, ``more`` Markdown at the end of ``report.html`` only. Figures lie
+    in the folder; an SVG is preferred.
     """
     page = folder.write_text("report.md", text)
     html = render(

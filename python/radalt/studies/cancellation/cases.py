@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.channel.simulated import ChannelSettings, SimulatedChannel
+from ...core.channel.settings import ChannelSettings
+from ...core.channel.simulated import SimulatedChannel
 from ...core.interference.amplifier import Amplifier
 from ...core.interference.effects import ImpairedEmitter, Impairments
 from ...core.interference.emitters import NamedEmitter
@@ -92,7 +93,7 @@ def _faded(profile: str, doppler_hz: float = 0.0) -> ImpairedEmitter:
     return ImpairedEmitter(emitter=_nr10(0.03), effects=Impairments(fading=fading))
 
 
-_TWO_RADIOS = {
+_OFFSETS = {
     "jammer_clock_ppm": 2.0,
     "jammer_lo_offset_hz": 3_100.0,
     "dc_offset": 0.5,
@@ -140,7 +141,9 @@ CASES = {
     "stream_mixed": Case(
         "stream, all four constellations, EVM 3 %", _nr10(0.03, modulation="mixed"), stream=True
     ),
-    "stream_radios": Case("stream, two radios, EVM 3 %", _nr10(0.03), stream=True, radio=_TWO_RADIOS),
+    "stream_radios": Case(
+        "stream, CFO, clock, IQ and DC offsets, EVM 3 %", _nr10(0.03), stream=True, radio=_OFFSETS
+    ),
     "stream_ra4_5": Case("stream, RA4, 5 km/h, EVM 3 %", _faded("RA4", _5_KM_PER_H_HZ), stream=True),
     "stream_ra4_30": Case("stream, RA4, 30 km/h, EVM 3 %", _faded("RA4", _30_KM_PER_H_HZ), stream=True),
     "qpsk": Case("QPSK, 2 MHz, rectangular, typical EVM", _QPSK, "qpsk_cancel"),

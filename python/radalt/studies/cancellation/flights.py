@@ -72,9 +72,9 @@ class FlightsStudy(ChainStudy):
             for number in range(self.flights)
         ]
 
-    def measure(self, point: FlightPoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: FlightPoint) -> list[dict[str, Any]]:
         """A row per method and allowed speed."""
-        seed = [self.seed, 97, list(FLIGHTS).index(point.flight), point.number, batch]
+        seed = [self.seed, 97, list(FLIGHTS).index(point.flight), point.number, 0]
         return fly(point.flight, self.methods, np.random.default_rng(seed), point.frames)
 
     def report(self, folder: RunFolder, rows: Mapping[str, list[dict[str, Any]]], run: Run) -> Path:

@@ -66,7 +66,6 @@ class CancellationStudy(ChainStudy):
             | {"cancelled", "tracked"},
         )
     }
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "cancellation.md",
         "rows.csv": "data/cancellation.csv",
@@ -86,13 +85,13 @@ class CancellationStudy(ChainStudy):
         """All chains but the cancellers of other emitters."""
         return [c for c in self.chains if c.method not in CANCELLERS or c.method == case.method]
 
-    def measure(self, point: CasePoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: CasePoint) -> list[dict[str, Any]]:
         """A row per SIR and method, on the same frames."""
         case, rows, failures = CASES[point.case], [], 0
         for sir_db in self.sirs_db:
             if failures >= 2:
                 break
-            seed = [self.seed, list(CASES).index(point.case), round(-10 * sir_db)] + [batch] * bool(batch)
+            seed = [self.seed, list(CASES).index(point.case), round(-10 * sir_db)]
             frames, altitude_m = received(case, sir_db, point.frames, np.random.default_rng(seed))
             for chain in self._chains_of(case):
                 cleaned, found = _cleaned(method_of(chain, WAVEFORM), frames, case.stream)

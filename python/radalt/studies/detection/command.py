@@ -51,5 +51,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"{first['method']}, {first['scene']} {first['sir_db']:g} dB: declared/forced {found}"
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, time_limit_s=3600.0, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, time_limit_s=3600.0)
 main, _parser = SHELL.main, SHELL.parser

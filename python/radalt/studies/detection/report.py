@@ -23,6 +23,8 @@ def write_report(
 ) -> Path:
     """Write ``report.md`` and ``report.json``; returns the page."""
     tables = {"return_table": return_table(rows["rows"]), "null_table": null_table(rows["null"])}
+    noise = [row for row in rows["null"] if row["scene"] == "none"]
+    tables["noise_worst"] = max(noise, key=lambda row: row["rate"], default=None)
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), rows, tables)
 
 

@@ -297,7 +297,7 @@ class DetectionStudy(ChainStudy):
                 points.append(DetectionPoint(name, frames, "null", null))
         return points
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """A row per allowed speed."""
         rows = measure_null if point.table == "null" else measure
         return rows(point.case, point.frames, self.seed)

@@ -111,5 +111,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after)
 main, _parser = SHELL.main, SHELL.parser

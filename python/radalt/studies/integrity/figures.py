@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ...core.interference.evm import EMITTERS
-from ...evaluation.overlap.figures import series_style
 from ...evaluation.results.figure import new_figure, save_figure
 from ...evaluation.results.integrity import Integrity
 from ...evaluation.results.score import Score
+from ...evaluation.results.style import series_style
 from .columns import EDGES, FRAMES
 
 _EMITTERS = f"{EMITTERS}; paper_qpsk: ideal"

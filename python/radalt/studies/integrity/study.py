@@ -166,7 +166,7 @@ class IntegrityStudy(ChainStudy):
         flight = fly(case, self.seed, batch, self.frames)
         return flight, judge(received(case, flight, self.seed, batch), self.frames, self.chains)
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """A row per method."""
         case = case_of(point.case)
         flight, judged = self.flown(case, point.part)

@@ -11,7 +11,7 @@ from scipy import signal
 from ...core.interference import Interferer, QpskEmitter, ToneEmitter
 from ...core.interference.emitters.nr import NrEmitter
 from ...core.interference.evm import TYPICAL
-from ...core.interference.receiver_filter import check_receiver, receiver_taps
+from ...core.interference.receiver_filter import window_taps
 from .config import LandingConfig
 
 __all__ = ["ASSUMPTIONS", "Assumption"]
@@ -50,7 +50,7 @@ class ReceivedQpsk:
 
     def samples(self, count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
         """See `Emitter`."""
-        taps = receiver_taps(4 * rate_hz, rate_hz / 2, check_receiver(rate_hz, None))
+        taps = window_taps(rate_hz, 4)
         wide = self.emitter.samples(4 * count + taps.size, 4 * rate_hz, rng)
         return signal.upfirdn(taps, wide, 1, 4)[taps.size // 4 :][:count]
 

@@ -19,10 +19,10 @@ from ...core.returns.landing import (
     AntennaSpec,
     GroundSpec,
     LandingSpec,
-    LinkSpec,
     TerrainSpec,
     TrajectorySpec,
 )
+from ...core.returns.link import RadarLink
 from ...core.returns.terrain import (
     MIN_HEIGHT_M,
     AircraftState,
@@ -114,7 +114,7 @@ class LandingConfig:
     terrain: TerrainSpec = TerrainSpec()
     antenna: AntennaSpec = AntennaSpec()
     ground: GroundSpec = GroundSpec()
-    link: LinkSpec = LinkSpec()
+    link: RadarLink = RadarLink()
     waveform: Waveform = Waveform()
     altimeter: AltimeterSettings = AltimeterSettings(strategy="leading_edge")
     interference: tuple[Interferer, ...] = (Interferer(QpskEmitter(evm=TYPICAL)),)
@@ -161,10 +161,10 @@ class LandingConfig:
         """(frames,) instants of figure 1, evenly spread."""
         return np.linspace(*self.window_s(), self.approach.frames)
 
-    def trial_times_s(self, trials: int, batch: int = 0) -> np.ndarray:
-        """(trials,) instants, a random one in each of as many equal parts of the flight; they differ by batch."""
+    def trial_times_s(self, trials: int) -> np.ndarray:
+        """(trials,) instants, a random one in each of as many equal parts of the flight."""
         start, end = self.window_s()
-        rng = np.random.default_rng([self.seed, 0x71, batch] if batch else [self.seed, 0x71])
+        rng = np.random.default_rng([self.seed, 0x71])
         return start + (end - start) * (np.arange(trials) + rng.random(trials)) / max(trials, 1)
 
 

@@ -1,4 +1,4 @@
-"""Rows of the landing study: those of a batch of a point, a function of (config, point, batch)."""
+"""Rows of the landing study: those of a point, a function of (config, point)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...core.returns.terrain import GroundReturn, TerrainReturn
 from ...evaluation.engine.study import Point
 from ...evaluation.results.chain import Chain, seconds_per_frame
 from ...evaluation.results.rows import Columns
-from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, pool, score_frames
+from ...evaluation.results.score import SCORE_COLUMNS, accuracy_limit_m, score_frames
 from .assumptions import ASSUMPTIONS
 from .config import LandingConfig
 
@@ -32,7 +32,6 @@ __all__ = [
     "assumed_methods",
     "impaired",
     "point_rows",
-    "pooled_row",
     "rng_of",
     "seconds",
     "statistics",
@@ -74,11 +73,6 @@ class LandingPoint(Point):
     overlap: float = 0.0
     sinr_db: float | None = None
     assumption: str = ""
-
-    @property
-    def sampled(self) -> bool:
-        """See `Point`: the approach is flown once, and all assumptions share their frames."""
-        return self.table == "curve"
 
 
 def study_points(config: LandingConfig) -> tuple[LandingPoint, ...]:
@@ -176,9 +170,9 @@ def approach_frames(config: LandingConfig, first: int, count: int) -> Truth:
     return _truth(_flown(config), tuple(config.approach_times_s()[first : first + count].tolist()))
 
 
-def trial_frames(config: LandingConfig, trials: int, batch: int = 0) -> Truth:
-    """Returns of the ground for a batch of trials."""
-    return _truth(_flown(config), tuple(config.trial_times_s(trials, batch).tolist()))
+def trial_frames(config: LandingConfig, trials: int) -> Truth:
+    """Returns of the ground for a point's trials."""
+    return _truth(_flown(config), tuple(config.trial_times_s(trials).tolist()))
 
 
 def impaired(
@@ -264,57 +258,29 @@ def _bootstrap(errors: np.ndarray, seed: Sequence[int]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def pooled_row(batches: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """A method's row of a point from those of its batches: score and means pooled over their counts.
-
-    Batches are independent, so the half widths of an error's interval, as mean squares, add in quadrature.
-    """
-
-    def mean(column: str, count: str, power: int = 1) -> float:
-        over = [row for row in batches if row[count]]
-        total = sum(row[count] for row in over)
-        return sum(row[count] * row[column] ** power for row in over) / total if total else float("nan")
-
-    row = dict(batches[0]) | pool(batches).row()
-    row["in_band"] = mean("in_band", "trials")
-    row["speed_bias_m_per_s"] = mean("speed_bias_m_per_s", "detections")
-    row["speed_rmse_m_per_s"] = mean("speed_rmse_m_per_s", "detections", 2) ** 0.5
-    row["diverged_frames"] = sum(batch["diverged_frames"] for batch in batches)
-    for over, count in (("detected", "detections"), ("forced", "forced")):
-        value, total = f"rmse_{over}_m", row[count]
-        for end, sign in (("low", -1), ("high", 1)):
-            name = f"rmse_{over}_{end}_m"
-            parts = [b[count] / total * (b[name] ** 2 - b[value] ** 2) for b in batches if b[count]]
-            row[name] = (
-                max(row[value] ** 2 + sign * float(np.hypot.reduce(parts)), 0.0) ** 0.5 if parts else None
-            )
-    return row
+def rng_of(config: LandingConfig, name: str) -> np.random.Generator:
+    """Random generator of a point, by its name."""
+    return np.random.default_rng(_seed(config, name))
 
 
-def rng_of(config: LandingConfig, name: str, batch: int = 0) -> np.random.Generator:
-    """Random generator of one batch of a point, by the point's name."""
-    return np.random.default_rng(_seed(config, name, batch))
-
-
-def _seed(config: LandingConfig, name: str, batch: int) -> list[int]:
+def _seed(config: LandingConfig, name: str) -> list[int]:
     digest = hashlib.sha256(name.encode()).digest()
-    seed = [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
-    return [*seed, batch] if batch else seed
+    return [config.seed, int.from_bytes(digest[:4], "big"), int.from_bytes(digest[4:8], "big")]
 
 
-def point_rows(config: LandingConfig, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
-    """All rows of one batch of a point."""
+def point_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
+    """All rows of a point."""
     rows = {"approach": _approach_rows, "curve": _curve_rows, "assumptions": _assumption_rows}[point.table]
-    return rows(config, point, batch)
+    return rows(config, point)
 
 
-def _approach_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+def _approach_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     truth = approach_frames(config, point.first, point.frames)
     spec = config.approach
     rows = []
     for overlap, sir_db, methods in ((0.0, None, ("none",)), (spec.overlap, spec.sir_db, config.methods)):
         # one generator each, so that the noise is the same with and without interference
-        rng = rng_of(config, point.name, batch)
+        rng = rng_of(config, point.name)
         frames, sir, sinr = impaired(config, truth, rng, overlap=overlap, sir_db=sir_db)
         known = {name: getattr(truth, name) for name in _TRUE} | {"sir_db": sir, "sinr_db": sinr}
         for method in methods:
@@ -347,10 +313,10 @@ def _summary_rows(
     return rows
 
 
-def _curve_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
-    truth = trial_frames(config, point.frames, batch)
+def _curve_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
+    truth = trial_frames(config, point.frames)
     level = {} if point.sinr_db is None else {"overlap": point.overlap, "sinr_db": point.sinr_db}
-    rows = _summary_rows(config, truth, _seed(config, point.name, batch), config.methods, **level)
+    rows = _summary_rows(config, truth, _seed(config, point.name), config.methods, **level)
     return [row | {"overlap": point.overlap, "asked_sinr_db": point.sinr_db} for row in rows]
 
 
@@ -359,19 +325,19 @@ def assumed_methods(config: LandingConfig) -> tuple[str, ...]:
     return tuple(m for m in ("none", "whitening", "tcae") if m == "none" or m in config.methods)
 
 
-def _assumption_rows(config: LandingConfig, point: LandingPoint, batch: int) -> list[dict[str, Any]]:
+def _assumption_rows(config: LandingConfig, point: LandingPoint) -> list[dict[str, Any]]:
     assumption = next(a for a in ASSUMPTIONS if a.name == point.assumption)
     changed = assumption.change(config)
-    truth = trial_frames(changed, point.frames, batch)
+    truth = trial_frames(changed, point.frames)
     level = {"overlap": config.approach.overlap, "sir_db": config.approach.sir_db + assumption.shift_db}
     # one seed for the whole table: rows differ by their assumption, not by their random numbers
-    rows = _summary_rows(changed, truth, _seed(config, "variant", batch), assumed_methods(config), **level)
+    rows = _summary_rows(changed, truth, _seed(config, "variant"), assumed_methods(config), **level)
     overlap = config.approach.overlap if changed.interference else 0.0
     return [row | {"assumption": point.assumption, "overlap": overlap} for row in rows]
 
 
 def seconds(config: LandingConfig, point: LandingPoint) -> float:
-    """Approximate CPU seconds of one batch of a point; all points of the curve share the returns of the ground."""
+    """Approximate CPU seconds of a point; all points of the curve share the returns of the ground."""
     methods = assumed_methods(config) if point.table == "assumptions" else config.methods
     each = sum(
         seconds_per_frame(

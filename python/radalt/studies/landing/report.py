@@ -166,7 +166,7 @@ def write_report(folder: RunFolder, study: LandingStudy, rows: Mapping[str, Sequ
         "trials": sorted({r["trials"] for r in curve}),
         "figures": draw_figures(config, rows, folder.path),
     }
-    values = _page_values(config, report) | {"precision": run.precision}
+    values = _page_values(config, report)
     return write_result(folder, Path(__file__).with_name("report.md.j2"), run.as_dict(), report, values)
 
 

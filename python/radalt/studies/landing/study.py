@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,7 +13,7 @@ from ...evaluation.engine.study import Study
 from ...evaluation.overlap.study import check_methods, method_files
 from ...evaluation.results.rows import Columns
 from .config import LandingConfig, check_config, config_dict
-from .points import TABLES, LandingPoint, point_rows, pooled_row, seconds, study_points
+from .points import TABLES, LandingPoint, point_rows, seconds, study_points
 
 __all__ = ["LandingStudy"]
 
@@ -27,7 +27,6 @@ class LandingStudy(Study):
     config: LandingConfig
 
     tables: ClassVar[Mapping[str, Columns]] = TABLES
-    sampled: ClassVar[bool] = True
     published: ClassVar[Mapping[str, str]] = {
         "figure_1_approach.png": "figures/landing_approach.png",
         "figure_2_error_against_sinr.png": "figures/landing_error_against_sinr.png",
@@ -58,13 +57,9 @@ class LandingStudy(Study):
         """See `points.study_points`."""
         return study_points(self.config)
 
-    def measure(self, point: LandingPoint, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: LandingPoint) -> list[dict[str, Any]]:
         """See `points.point_rows`."""
-        return point_rows(self.config, point, batch)
-
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `points.pooled_row`."""
-        return [pooled_row(same) for same in zip(*batches, strict=True)]
+        return point_rows(self.config, point)
 
     def seconds(self, point: LandingPoint) -> float:
         """See `points.seconds`."""

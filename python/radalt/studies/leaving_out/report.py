@@ -50,8 +50,8 @@ def summarise(rows: Sequence[dict[str, Any]], frames: int) -> list[dict[str, Any
                 "identical": len({r["digest"] for r in mine}) == 1,
                 "modules": next(r["modules"] for r in mine if r["built"] == "pruned"),
                 "left_out": list(plan.left_out),
-                "fft_size": plan.fft_size,
-                "decimation": plan.decimation,
+                "fft_size": plan.altimeter.fft_size,
+                "decimation": plan.altimeter.decimation,
             }
         )
     return out

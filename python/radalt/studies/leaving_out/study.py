@@ -31,9 +31,7 @@ __all__ = ["LeavingOutStudy", "run_apart", "run_once"]
 def prepare_unpruned(build_dir: Path) -> Prepared:
     """Flowgraph with every chain of the `.grc` file, the jammer's included."""
     data = simulate(load_grc(share_dir() / "flowgraphs" / "ota_b210.grc"), "ota_sim_full")
-    return Prepared(
-        generate(prune(data, tuple(METHODS), True), build_dir), "ota_sim_full", tuple(METHODS), ()
-    )
+    return Prepared(generate(prune(data, tuple(METHODS), True), build_dir), tuple(METHODS))
 
 
 def run_once(name: str, frames: int, built: str) -> dict[str, Any]:
@@ -113,7 +111,7 @@ class LeavingOutStudy(Study):
     def _total_frames(self, name: str) -> int:
         return scene_of(name, self.frames).altitude.programme.total_frames
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """A row per run."""
         where = {"scene": point.name, "frames": self._total_frames(point.name)}
         return [

@@ -140,7 +140,7 @@ def prepare_benchmark(
                 "skip_clean": str(skip_clean),
                 "own_process": str(own_process),
             }
-    return Prepared(generate(data, build_dir), name, tuple(methods), ())
+    return Prepared(generate(data, build_dir), tuple(methods))
 
 
 def at_rate(scene: Scene, rate_hz: float) -> Scene:

@@ -30,7 +30,6 @@ _TIMED = 8  # timed frames per interferer, and without: one batch of the larger 
 _TIMED_SIR_DB = -30.0  # below the break-point without mitigation (-25 dB): every method has to work
 _FFTS = 200  # timed per round, one after the other: 10 ms
 _FACTS_S = 1.0  # start of a process with NumPy and SciPy, for the memory, s
-# columns that are added up where the batches of a point are pooled
 _SUMS = ("correct_even", "correct_odd", "squared_correct_m2")
 _TABLES = {
     "facts": Columns(
@@ -138,7 +137,6 @@ class RuntimeStudy(ChainStudy):
     interferers: tuple[str, ...] = tuple(INTERFERERS)
 
     tables: ClassVar[Mapping[str, Columns]] = _TABLES
-    sampled: ClassVar[bool] = True
     max_jobs: ClassVar[int | None] = 1
     published: ClassVar[Mapping[str, str]] = {
         "report.md": "error_vs_runtime.md",
@@ -166,13 +164,13 @@ class RuntimeStudy(ChainStudy):
             ),
         )
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """See `Study`."""
         if point.table == "facts":
             return [_facts(next(c for c in self.chains if c.label == point.chain))]
         if point.table == "times":
             return list(_times(self.chains, self.interferers, point.round))
-        frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed, batch)
+        frames, truth = frames_of(point.interferer, point.sir_db, self.frames, self.seed)
         where = {
             "interferer": point.interferer or CLEAN,
             "sir_db": point.sir_db if point.interferer else None,
@@ -181,11 +179,6 @@ class RuntimeStudy(ChainStudy):
             where | {"chain": chain.label} | _scored(chain.results(frames, WAVEFORM)[0], truth)
             for chain in self.chains
         ]
-
-    def pooled(self, batches: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-        """See `Study`; with the sums that only this study has."""
-        both = zip(super().pooled(batches), zip(*batches, strict=True), strict=True)
-        return [row | {name: sum(r[name] for r in same) for name in _SUMS} for row, same in both]
 
     def seconds(self, point: Point) -> float:
         """See `Study`."""

@@ -71,5 +71,5 @@ def _describe(rows: Sequence[dict[str, Any]]) -> str:
     return f"LMS step limit at spread {first['spread']:.0e}: {first['verdict']}"
 
 
-SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after, sampled=False)
+SHELL = StudyCommand(PROGRAM, __name__, _arguments, _study, _describe, _after)
 main, _parser = SHELL.main, SHELL.parser

@@ -175,27 +175,29 @@ def _brief(value: float | None) -> str:
 
 
 def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """A tile for every case and chain, in the colour of its verdict, with a letter unless it passed."""
+    """A tile for every case and chain with a row that did not pass, in the colour of its verdict."""
     from matplotlib.patches import Patch, Rectangle
 
-    cases = list(dict.fromkeys(r["case"] for r in rows))
-    chains = list(dict.fromkeys(r["chain"] for r in rows))
-    figure = new_figure(4.6 + 0.42 * len(chains), 1.8 + 0.165 * len(cases))
+    broken = [r for r in rows if r["verdict"] in ("WRONG", "FAIL")] or rows
+    cases = list(dict.fromkeys(r["case"] for r in broken))
+    chains = list(dict.fromkeys(r["chain"] for r in broken))
+    shown = [r for r in rows if r["case"] in cases and r["chain"] in chains]
+    figure = new_figure(3.4 + 0.4 * len(chains), 2.2 + 0.22 * len(cases))
     axis = figure.subplots()
-    for r in rows:
+    for r in shown:
         x, y = chains.index(r["chain"]), cases.index(r["case"])
         axis.add_patch(Rectangle((x - 0.46, y - 0.43), 0.92, 0.86, color=_COLOURS[r["verdict"]], lw=0))
         colour = "white" if r["verdict"] == "FAIL" else "black"
-        axis.text(x, y, _SIGNS[r["verdict"]], ha="center", va="center", fontsize=6, color=colour)
-    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=7)
+        axis.text(x, y, _SIGNS[r["verdict"]], ha="center", va="center", fontsize=8, color=colour)
+    figure.suptitle(f"{EMITTERS}, unless called ideal", fontsize=8)
     axis.set_xlim(-0.5, len(chains) - 0.5)
     axis.set_ylim(len(cases) - 0.5, -0.5)
-    axis.set_yticks(range(len(cases)), cases, fontsize=6)
-    axis.set_xticks(range(len(chains)), chains, rotation=60, ha="left", fontsize=7)
+    axis.set_yticks(range(len(cases)), cases, fontsize=8)
+    axis.set_xticks(range(len(chains)), chains, rotation=60, ha="left", fontsize=8)
     axis.xaxis.tick_top()
     axis.tick_params(length=0)
     axis.spines[:].set_visible(False)
-    names = [v for v in _COLOURS if any(r["verdict"] == v for r in rows)]
+    names = [v for v in _COLOURS if any(r["verdict"] == v for r in shown)]
     handles = [Patch(color=_COLOURS[v], label=v + (f" ({_SIGNS[v]})" if _SIGNS[v] else "")) for v in names]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(names), fontsize=7, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(names), fontsize=8, frameon=False)
     save_figure(figure, path)

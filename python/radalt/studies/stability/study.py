@@ -108,7 +108,7 @@ class StabilityStudy(ChainStudy):
             ),
         ]
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """See `Study`."""
         if point.table == "step_limits":
             return [checks.step_limit(point.spread)]

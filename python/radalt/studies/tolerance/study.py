@@ -201,7 +201,7 @@ class ToleranceStudy(Study):
             for s in range(1, self.seeds + 1)
         ]
 
-    def measure(self, point: Point, batch: int = 0) -> list[dict[str, Any]]:
+    def measure(self, point: Point) -> list[dict[str, Any]]:
         """A row per altitude."""
         p = _profile(self.profile)
         trial = Trial(p, point.interferer, point.method, self.outputs, point.seed, self.ground)
