@@ -37,8 +37,8 @@ PANELS = (
     ("atsc", "ATSC television by GNU Radio"),
     ("dvbs2", "DVB-S2 by GNU Radio"),
 )
-SIR_DB = -20.0
-WINDOW = 128
+SIR_DB = -20.0  # at which return and interference are both seen
+WINDOW = 128  # samples of a short-time transform: 17 us
 
 
 def spectrogram_db(samples: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def spectrogram_db(samples: np.ndarray) -> np.ndarray:
 
 
 def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
-    """The scene with the recording that it plays, if it plays one, made in a folder."""
+    """The scene with its recording, if it plays one, made in a folder."""
     if scene.name not in TRANSMITTERS:
         return scene
     (one,) = scene.interference
@@ -60,7 +60,7 @@ def with_recording(scene: Scene, folder: Path, seed: int) -> Scene:
 
 
 def received(scene: Scene, seed: int) -> np.ndarray:
-    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise as the scene says."""
+    """(2 N,) two sweeps: return from 200 m, interference at 60 % overlap, noise of the scene."""
     w = scene.waveform
     rng = np.random.default_rng(seed)
     point = scene.at(overlap=0.6, sir_db=SIR_DB)
@@ -125,7 +125,7 @@ def _parser() -> Parser:
 
 @command("gallery")
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw it; returns 0, or 2 after one line about what does not fit."""
+    """Draw the gallery; returns 0, or 2 after one line about an error."""
     parser = _parser()
     options = parser.parse_args(argv)
     if options.out.suffix not in (".png", ".svg", ".pdf"):
