@@ -2,11 +2,15 @@
 
 import base64
 import os
+import resource
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from hostile import assert_refused, ended
+from test_engine import Coins, Options, command
+from test_fuzz import measured_here
 
 from radalt.core.mitigation import MitigationError, create
 from radalt.core.waveform import Waveform
@@ -70,3 +74,28 @@ def test_a_terminal_of_another_encoding_ends_no_run(root, tmp_path):
 def test_a_user_without_a_home_can_run(root, tmp_path):
     done = run(root, *RUN, tmp_path / "out", HOME="/proc/nobody")
     assert done.returncode == 0, done.stderr
+
+
+def test_a_numpy_that_gnu_radio_was_not_built_for_is_one_line(root, tmp_path):
+    """NumPy prints 50 lines of its own before the error."""
+    (tmp_path / "gnuradio/gr").mkdir(parents=True)
+    (tmp_path / "gnuradio/__init__.py").touch()
+    (tmp_path / "gnuradio/gr/__init__.py").write_text(
+        "import sys\nprint('cannot be run in\\n' * 50, file=sys.stderr)\nraise ImportError('initialization failed')\n"
+    )
+    done = run(root, *RUN, tmp_path / "out", PYTHONPATH=str(tmp_path))
+    assert_refused(done.returncode, done.stderr.decode())
+    assert f"was GNU Radio built for NumPy {np.__version__}?".encode() in done.stderr
+
+
+def test_a_limit_of_file_sizes_is_one_line_that_names_the_file(tmp_path, monkeypatch):
+    measured_here(monkeypatch)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        options = Options(tmp_path / "run", jobs=1)
+        status, error = ended(lambda _: command.main(Coins(), options, program="coins", dry_run=False))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert_refused(status, error)
+    assert f"{tmp_path}/run/run.json cannot be written (File too large)" in error

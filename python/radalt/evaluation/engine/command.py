@@ -20,7 +20,7 @@ from .study import Study
 
 __all__ = ["Bar", "main"]
 
-_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 
 
 class Bar:
@@ -110,7 +110,7 @@ def _full(error: Exception, options: Options) -> str:
     if getattr(error, "errno", None) not in _DISK:
         return ""
     return (
-        f"{options.out} cannot be written ({error.strerror}); the points so far are kept: "
+        f"{error.filename or options.out} cannot be written ({error.strerror}); the points so far are kept: "
         "mend that and go on with --resume"
     )
 
