@@ -18,7 +18,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..engine.options import Parser, command, path
+from ..engine.options import Parser, check_ours, command, path
 from ..overlap.comparison import compare
 from ..overlap.pooling import collect
 
@@ -51,6 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(text)
         if args.out is not None:
             args.out.mkdir(parents=True, exist_ok=True)
+            check_ours(args.out / "comparison.md", "## Settings and versions")
             (args.out / "comparison.md").write_text(text + "\n", encoding="utf-8")
         return 0
     out = args.out or Path("results") / time.strftime("collected-%Y%m%d-%H%M%S")
