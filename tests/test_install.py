@@ -267,7 +267,7 @@ def test_what_the_companion_generates_is_not_installed(root: Path, tmp_path: Pat
     }
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(360)
 def test_a_newcomers_first_hour_works_and_leaves_nothing(root, tmp_path):
     """In a clone of what is committed, with the environment of these tests: nothing is fetched."""
     # its environment would take a minute to make; ctest has none, and CI runs `make test`
