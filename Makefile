@@ -40,7 +40,7 @@ fuzz: $(VENV)/.test ## hostile input at random, RADALT_FUZZ_S seconds (default 3
 	@RADALT_FUZZ_S=$${RADALT_FUZZ_S:-3600} $(PYTHON) -m pytest -q -s tests/test_fuzz.py $(ARGS)
 
 mutants: $(VENV)/.test ## which small mistakes the tests find, in RADALT_MUTANTS_S seconds (default 3600)
-	@$(PYTHON) tools/mutants.py
+	@$(PYTHON) tools/mutants.py $(ARGS)
 
 # ARGS go to both targets: with them, better name one, e.g. TARGETS=test ARGS='-k flowgraph'.
 test-debian12: ## `make test` and `make eval` on a bare Debian 12, from nothing (root; TARGETS=..., BARE=folder to keep)

@@ -3,7 +3,7 @@
 
 Negates a comparison, swaps + and -, or swaps `and` and `or`, one at a time, in a copy of the tree, and runs the test
 files that import the module. A survivor is a missing test, or a change on which no result depends. RADALT_MUTANTS_S is
-the time it takes, s (default 3600).
+the time it takes, s (default 3600); arguments are the modules to mutate, all without.
 """
 
 from __future__ import annotations
@@ -26,40 +26,38 @@ LIMIT_S = float(os.environ.get("RADALT_MUTANTS_S", 3600))
 MOST_FILES = (
     3  # test files of a mutant, those that name the module most often: others take minutes and kill few
 )
-SEED = 1  # of the order, in which the files are mixed: a short time is a sample of all
-OPPOSITE = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
-OPPOSITE |= {ast.Add: ast.Sub, ast.And: ast.Or}
-SWAP = OPPOSITE | {other: one for one, other in OPPOSITE.items()}
+SEED = 1  # of the order, in which the modules are mixed: a short time is a sample of all
+OTHER = {ast.Lt: ast.GtE, ast.Gt: ast.LtE, ast.Eq: ast.NotEq, ast.Is: ast.IsNot, ast.In: ast.NotIn}
+OTHER |= {ast.Add: ast.Sub, ast.And: ast.Or}
+OTHER |= {b: a for a, b in OTHER.items()}
 
 
-def operator(node: ast.AST) -> ast.AST | None:
-    """The operator of an expression, the first of a comparison's; None without."""
-    return node.ops[0] if isinstance(node, ast.Compare) else getattr(node, "op", None)
-
-
-def sites(tree: ast.Module) -> list[ast.AST]:
-    """Expressions whose operator can be swapped."""
-    return [node for node in ast.walk(tree) if type(operator(node)) in SWAP]
+def sites(tree: ast.Module) -> list[ast.expr]:
+    """Expressions that can be mutated: in a comparison the first operator."""
+    return [
+        n
+        for n in ast.walk(tree)
+        if type(n.ops[0] if isinstance(n, ast.Compare) else getattr(n, "op", 0)) in OTHER
+    ]
 
 
 def mutated(text: str, number: int) -> tuple[str, str]:
     """The module with one operator swapped, and that expression with its line."""
     tree = ast.parse(text)
     node = sites(tree)[number]
-    other = SWAP[type(operator(node))]()
     if isinstance(node, ast.Compare):
-        node.ops[0] = other
+        node.ops[0] = OTHER[type(node.ops[0])]()
     else:
-        node.op = other
+        node.op = OTHER[type(node.op)]()
     return ast.unparse(tree), f"{node.lineno}: {ast.unparse(node)}"
 
 
 def tests_of(file: Path) -> list[str]:
     """Test files that import a module or, without one, a neighbour that imports it."""
-    texts = {p.name: p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
+    texts = {f"tests/{p.name}": p.read_text() for p in sorted((ROOT / "tests").glob("test_*.py"))}
     near = [p.stem for p in file.parent.glob("*.py") if f"from .{file.stem} import" in p.read_text()]
     for stems in ([file.stem], near):
-        lines = tuple(f"from radalt.core.{file.parent.name}.{stem} import" for stem in stems)
+        lines = [f"from radalt.core.{file.parent.name}.{stem} import" for stem in stems]
         found = [name for name, text in texts.items() if any(line in text for line in lines)]
         if found:
             return sorted(found, key=lambda name: -texts[name].count(file.stem))[:MOST_FILES]
@@ -68,35 +66,30 @@ def tests_of(file: Path) -> list[str]:
 
 def passes(tree: Path, tests: list[str], limit_s: float) -> bool:
     """Whether tests pass in the copy; what does not end has failed."""
-    command = [sys.executable, *"-m pytest -qx -p no:cacheprovider".split(), *(f"tests/{t}" for t in tests)]
+    command = [sys.executable, "-m", "pytest", "-qx", "-pno:cacheprovider", *tests]
     try:
-        done = subprocess.run(command, cwd=tree, capture_output=True, timeout=limit_s, check=False)
+        return not subprocess.run(command, cwd=tree, capture_output=True, timeout=limit_s).returncode
     except subprocess.TimeoutExpired:
         return False
-    return done.returncode == 0
-
-
-def left_out(folder: str, names: list[str]) -> list[str]:
-    """What no test reads: hidden files, and at the root what runs have made."""
-    return [n for n in names if n.startswith(".") or (folder == str(ROOT) and n in ("build", "results"))]
 
 
 def main() -> None:
-    """Mutate until the time is over; prints every mutant, and how many of each file were killed."""
+    """Mutate until the time is over; prints every mutant, and how many of each module were killed."""
     files = [f for folder in ("receiver", "channel", "radio") for f in sorted((CORE / folder).glob("*.py"))]
-    todo = [(f, k) for f in files if tests_of(f) for k in range(len(sites(ast.parse(f.read_text()))))]
+    files = [f for f in files if tests_of(f) and (f.stem in sys.argv[1:] or not sys.argv[1:])]
+    todo = [(f, k) for f in files for k in range(len(sites(ast.parse(f.read_text()))))]
     random.Random(SEED).shuffle(todo)
-    tried, killed = Counter(), Counter()
-    whole_s: dict[Path, float] = {}  # time of a file's tests without a mutation
-    end = time.monotonic() + LIMIT_S
+    tried, killed, whole_s, end = Counter(), Counter(), {}, time.monotonic() + LIMIT_S
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
-        shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
+        shutil.copytree(
+            ROOT, tree, symlinks=True, ignore=shutil.ignore_patterns(".*", "build", "*.sigmf-data")
+        )
         for file, number in todo:
             tests, copy, begun = tests_of(file), tree / file.relative_to(ROOT), time.monotonic()
             if begun > end:
                 break
-            if file not in whole_s:
+            if file not in whole_s:  # time of the module's tests without a mutation
                 if not passes(tree, tests, LIMIT_S):
                     sys.exit(f"mutants: {', '.join(tests)} fail without a mutation")
                 whole_s[file] = time.monotonic() - begun
@@ -107,9 +100,8 @@ def main() -> None:
             print("SURVIVED" if survived else "killed  ", f"{file.name}:{where}"[:150], flush=True)
             tried.update((file.name, "all"))
             killed.update(() if survived else (file.name, "all"))
-    print(f"\n{'file':28} mutants killed, of {len(todo)} mutants")
     for name, count in sorted(tried.items()):
-        print(f"{name:28} {count:7} {killed[name]:6}")
+        print(f"{name:28} {killed[name]:5} of {count:5} killed")
 
 
 if __name__ == "__main__":
